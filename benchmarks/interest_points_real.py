@@ -36,7 +36,7 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     detect_interest_points,
 )
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.features import SIFT_CONTRAST, root_sift, stretch_to_byte
+from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, root_sift, stretch_to_byte
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistency
 from hrsi.tests.conftest import TEST_DATA
 
@@ -44,7 +44,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.
 ONE_DATE = ("s2p", "Kahramanmaras", "Ventoux")
 FITTED = ("s2p 01-03", "Kahramanmaras before")
 ACROSS_PX, PARALLAX_ROOM_PX, NEIGHBOURS = 1.0, 1.5, 12
-FEATURES, RATIO = 12000, 0.85
+MOST_FEATURES, RATIO = 12000, 0.85
 ELSEWHERE_PX = (23.0, 19.0)
 BORDER_PX = 6.0
 LOWEST = 0.3  # quality of the centres whose reliability is asked
@@ -166,7 +166,9 @@ def truths(images: list[Image], rasters: list[ArrayRaster], height_m: float) -> 
     described = []
     for raster in rasters:
         byte = stretch_to_byte(raster.grey, raster.valid)
-        points, descriptors = cv2.SIFT_create(FEATURES, contrastThreshold=SIFT_CONTRAST).detectAndCompute(byte, None)
+        points, descriptors = cv2.SIFT_create(MOST_FEATURES, contrastThreshold=FEATURES.contrast).detectAndCompute(
+            byte, None
+        )
         described.append((np.array([point.pt for point in points]), root_sift(descriptors)))
     (xy, first), (other, second) = described
     i, j = mutual_matches(first, second, RATIO)

@@ -7,7 +7,7 @@ import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.surface.dem import (
-    CACHE_TILE,
+    SURFACE,
     ConstantHeight,
     GridSurface,
     Status,
@@ -125,7 +125,7 @@ def test_terrain_beyond_the_rpcs_height_range_is_found() -> None:
 
 def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
     reads = []
-    shape = (40 * CACHE_TILE, 40 * CACHE_TILE)
+    shape = (40 * SURFACE.tile, 40 * SURFACE.tile)
 
     def read(row: int, column: int, rows: int, columns: int) -> np.ndarray:
         reads.append((row, column))
@@ -144,21 +144,21 @@ def test_no_part_of_the_surface_is_read_that_no_ray_passes() -> None:
 
 def test_heights_are_bilinear_across_tiles() -> None:
     rng = np.random.default_rng(12)
-    cells = rng.normal(size=(2 * CACHE_TILE + 3, CACHE_TILE + 1))
+    cells = rng.normal(size=(2 * SURFACE.tile + 3, SURFACE.tile + 1))
     surface = GridSurface.from_array(cells, (0.0, 0.0), (1.0, 1.0))
-    grid = rng.uniform((0, 0), (CACHE_TILE, 2 * CACHE_TILE + 2), (500, 2))
+    grid = rng.uniform((0, 0), (SURFACE.tile, 2 * SURFACE.tile + 2), (500, 2))
     column, row = grid.T
     i, j = row.astype(int), column.astype(int)
     y, x = row - i, column - j
     expected = (
         cells[i, j] * (1 - x) * (1 - y)
-        + cells[i, np.minimum(j + 1, CACHE_TILE)] * x * (1 - y)
+        + cells[i, np.minimum(j + 1, SURFACE.tile)] * x * (1 - y)
         + cells[i + 1, j] * (1 - x) * y
-        + cells[i + 1, np.minimum(j + 1, CACHE_TILE)] * x * y
+        + cells[i + 1, np.minimum(j + 1, SURFACE.tile)] * x * y
     )
     np.testing.assert_allclose(surface.heights(grid), expected, atol=1e-12)
-    edge = np.array([[-0.5, 0.0], [CACHE_TILE + 0.5, 2.0], [-0.51, 0.0], [0.0, 2 * CACHE_TILE + 2.51]])
-    np.testing.assert_allclose(surface.heights(edge), [cells[0, 0], cells[2, CACHE_TILE], np.nan, np.nan])
+    edge = np.array([[-0.5, 0.0], [SURFACE.tile + 0.5, 2.0], [-0.51, 0.0], [0.0, 2 * SURFACE.tile + 2.51]])
+    np.testing.assert_allclose(surface.heights(edge), [cells[0, 0], cells[2, SURFACE.tile], np.nan, np.nan])
 
 
 def test_a_grid_across_the_180_degree_meridian() -> None:

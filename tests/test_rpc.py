@@ -15,7 +15,7 @@ from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.camera.rpc_terms import CHUNK, POWERS, monomials
+from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION, POWERS, monomials
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -223,7 +223,7 @@ def test_rays_pass_through_the_ground_points_between() -> None:
 def test_memory_does_not_grow_beyond_the_result() -> None:
     rpc = synthetic_rpc(12.0, 48.0)
     peaks = []
-    for count in (20 * CHUNK, 60 * CHUNK):
+    for count in (20 * EVALUATION.chunk, 60 * EVALUATION.chunk):
         image = np.random.default_rng(7).uniform(0, 10000, (count, 2))
         tracemalloc.start()
         ground, converged = rpc.localize(image, 300.0)
@@ -236,7 +236,7 @@ def test_memory_does_not_grow_beyond_the_result() -> None:
 
 def test_parts_do_not_matter() -> None:
     rpc = synthetic_rpc(12.0, 48.0)
-    image = np.random.default_rng(8).uniform(0, 10000, (CHUNK + 17, 2))
+    image = np.random.default_rng(8).uniform(0, 10000, (EVALUATION.chunk + 17, 2))
     whole = rpc.localize(image, 300.0).ground
     np.testing.assert_allclose(whole[-17:], rpc.localize(image[-17:], 300.0).ground, rtol=0, atol=1e-13)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, fit_rpc, fold_affine, refit_rpc
+from hrsi.hrsi_engine.camera.rpc_fit import FIT, fit_rpc, fold_affine, refit_rpc
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -43,14 +43,14 @@ def scaled(image: np.ndarray, ground: np.ndarray) -> np.ndarray:
 
 
 def test_a_pushbroom_is_fitted_to_a_millionth_of_a_pixel() -> None:
-    fit = fit_rpc(*pushbroom_points(FIT_GRID))
-    ground, image = pushbroom_points(FIT_CHECK_GRID)
+    fit = fit_rpc(*pushbroom_points(FIT.grid))
+    ground, image = pushbroom_points(FIT.check_grid)
     assert fit.warnings == ()
     assert np.abs(fit.rpc.project(ground) - image).max() < 1e-6 * 5
 
 
 def test_common_denominators_are_common() -> None:
-    fit = fit_rpc(*pushbroom_points(FIT_GRID), common_denominator=True)
+    fit = fit_rpc(*pushbroom_points(FIT.grid), common_denominator=True)
     np.testing.assert_array_equal(fit.rpc.samp_den, fit.rpc.line_den)
     assert fit.max_px < 1e-3
     assert fold_affine(fit.rpc, np.array([[1.0, 1.0, 0.01], [2.0, -0.02, 1.0]])) is not None
@@ -58,7 +58,7 @@ def test_common_denominators_are_common() -> None:
 
 @pytest.mark.parametrize("lon", [179.99, -179.98, 180.0])
 def test_points_on_both_sides_of_the_180_degree_meridian(lon: float) -> None:
-    ground, image = pushbroom_points(FIT_GRID, lon=lon)
+    ground, image = pushbroom_points(FIT.grid, lon=lon)
     fit = fit_rpc(ground, image)
     assert fit.max_px < 1e-5
     assert -180.0 <= fit.rpc.long_off <= 180.0
@@ -66,7 +66,7 @@ def test_points_on_both_sides_of_the_180_degree_meridian(lon: float) -> None:
 
 
 def test_high_latitudes() -> None:
-    assert fit_rpc(*pushbroom_points(FIT_GRID, lat=82.0)).max_px < 1e-4
+    assert fit_rpc(*pushbroom_points(FIT.grid, lat=82.0)).max_px < 1e-4
 
 
 def test_flat_points_give_an_rpc_without_height_and_a_warning() -> None:

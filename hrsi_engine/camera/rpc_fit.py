@@ -22,22 +22,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..foundation.errors import SolveError
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, wrap_degrees
 from .rpc import RPC, Localization
 from .rpc_terms import POWERS, monomials
 
-RIDGE = 1e-16  # variance of the normalised image residuals over that of the denominator's coefficients
-RIDGES = (RIDGE, 1e-12, 1e-9, 1e-6, 1e-3)  # tried in turn while the fit is not good
-GOOD_PX = 1e-3
-ALIKE = 1.05  # of fits that differ by less the most damped one is taken: it behaves best where nothing was checked
-FIT_MAX_ITERATIONS = 10
-FIT_SETTLED_PX = 1e-9  # iterations end when the RMS residual changes by less
-EQUATIONS_AT_A_TIME = 20_000  # observation equations held in memory at a time
-FIT_GRID = (15, 15, 6)  # samples, lines, heights
-FIT_CHECK_GRID = (16, 16, 7)  # shares only the corners with the grid of the fit
-FLAT_HEIGHT_M = 1.0  # points within such a range say nothing of the camera's behaviour with height
+
+@thresholds
+class RpcFitThresholds:
+    """How an RPC is fitted to correspondences."""
+
+    ridges: tuple[float, ...] = threshold((1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "tried in turn; the first damps nil")
+    good_px: float = threshold(1e-3, "px", "largest difference at check points below which no more is tried")
+    alike: float = threshold(1.05, "", "RMS over the best one, within which the most damped fit is taken")
+    most_iterations: int = threshold(10, "iterations", "of reweighting")
+    settled_px: float = threshold(1e-9, "px", "change of the RMS residual that ends them")
+    batch: int = threshold(20_000, "equations", "held in memory at a time")
+    grid: tuple[int, int, int] = threshold((15, 15, 6), "nodes", "samples, lines, heights", "pushbroom to 1e-6 px")
+    check_grid: tuple[int, int, int] = threshold((16, 16, 7), "nodes", "shares only the corners with the grid")
+    flat_m: float = threshold(1.0, "m", "range of heights below which the RPC gets no terms in height")
+
+
+FIT = RpcFitThresholds()
 #: Smallest half extents that normalise: degrees (about 1 m), degrees, metres, pixels, pixels.
-SMALLEST_SCALE = np.array([1e-5, 1e-5, FLAT_HEIGHT_M, 1.0, 1.0])
+SMALLEST_SCALE = np.array([1e-5, 1e-5, FIT.flat_m, 1.0, 1.0])
 #: Terms that so many points can carry: (points needed, terms of the numerator, terms of the denominator).
 TERMS_BY_POINTS = ((45, 20, 20), (24, 20, 1), (12, 10, 1), (5, 4, 1))
 #: Damping of the numerator's terms against that of the denominator's, by degree. Where points lie on few levels of
@@ -70,7 +78,7 @@ class RpcFit:
     max_px: float
     rms_px: float
     warnings: tuple[str, ...] = ()
-    ridge: float = RIDGE
+    ridge: float = FIT.ridges[0]
 
 
 def fit_rpc(
@@ -78,7 +86,7 @@ def fit_rpc(
     image: np.ndarray,
     *,
     weights: np.ndarray | None = None,
-    ridge: float = RIDGE,
+    ridge: float = FIT.ridges[0],
     common_denominator: bool = False,
 ) -> RpcFit:
     """Return the RPC that maps ground points to image points best.
@@ -153,8 +161,8 @@ def refit_rpc(
 
     Raises `SolveError` where ``rpc`` has no ground positions in the domain.
     """
-    nodes = _virtual_points(rpc, correct, domain_px, heights, FIT_GRID)
-    staggered = _virtual_points(rpc, correct, domain_px, heights, FIT_CHECK_GRID)
+    nodes = _virtual_points(rpc, correct, domain_px, heights, FIT.grid)
+    staggered = _virtual_points(rpc, correct, domain_px, heights, FIT.check_grid)
     fit = best_fit(nodes, staggered)
     return replace(
         fit,
@@ -215,14 +223,14 @@ def best_fit(
         Fewer than 5 points, or points on a line or at one place.
     """
     fits = []
-    for ridge in RIDGES:
+    for ridge in FIT.ridges:
         fit = fit_rpc(*points, ridge=ridge, common_denominator=common_denominator)
         largest, rms = _differences(fit.rpc, *check)
         fits.append(replace(fit, max_px=largest, rms_px=rms))
-        if largest < GOOD_PX:
+        if largest < FIT.good_px:
             break
     best = min(fit.rms_px for fit in fits)
-    return next(fit for fit in reversed(fits) if fit.rms_px <= ALIKE * best)
+    return next(fit for fit in reversed(fits) if fit.rms_px <= FIT.alike * best)
 
 
 def fold_affine(rpc: RPC, matrix: np.ndarray) -> RPC | None:
@@ -333,9 +341,9 @@ def _usable_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str
             f"{count} correspondences carry only {numerators} terms without denominator: 45 carry a full RPC"
         )
     numerator, denominator = np.arange(numerators), np.arange(1, denominators)
-    if np.ptp(ground[:, 2]) <= FLAT_HEIGHT_M:
+    if np.ptp(ground[:, 2]) <= FIT.flat_m:
         warnings.append(
-            f"all heights lie within {FLAT_HEIGHT_M:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
+            f"all heights lie within {FIT.flat_m:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
             "height and holds there only"
         )
         numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
@@ -380,7 +388,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
     """Return numerator and denominator of each image axis; the axes given together share the denominator."""
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
-    for _ in range(FIT_MAX_ITERATIONS):
+    for _ in range(FIT.most_iterations):
         # Solve the observation equations together with the ridge
         unknowns = len(system.numerator) * len(axes) + len(system.denominator)
         factor = np.zeros((0, unknowns + 1))
@@ -402,7 +410,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
         computed = (system.terms @ np.array([a for a, _ in polynomials]).T) / divisor[:, None]
         residuals = (system.target[:, axes] - computed) * scale_px * system.root_weights[:, None]
         rms = float(np.sqrt(np.mean(residuals**2)))
-        if abs(rms_before - rms) < FIT_SETTLED_PX:
+        if abs(rms_before - rms) < FIT.settled_px:
             break
         rms_before = rms
     return polynomials
@@ -411,8 +419,8 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
 def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
     """Yield weighted observation equations with the right-hand side as last column."""
     count = len(system.numerator)
-    for start in range(0, len(system.terms), EQUATIONS_AT_A_TIME):
-        part = slice(start, start + EQUATIONS_AT_A_TIME)
+    for start in range(0, len(system.terms), FIT.batch):
+        part = slice(start, start + FIT.batch)
         terms, factor = system.terms[part], (system.root_weights[part] / divisor[part])[:, None]
         for place, axis in enumerate(axes):
             target = system.target[part, axis, None]

@@ -15,6 +15,7 @@ import numpy as np
 
 from .rpc_terms import (
     DERIVATIVES,
+    EVALUATION,
     QUADRATIC_TERMS,
     Workspace,
     fill_monomials,
@@ -23,14 +24,6 @@ from .rpc_terms import (
     slopes_of_ratios,
     solve_pair,
 )
-
-INVERSE_CLOSURE_PX = 1e-9  # the iteration ends when the image point is reproduced to this
-ACCEPTED_PX = 1e-8  # and has converged where rounding leaves it within this
-INVERSE_MAX_ITERATIONS = 25
-CHORD_EVALUATIONS = 4
-FEW_OPEN = 0.05  # a share of open points so small is cheaper to finish apart from the others
-INVERSE_NODES = 7  # per axis, of the grid on which the inverse polynomial is fitted
-DOMAIN_MARGIN = 1.5  # of the half extents: beyond, the cubic is worse than the affine start
 
 
 class Inverse(NamedTuple):
@@ -53,7 +46,7 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
     ``polynomials (4, 20)`` as in `Workspace.ratios`. Where too little of the cube can be used the inverse is NaN,
     and its users fall back.
     """
-    axis = np.cos(np.pi * (np.arange(INVERSE_NODES) + 0.5) / INVERSE_NODES)
+    axis = np.cos(np.pi * (np.arange(EVALUATION.nodes) + 0.5) / EVALUATION.nodes)
     ground = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
     values = polynomials @ monomials(ground)
     ratios = values[:2] / values[2:]
@@ -105,14 +98,14 @@ class Solver:
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
         lonlat, error = self._chord(target, height, work)
-        far = np.flatnonzero(~(error <= INVERSE_CLOSURE_PX))
+        far = np.flatnonzero(~(error <= EVALUATION.closure_px))
         error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
-        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=INVERSE_MAX_ITERATIONS)
+        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
         # a far start or a wild denominator: short steps from the middle of the RPC's domain
-        failed = np.flatnonzero(~(error <= ACCEPTED_PX))
+        failed = np.flatnonzero(~(error <= EVALUATION.accepted_px))
         lonlat[:, failed], error[failed] = 0.0, np.inf
-        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * INVERSE_MAX_ITERATIONS)
-        return lonlat, error <= ACCEPTED_PX
+        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * EVALUATION.most_iterations)
+        return lonlat, error <= EVALUATION.accepted_px
 
     def _start(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""
@@ -120,7 +113,7 @@ class Solver:
         np.subtract(target, inverse.off, out=terms[1:3])
         terms[1:3] /= inverse.scale
         terms[3] = height
-        outside = ~(np.abs(terms[1:4]).max(axis=0) <= DOMAIN_MARGIN)
+        outside = ~(np.abs(terms[1:4]).max(axis=0) <= EVALUATION.domain_margin)
         fill_monomials(terms)
         lonlat = multiply(inverse.lonlat, terms, np.empty((2, height.size)))
         slopes = multiply(inverse.slopes, terms[:QUADRATIC_TERMS], np.empty((4, height.size)))
@@ -134,12 +127,12 @@ class Solver:
         lonlat, slopes = self._start(target, height, work)
         terms = work.terms(height.size)
         terms[1:3], terms[3] = lonlat, height
-        for evaluation in range(1, CHORD_EVALUATIONS + 1):
+        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
             ratios, _ = work.ratios(self._polynomials, terms)
             miss = np.subtract(target, ratios, out=ratios)
             error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= INVERSE_CLOSURE_PX)
-            if evaluation == CHORD_EVALUATIONS or still_open <= FEW_OPEN * height.size:
+            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
+            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
                 break
             terms[1:3] += slopes[:2] * miss[0]
             terms[1:3] += slopes[2:] * miss[1]
@@ -164,7 +157,11 @@ class Solver:
             lonlat[:, places[better]], error[places[better]] = current[:, better], reached[better]
             if np.isfinite(limit):
                 step *= np.minimum(1.0, limit / np.maximum(np.abs(step).max(axis=0), 1e-300))
-            keep = (reached > INVERSE_CLOSURE_PX) & (better | (reached > ACCEPTED_PX)) & np.isfinite(step).all(axis=0)
+            keep = (
+                (reached > EVALUATION.closure_px)
+                & (better | (reached > EVALUATION.accepted_px))
+                & np.isfinite(step).all(axis=0)
+            )
             places, current = places[keep], current[:, keep] + step[:, keep]
 
     def _newton_step(self, lonlat: np.ndarray, target: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

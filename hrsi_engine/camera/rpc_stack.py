@@ -16,12 +16,7 @@ import numpy as np
 from ..foundation.compiled_code import Arrays, is_wanted
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
-from .rpc_inverse import ACCEPTED_PX, DOMAIN_MARGIN, INVERSE_CLOSURE_PX
-from .rpc_terms import DERIVATIVES, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
-
-GATHERED_AT_ONCE = 4096  # their coefficients stay in the processor's cache
-INVERSE_STEPS = 8
-POINTS_WORTH_COMPILING = 20_000  # points
+from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
 
 Solve = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -47,10 +42,10 @@ class RPCStack:
 
     def project(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
-        if is_wanted(len(ground) >= POINTS_WORTH_COMPILING):
+        if is_wanted(len(ground) >= EVALUATION.compiled_from):
             return self._project_compiled(which, ground)[0]
         image = np.empty((len(ground), 2))
-        for part in chunks(len(ground), GATHERED_AT_ONCE):
+        for part in chunks(len(ground), EVALUATION.stack_batch):
             own = which[part]
             ratios, _, _ = self._ratios(own, self._normalised(own, ground[part]))
             image[part] = ratios * self._image_scale[own] + self._image_off[own]
@@ -58,10 +53,10 @@ class RPCStack:
 
     def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
-        if is_wanted(len(ground) >= POINTS_WORTH_COMPILING):
+        if is_wanted(len(ground) >= EVALUATION.compiled_from):
             return self._project_compiled(which, ground)
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
-        for part in chunks(len(ground), GATHERED_AT_ONCE):
+        for part in chunks(len(ground), EVALUATION.stack_batch):
             own = which[part]
             ratios, slopes = self._slopes(own, self._normalised(own, ground[part]), 3)
             image[part] = ratios * self._image_scale[own] + self._image_off[own]
@@ -86,9 +81,9 @@ class RPCStack:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         found = np.empty(len(image), dtype=bool)
-        solve = self._solve_compiled if is_wanted(len(image) >= POINTS_WORTH_COMPILING) else self._solve
+        solve = self._solve_compiled if is_wanted(len(image) >= EVALUATION.compiled_from) else self._solve
         with np.errstate(all="ignore"):
-            for part in chunks(len(image), GATHERED_AT_ONCE):
+            for part in chunks(len(image), EVALUATION.stack_batch):
                 ground[part], found[part] = self._localized(which[part], image[part], heights[part], solve)
         lost = np.flatnonzero(~found)
         for number in np.unique(which[lost]).tolist():
@@ -107,7 +102,7 @@ class RPCStack:
         if np.abs(ground[:, 0]).max() > 180.0:
             outside = np.abs(ground[:, 0]) > 180.0
             ground[outside, 0] = wrap_degrees(ground[outside, 0])
-        return ground, (least <= ACCEPTED_PX) & (np.abs(place) <= DOMAIN_MARGIN).all(axis=1)
+        return ground, (least <= EVALUATION.accepted_px) & (np.abs(place) <= EVALUATION.domain_margin).all(axis=1)
 
     def _solve(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
@@ -116,13 +111,13 @@ class RPCStack:
         normalised = np.zeros((len(own), 3))
         normalised[:, 2] = height
         best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
-        for _ in range(INVERSE_STEPS):
+        for _ in range(EVALUATION.stack_iterations):
             ratios, slopes = self._slopes(own, normalised, 2)
             miss = target - ratios
             error = np.abs(miss * scale_px).max(axis=1)
             better = error < least
             best[better], least[better] = normalised[better, :2], error[better]
-            if not (better & (least > INVERSE_CLOSURE_PX)).any():  # at the goal, or at the limit of rounding
+            if not (better & (least > EVALUATION.closure_px)).any():  # at the goal, or at the limit of rounding
                 break
             a, b, c, d = slopes[:, 0, 0], slopes[:, 0, 1], slopes[:, 1, 0], slopes[:, 1, 1]
             normalised[:, :2] += np.column_stack(solve_pair(a, b, c, d, *miss.T))
@@ -156,7 +151,15 @@ class RPCStack:
 
         place, least = np.empty((len(own), 2)), np.empty(len(own))
         invert_points(
-            self._normalised_tables, own, target, height, scale_px, INVERSE_CLOSURE_PX, INVERSE_STEPS, place, least
+            self._normalised_tables,
+            own,
+            target,
+            height,
+            scale_px,
+            EVALUATION.closure_px,
+            EVALUATION.stack_iterations,
+            place,
+            least,
         )
         return place, least
 

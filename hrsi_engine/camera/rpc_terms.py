@@ -19,13 +19,34 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.ellipsoid import Number
 
-CHUNK = 12288  # points in the buffers: fewer cost calls, more leave the cache
-#: Multiplications in one matrix product: OpenBLAS starts threads above, which cost more than they save here.
-PRODUCT_LIMIT = 2**18
-THREADED = 20 * CHUNK  # points from which threads pay
-MAX_THREADS = 4  # the processor's memory and Python's lock leave nothing to more
+SPEED = "measured for speed, 2026-11-21"
+ROUNDING = "last place of a longitude: 3e-9 px"
+
+
+@thresholds
+class RpcThresholds:
+    """How points are divided for the evaluation of RPCs, and when an image point is localized."""
+
+    chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", SPEED)
+    product_limit: int = threshold(2**18, "multiplications", "of a product; above, OpenBLAS starts threads", SPEED)
+    threaded_chunks: int = threshold(20, "buffers", "from which threads pay", SPEED)
+    most_threads: int = threshold(4, "threads", "more wait for memory and Python's lock", SPEED)
+    closure_px: float = threshold(1e-9, "px", "of the image point, at which the iteration ends", ROUNDING)
+    accepted_px: float = threshold(1e-8, "px", "of the image point that rounding may leave", ROUNDING)
+    most_iterations: int = threshold(25, "iterations", "of Newton's method")
+    chord_evaluations: int = threshold(4, "evaluations", "with the inverse polynomial's derivatives")
+    few_open: float = threshold(0.05, "", "share of points that is finished apart from the others", SPEED)
+    nodes: int = threshold(7, "nodes", "along each axis, on which the inverse polynomial is fitted")
+    domain_margin: float = threshold(1.5, "half extents", "beyond which the cubic is worse than the affine start")
+    stack_batch: int = threshold(4096, "points", "whose coefficients stay in the processor's cache", SPEED)
+    stack_iterations: int = threshold(8, "iterations", "of Newton's method; then each RPC localizes by itself")
+    compiled_from: int = threshold(20_000, "points", "from which compiled loops pay", SPEED)
+
+
+EVALUATION = RpcThresholds()
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.
 POWERS = np.array(
     [
@@ -36,19 +57,20 @@ POWERS = np.array(
 QUADRATIC_TERMS = 10  # the first ten terms have degree 2 at most: all that derivatives need
 
 
-def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
+def chunks(count: int, size: int = EVALUATION.chunk) -> Iterator[slice]:
     """Yield slices of at most ``size`` that cover ``count`` points."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
 
 
 def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
-    """Call ``work(part, workspace)`` for slices of at most `CHUNK` of ``count`` points, silent about bad numbers.
+    """Call ``work(part, workspace)`` for slices of ``count`` points as large as the buffers, without warnings.
 
-    From `THREADED` points on, threads take the parts in turn: NumPy lets them compute at the same time. Fewer points
-    belong to callers that have threads of their own.
+    Many points are divided among threads, which take the parts in turn: NumPy lets them compute at the same time. Few
+    points belong to callers that have threads of their own.
     """
-    threads = min(MAX_THREADS, os.cpu_count() or 1) if count >= THREADED else 1
+    many = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
+    threads = min(EVALUATION.most_threads, os.cpu_count() or 1) if many else 1
     parts = chunks(count)
     if threads == 1:
         _work_off(parts, count, work)
@@ -123,16 +145,16 @@ DERIVATIVES = _derivative_matrices()
 
 def multiply(coefficients: np.ndarray, terms: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Return ``coefficients (p, t) @ terms (t, n)`` in ``out``, in pieces that one thread multiplies."""
-    for part in chunks(terms.shape[1], PRODUCT_LIMIT // coefficients.size):
+    for part in chunks(terms.shape[1], EVALUATION.product_limit // coefficients.size):
         np.matmul(coefficients, terms[:, part], out=out[:, part])
     return out
 
 
 class Workspace:
-    """Buffers for the terms ``(20, n)`` and polynomial values ``(4, n)`` of up to `CHUNK` points."""
+    """Buffers for the terms ``(20, n)`` and polynomial values ``(4, n)`` of up to `EVALUATION.chunk` points."""
 
     def __init__(self, count: int) -> None:
-        width = min(CHUNK, count)
+        width = min(EVALUATION.chunk, count)
         self._terms, self._values = np.empty((20, width)), np.empty((4, width))
 
     def terms(self, count: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..block.block import Image
 from ..block.points import ImagePoints
 from ..foundation.errors import InputError
 from ..foundation.progress import Progress, silent
+from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
 from .block_matching import joining
 from .block_matching.links import hold_images, judge_links, without_links
@@ -32,10 +33,21 @@ from .tile_matching.pair_matching import refine_points
 from .tile_matching.rpc_consistency import rpc_consistency
 from .tile_matching.types import TilePairGeometry
 
-GIVEN_WINDOW_PX = 1024  # of the reference, matched at a time
-TILE_BORDER_PX = 40  # around the matches of a window: half a window of least-squares matching and some room
-GIVEN_REACH_PX, GIVEN_ACROSS_PX = (6.0, 6.0), 4.0  # how far given positions may be off
-GIVEN_ROOM_M = 10.0  # beyond the heights that given matches stand for
+LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"
+
+
+@thresholds
+class GivenMatchThresholds:
+    """Where given matches are measured anew, and how far they may be off."""
+
+    window_px: int = threshold(1024, "px", "side of the part of the reference that is matched at a time")
+    border_px: int = threshold(40, "px", "read around matches: half a window of least-squares matching and some room")
+    reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "least and largest half length of the search")
+    across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", LEARNED)
+    height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches stand for")
+
+
+GIVEN = GivenMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,11 +158,11 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
     reference[track[order][heads]] = order[heads]
     head = reference[track]
     rows = np.flatnonzero(number != number[head])
-    cell = np.floor(given.xy[head[rows]] / GIVEN_WINDOW_PX).astype(np.int64)
+    cell = np.floor(given.xy[head[rows]] / GIVEN.window_px).astype(np.int64)
     keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
     for index, (first, column, row) in enumerate(keys.tolist()):
         here = rows[job.ravel() == index]
-        window = ImageWindow(column * GIVEN_WINDOW_PX, row * GIVEN_WINDOW_PX, GIVEN_WINDOW_PX, GIVEN_WINDOW_PX)
+        window = ImageWindow(column * GIVEN.window_px, row * GIVEN.window_px, GIVEN.window_px, GIVEN.window_px)
         pairs = tuple(
             GivenPair(second, images[second], given.xy[head[own]], given.xy[own])
             for second in np.unique(number[here]).tolist()
@@ -162,20 +174,20 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
 def measure_given(job: GivenJob) -> PartResult:
     """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
     rows = []
-    tile = read_tile(job.reference, job.window.grown(TILE_BORDER_PX))
+    tile = read_tile(job.reference, job.window.grown(GIVEN.border_px))
     for pair in () if tile is None else job.pairs:
         agreed = _agreeing(job.reference, pair)
         if not len(agreed.first_xy):
             continue
         # Looked for where those lie that agree: one wrong match would have all of a large image read
-        border = TILE_BORDER_PX * resolution_step(job.reference, pair.image)
+        border = GIVEN.border_px * resolution_step(job.reference, pair.image)
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
         place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grown(border)
         inside = place.contains(pair.second_xy)
         other = read_tile(pair.image, place, resolution_step(job.reference, pair.image))
         if tile is None or other is None:
             continue
-        options = TileMatchOptions(reach_px=GIVEN_REACH_PX, across_px=GIVEN_ACROSS_PX)
+        options = TileMatchOptions(reach_px=GIVEN.reach_px, across_px=GIVEN.across_px)
         found = refine_points(
             tile, other, _geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside], options
         )
@@ -187,7 +199,7 @@ def _agreeing(reference: Image, pair: GivenPair) -> GivenPair:
     """Return the matches of a pair that agree with one another as its two cameras allow."""
     start = float(np.mean(reference.rpc.height_range))
     found = rpc_consistency(
-        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=GIVEN_ACROSS_PX
+        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=GIVEN.across_px
     )
     return replace(pair, first_xy=pair.first_xy[found.good], second_xy=pair.second_xy[found.good])
 
@@ -196,8 +208,8 @@ def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry:
     """Return where the matches say that the pair lies."""
     first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
     heights = epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
-    low, high = float(heights.min()) - GIVEN_ROOM_M, float(heights.max()) + GIVEN_ROOM_M
+    low, high = float(heights.min()) - GIVEN.height_margin_m, float(heights.max()) + GIVEN.height_margin_m
     away = other - transfer(first, second, xy, heights)
     bias = np.median(away, axis=0)
-    margin = float(np.abs(away - bias).max()) + max(GIVEN_REACH_PX)
+    margin = float(np.abs(away - bias).max()) + max(GIVEN.reach_px)
     return TilePairGeometry(first, second, low, high, (float(bias[0]), float(bias[1])), (margin, margin))

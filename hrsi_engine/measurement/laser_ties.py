@@ -21,6 +21,7 @@ from ..block.imaging_geometry import compute_view_directions
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
+from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.streams import open_calls
 from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
@@ -30,12 +31,20 @@ from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import TilePairGeometry, transfer_points
 from .tile_matching.points import tile_points
 
-MOST_LOOKED_UP = 2000  # laser points: what more of them say is what their tracks say already
-LOOKED_UP_PX = 384  # laser points that are looked up together, and read in one window
-AROUND_M = 15.0  # of a laser point, within which ties are sought
-TIES_EACH = 6
-LASER_HEIGHT_ROOM_M = 8.0  # by which the ground may lie above or below its laser point, and the cameras be off
-WINDOW_MARGIN_PX = 40
+
+@thresholds
+class LaserTieThresholds:
+    """Where tie points are measured around laser points."""
+
+    most_points: int = threshold(2000, "laser points", "looked up in all; more of a track say the same")
+    window_px: int = threshold(384, "px", "side of the window whose laser points are looked up together")
+    radius_m: float = threshold(15.0, "m", "around a laser point", "footprints: ICESat-2 11 m, GEDI 25 m")
+    ties_per_point: int = threshold(6, "ties", "measured at most around one laser point")
+    height_margin_m: float = threshold(8.0, "m", "of the ground from its laser point, camera errors included")
+    margin_px: int = threshold(40, "px", "from the window's edge that matching needs")
+
+
+LASER_TIES = LaserTieThresholds()
 MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
 LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
 
@@ -57,12 +66,12 @@ def measure_laser_ties(
     Parameters
     ----------
     images : those with pixels are used; their cameras should fit one another to a pixel, and the ground to some metres
-    laser : points without a ``doubt`` are looked up, at most `MOST_LOOKED_UP` of them, evenly taken along the tracks
+    laser : points without a ``doubt`` are looked up, a bounded number, evenly along the tracks
     threads : 0 takes all processors
     progress : callback; False cancels
     """
     usable = [number for number, image in enumerate(images) if image.raster is not None]
-    rows = evenly_taken(laser, MOST_LOOKED_UP)
+    rows = evenly_taken(laser, LASER_TIES.most_points)
     windows = _windows(images, usable, laser.ground[rows])
     with open_calls(threads=thread_count(threads)) as calls:
         found = []
@@ -94,19 +103,21 @@ def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray)
         place[number] = image.rpc.project(ground)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
-            inside = ((place[number] > WINDOW_MARGIN_PX) & (place[number] < size - WINDOW_MARGIN_PX)).all(axis=1)
+            inside = ((place[number] > LASER_TIES.margin_px) & (place[number] < size - LASER_TIES.margin_px)).all(
+                axis=1
+            )
         steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     seen = np.isfinite(steep).sum(axis=0) >= 2
     windows = []
     for number in usable:
         here = np.flatnonzero(seen & (best == number))
-        cells = np.floor(place[number, here] / LOOKED_UP_PX).astype(np.int64)
+        cells = np.floor(place[number, here] / LASER_TIES.window_px).astype(np.int64)
         keys, inverse = np.unique(cells, axis=0, return_inverse=True)
         for key in range(len(keys)):
             rows = here[inverse.ravel() == key]
             xy = place[number, rows]
-            border = _around_px(images[number], ground[rows[0]]) + WINDOW_MARGIN_PX
+            border = _around_px(images[number], ground[rows[0]]) + LASER_TIES.margin_px
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
             window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
             windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
@@ -114,7 +125,7 @@ def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray)
 
 
 def _around_px(image: Image, ground: np.ndarray) -> float:
-    return AROUND_M * float(image.rpc.px_per_m(ground[None])[0])
+    return LASER_TIES.radius_m * float(image.rpc.px_per_m(ground[None])[0])
 
 
 def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) -> list[Rows]:
@@ -131,19 +142,22 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
     near = near[np.lexsort((distance[near], nearest[near]))]
     first = np.unique(nearest[near], return_index=True)[1]
     rank = np.arange(len(near)) - np.repeat(first, np.diff(np.r_[first, len(near)]))
-    near = near[rank < TIES_EACH]
+    near = near[rank < LASER_TIES.ties_per_point]
     xy, height = xy[near], task.height_m[nearest[near]]
     if not len(xy):
         return []
     found = []
-    low, high = float(task.height_m.min()) - LASER_HEIGHT_ROOM_M, float(task.height_m.max()) + LASER_HEIGHT_ROOM_M
+    low, high = (
+        float(task.height_m.min()) - LASER_TIES.height_margin_m,
+        float(task.height_m.max()) + LASER_TIES.height_margin_m,
+    )
     for number in usable:
         other = images[number]
         if number == task.image:
             continue
         geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
-        there = predicted_window(geometry, task.window, WINDOW_MARGIN_PX).inside(other.known_size)
-        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * WINDOW_MARGIN_PX else None
+        there = predicted_window(geometry, task.window, LASER_TIES.margin_px).inside(other.known_size)
+        shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * LASER_TIES.margin_px else None
         if shown is not None:
             matches = transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)
             found.append(Rows(number, matches))

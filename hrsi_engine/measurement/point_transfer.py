@@ -14,18 +14,27 @@ import numpy as np
 from scipy import ndimage
 
 from ..block.block import Raster
+from ..foundation.thresholds import threshold, thresholds
 from .window_matching.least_squares_matching import match_patches
 from .window_matching.window_search import search_windows
 from .window_matching.windows import DONE, LsmOptions, MatchImage
 
-SMOOTH_PX = 0.7  # of both windows before they are compared, as for tie points
-SEARCH_HALF_PX = 15
-ACROSS_PX = 6.0  # that the cameras may be off across the line of possible heights, beyond ``margin_px``
-LEAST_CORRELATION = 0.7
-RIVAL_SHARE = 0.9  # of the best correlation, that another place along the line must not reach
-CLOSURE_PX = 0.5  # between a point and where measuring it back puts it
-LARGEST_TRANSFER_SIGMA_PX = 0.3
-LEAST_TEXTURE = 1e-6
+
+@thresholds
+class TransferThresholds:
+    """When a point measured on one image is accepted on another."""
+
+    smoothing_px: float = threshold(0.7, "px", "Gaussian of both windows, as for tie points")
+    half_px: int = threshold(15, "px", "half the side of the window that is searched")
+    across_px: float = threshold(6.0, "px", "half width of the search across the line of heights, beyond `margin_px`")
+    correlation: float = threshold(0.7, "", "below which nothing is found")
+    rival: float = threshold(0.9, "", "correlation over the best one, above which a second place makes it ambiguous")
+    closure_px: float = threshold(0.5, "px", "between a point and where measuring it back puts it")
+    sigma_px: float = threshold(0.3, "px", "standard deviation above which a position is refused")
+    texture: float = threshold(1e-6, "grey values", "standard deviation of a window below which it shows nothing")
+
+
+TRANSFER = TransferThresholds()
 
 
 @dataclass(frozen=True)
@@ -65,11 +74,11 @@ def transfer_point(
     if not np.isfinite(line).all() or not scale > 0.0:
         return Transfer(refusal="the cameras do not tell where it is")
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
-    along = float(np.hypot(*span)) / 2.0 + (margin_px + ACROSS_PX) / scale
-    across = (margin_px + ACROSS_PX) / scale
-    half = int(np.ceil(along)) + 2 * SEARCH_HALF_PX + 4
+    along = float(np.hypot(*span)) / 2.0 + (margin_px + TRANSFER.across_px) / scale
+    across = (margin_px + TRANSFER.across_px) / scale
+    half = int(np.ceil(along)) + 2 * TRANSFER.half_px + 4
     centre = np.round(xy)
-    template = _window(first, centre, np.eye(2), SEARCH_HALF_PX + 2 * LsmOptions().half)
+    template = _window(first, centre, np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
     shown = _window(second, middle, by_first, half)
     if template is None or shown is None:
         return Transfer(refusal="the image does not show it")
@@ -77,21 +86,21 @@ def transfer_point(
     direction = span / max(float(np.hypot(*span)), 1e-9) if np.hypot(*span) > 0.0 else np.array([1.0, 0.0])
     peak = search_windows(
         template, shown, origin, np.array([[half, half]], dtype=np.float64), direction[None],
-        np.array([[along, across]]), SEARCH_HALF_PX,
+        np.array([[along, across]]), TRANSFER.half_px,
     )  # fmt: skip
-    if peak.correlation[0] < LEAST_CORRELATION:
+    if peak.correlation[0] < TRANSFER.correlation:
         return Transfer(refusal=f"nothing like it is found (correlation {max(peak.correlation[0], 0.0):.2f})")
-    if peak.rival[0] > RIVAL_SHARE * peak.correlation[0]:
+    if peak.rival[0] > TRANSFER.rival * peak.correlation[0]:
         return Transfer(refusal="two places look like it")
     found = match_patches(template, shown, origin, peak.xy, np.eye(2)[None])
     at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre)
     sigma_px = float(found.sigma_px[0]) * scale
-    if found.status[0] != DONE or not sigma_px < LARGEST_TRANSFER_SIGMA_PX or found.correlation[0] < LEAST_CORRELATION:
+    if found.status[0] != DONE or not sigma_px < TRANSFER.sigma_px or found.correlation[0] < TRANSFER.correlation:
         return Transfer(refusal="it cannot be measured there: too little texture, or the images differ")
     back_from = np.round(found.xy)
     there = origin[0] + np.linalg.solve(found.affine[0], back_from[0] - found.xy[0])
     back = match_patches(shown, template, back_from.astype(np.int64), there[None], np.linalg.inv(found.affine))
-    if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > CLOSURE_PX:
+    if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > TRANSFER.closure_px:
         return Transfer(refusal="measured back it is another place")
     position = middle + by_first @ (at - half)
     return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
@@ -102,7 +111,7 @@ def _window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int
     corners = middle + np.array([[i, j] for i in (-half, half) for j in (-half, half)]) @ by_window.T
     low, high = np.floor(corners.min(axis=0)).astype(int) - 3, np.ceil(corners.max(axis=0)).astype(int) + 4
     inside_low, inside_high = np.maximum(low, 0), np.minimum(high, raster.size)
-    if (inside_high - inside_low < 2 * SEARCH_HALF_PX).any():
+    if (inside_high - inside_low < 2 * TRANSFER.half_px).any():
         return None
     grey, valid = raster.read(*inside_low.tolist(), *(inside_high - inside_low).tolist())
     offset = np.arange(-half, half + 1)
@@ -115,6 +124,6 @@ def _window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int
         source = ndimage.gaussian_filter(source, 0.45 * np.sqrt(finer**2 - 1.0))
     pixels = ndimage.map_coordinates(source, at, order=3, mode="nearest")
     usable = ndimage.map_coordinates(valid.astype(np.float64), at, order=1, mode="constant", cval=0.0) > 0.999
-    if not usable[half, half] or float(np.std(pixels[usable])) < LEAST_TEXTURE:
+    if not usable[half, half] or float(np.std(pixels[usable])) < TRANSFER.texture:
         return None
-    return MatchImage(pixels.astype(np.float32), usable, SMOOTH_PX)
+    return MatchImage(pixels.astype(np.float32), usable, TRANSFER.smoothing_px)

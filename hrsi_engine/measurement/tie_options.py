@@ -3,10 +3,30 @@
 from __future__ import annotations
 
 from ..foundation.options import option, options
+from ..foundation.thresholds import threshold, thresholds
 from .tile_matching.options import TileMatchOptions
 
 AUTOMATIC_CELLS = 0
-FULL_PER_CELL, SAMPLED_PER_CELL = 40, 2  # points of a cell where all of an image is matched, and where windows are
+YEAR = "simulated year of 40 to 200 images, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
+KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22 (docs/many_dates.md)"
+
+
+@thresholds
+class TieSearchThresholds:
+    """How densely and how thoroughly the images of a block are matched, and how the work is divided."""
+
+    full_per_cell: int = threshold(40, "points", "of a cell where all of the image is matched, without `per_cell`")
+    sampled_per_cell: int = threshold(2, "points", "of a cell where one window of it is matched")
+    few_links: int = threshold(3, "links", "of an image, below which it is matched as in small blocks", YEAR)
+    predicted_pairs: int = threshold(5, "pairs", "of such an image that are matched where the others put it")
+    pair_batch: int = threshold(128, "pairs", "compared with their overviews' features in memory")
+    completed_partners: int = threshold(2, "images", "besides the reference that show a point then sought in others")
+    completed_sigma_px: float = threshold(0.12, "px", "largest of a point found there", KAHRAMANMARAS)
+    cells_per_part: int = threshold(12, "cells", "of a part of the work: seconds")
+    dem_margin_m: float = threshold(50.0, "m", "buildings, trees, errors of the DEM and of the RPCs")
+
+
+TIE_SEARCH = TieSearchThresholds()
 
 
 @options
@@ -44,8 +64,8 @@ class TieOptions:
     )
     per_cell: int = option(
         AUTOMATIC_CELLS,
-        f"Tie points of a cell; 0 takes {FULL_PER_CELL} for images up to 2048 px, which are matched everywhere, else "
-        f"{SAMPLED_PER_CELL} from a small window in the cell",
+        f"Tie points of a cell; 0 takes {TIE_SEARCH.full_per_cell} for images up to 2048 px, which are matched "
+        f"everywhere, else {TIE_SEARCH.sampled_per_cell} from a small window in the cell",
         minimum=0,
         advanced=True,
         metavar="N",

@@ -11,15 +11,12 @@ from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
-
-PER_SIDE = 200  # outline points
-FOOTPRINT_MARGIN_PX = 2.0
-DOMAIN_GRID = 15
+from .grid import ORTHO
 
 
 def terrain_below(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return ground points ``(n, 3)`` of an image, those of a coarse grid that meet the terrain."""
-    ground, status = intersect_surface(image.rpc, image.grid_px(DOMAIN_GRID, DOMAIN_GRID), surface)
+    ground, status = intersect_surface(image.rpc, image.grid_px(ORTHO.grid_points, ORTHO.grid_points), surface)
     return ground[status == Status.FOUND]
 
 
@@ -40,7 +37,7 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     The outline is followed to the terrain; where that is not known, it is taken at the heights nearby. Raises
     `InputError` where the terrain is not known anywhere in the image.
     """
-    outline = image.outline_px(PER_SIDE)
+    outline = image.outline_px(ORTHO.outline_points)
     ground, status = intersect_surface(image.rpc, outline, surface)
     lost = status != Status.FOUND
     if lost.any():
@@ -54,13 +51,13 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     x, y = operations.from_wgs84(ground).T
     if operations.crs.is_geographic:
         x = continuous_longitudes(x)
-    margin = FOOTPRINT_MARGIN_PX * resolution
+    margin = ORTHO.margin_px * resolution
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
 
 
 def share_of_ground(image: Image, surface: HeightSurface) -> float:
     """Return the share of an image whose ground has a height in the surface, 0 to 1."""
-    grid = image.grid_px(DOMAIN_GRID, DOMAIN_GRID)
+    grid = image.grid_px(ORTHO.grid_points, ORTHO.grid_points)
     height = sum(image.rpc.height_range) / 2.0
     ground = image.rpc.localize(grid, height).ground
     return float(np.mean(np.isfinite(surface_heights(surface, np.nan_to_num(ground[:, :2])))))

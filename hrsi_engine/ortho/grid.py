@@ -14,12 +14,31 @@ from typing import NamedTuple
 import numpy as np
 
 from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 
 #: Leading digits of a resolution that maps like.
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
-COARSER_BY_ROUNDING = 1.05  # the rounded resolution may be so much coarser than the image's
-WHOLE = 1e-6  # share of a pixel within which an edge counts as lying on the lattice
+
+
+@thresholds
+class OrthoThresholds:
+    """The pixels of orthoimages: how their grid is rounded, how far it reaches, how densely it is mapped exactly."""
+
+    coarser: float = threshold(1.05, "", "rounded resolution over the image's ground sample distance, at most")
+    whole_px: float = threshold(1e-6, "px", "within which an edge lies on the lattice")
+    outline_points: int = threshold(200, "points", "along each side of the outline")
+    margin_px: float = threshold(2.0, "px", "around the outline")
+    grid_points: int = threshold(15, "points", "along each side of the grid over an image")
+    lattice_px: int = threshold(32, "px", "between positions of the map projection; also the largest step")
+    checked_pixels: int = threshold(400, "px", "of each chunk, at random")
+    unknown_grid: int = threshold(65, "positions", "along each side of a chunk where missing heights are counted")
+    batch: int = threshold(16384, "nodes", "in the processor's cache", "measured for speed, 2026-11-21")
+    most_cells: int = threshold(4_000_000, "cells", "held below a chunk; heights of finer terrain are taken one by one")
+    straight: float = threshold(0.01, "", "of the error asked for, below which curvature with the height is left out")
+
+
+ORTHO = OrthoThresholds()
 
 
 class GridWindow(NamedTuple):
@@ -44,7 +63,7 @@ def rounded_resolution(gsd: float) -> float:
         raise InputError(f"the images have a pixel size of {gsd} on the ground: give `resolution`")
     power = 10.0 ** math.floor(math.log10(gsd))
     candidates = [step * scale for scale in (power / 10.0, power) for step in ROUND_STEPS]
-    return float(f"{max(value for value in candidates if value <= COARSER_BY_ROUNDING * gsd):.6g}")
+    return float(f"{max(value for value in candidates if value <= ORTHO.coarser * gsd):.6g}")
 
 
 @dataclass(frozen=True)
@@ -96,8 +115,8 @@ class MapGrid:
             The bounds hold not one pixel.
         """
         west, south, east, north = (value / resolution for value in bounds)
-        left, top = math.floor(west + WHOLE), math.ceil(north - WHOLE)
-        columns, rows = math.ceil(east - WHOLE) - left, top - math.floor(south + WHOLE)
+        left, top = math.floor(west + ORTHO.whole_px), math.ceil(north - ORTHO.whole_px)
+        columns, rows = math.ceil(east - ORTHO.whole_px) - left, top - math.floor(south + ORTHO.whole_px)
         if columns < 1 or rows < 1:
             raise InputError(f"an extent of {columns} x {rows} pixels holds nothing: check `extent` and `resolution`")
         return cls(crs, resolution, left, top, columns, rows)

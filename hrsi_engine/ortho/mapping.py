@@ -1,11 +1,11 @@
 """Where the pixels of an orthoimage lie in the raw image: ground position, terrain height, RPC.
 
 A chunk of the map grid is mapped at nodes every ``step`` pixels, and bilinearly between them. What changes smoothly
-(map projection, place in the DEM, the RPC's dependence on the height as a parabola) is evaluated every `LATTICE`
-pixels and interpolated; heights are taken at each node. The step is the largest power of two at which the middles of
-all cells, where interpolation is worst, and random pixels of the chunk are right to the error asked for, compared with
-map projection, terrain and RPC at these pixels; where the terrain is rough that is every pixel. At an error of 0
-every pixel goes through all three by itself.
+(map projection, place in the DEM, the RPC's dependence on the height as a parabola) is evaluated on a lattice
+(`ORTHO.lattice_px`) and interpolated; heights are taken at each node. The step is the largest power of two at which
+the middles of all cells, where interpolation is worst, and random pixels of the chunk are right to the error asked
+for, compared with map projection, terrain and RPC at these pixels; where the terrain is rough that is every pixel. At
+an error of 0 every pixel goes through all three by itself.
 """
 
 from __future__ import annotations
@@ -18,14 +18,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..surface.dem import GridSurface, HeightSurface, surface_heights
-from .grid import GridWindow, MapGrid
-
-LATTICE = 32  # pixels between positions where the map projection is evaluated; also the largest step
-CHECKED_PIXELS = 400  # of each chunk, at random
-UNKNOWN_GRID = 65  # positions along each side of a chunk at which pixels without height are counted
-MAPPED_AT_A_TIME = 16384  # nodes whose intermediate results stay in the processor's cache
-MOST_TERRAIN_CELLS = 4_000_000  # below a chunk that are held at once; of finer terrain, heights are taken one by one
-STRAIGHT = 0.01  # share of the error asked for; where all curvature with the height is below, it is left out
+from .grid import ORTHO, GridWindow, MapGrid
 
 
 class ChunkMapping(NamedTuple):
@@ -92,7 +85,7 @@ def _cells_below(surface: HeightSurface, grid: np.ndarray) -> tuple[np.ndarray |
     There are no cells, and the place is that of the coordinates, beside a grid and where there are too many.
     """
     low, high = grid.min(axis=0) - 1.0, grid.max(axis=0) + 1.0
-    few = np.prod(high - low) <= MOST_TERRAIN_CELLS
+    few = np.prod(high - low) <= ORTHO.most_cells
     if not (few and isinstance(surface, GridSurface) and surface.covers(np.array([low, high])).all()):
         return None, np.zeros(2), surface.bounds(low, high)
     row, column, cells = surface.window(low, high)
@@ -102,7 +95,7 @@ def _cells_below(surface: HeightSurface, grid: np.ndarray) -> tuple[np.ndarray |
 
 
 class _Chunk:
-    """What changes smoothly within a chunk, every `LATTICE` pixels, and the terrain under it.
+    """What changes smoothly within a chunk, every `ORTHO.lattice_px` pixels, and the terrain under it.
 
     ``lattice (k, rows, columns)`` are the surface's grid coordinates and, for sample and line, the coefficients of
     a + b t + c t² with the height t in half ranges from the middle of the chunk's heights: a, a, b, b and, where the
@@ -111,8 +104,11 @@ class _Chunk:
 
     def __init__(self, mapping: OrthoMapping, window: GridWindow) -> None:
         self.window, self._surface = window, mapping.surface
-        columns, rows = (-(-size // LATTICE) + 2 for size in window[2:])
-        column, row = LATTICE * np.arange(columns) + window.column, LATTICE * np.arange(rows) + window.row
+        columns, rows = (-(-size // ORTHO.lattice_px) + 2 for size in window[2:])
+        column, row = (
+            ORTHO.lattice_px * np.arange(columns) + window.column,
+            ORTHO.lattice_px * np.arange(rows) + window.row,
+        )
         lonlat = mapping.grid.lonlat(np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2))
         grid = mapping.surface.grid_coordinates(lonlat)
         cells, origin, (low, high) = _cells_below(mapping.surface, grid)
@@ -123,13 +119,13 @@ class _Chunk:
         images = mapping.rpc.project(np.column_stack([np.tile(lonlat, (3, 1)), heights]))
         below, at, above = images.reshape(3, -1, 2).swapaxes(1, 2)
         terms = [at, (above - below) / 2.0, (above + below) / 2.0 - at]
-        if np.abs(terms[2]).max() <= STRAIGHT * mapping.error_px:
+        if np.abs(terms[2]).max() <= ORTHO.straight * mapping.error_px:
             del terms[2]
         self.lattice = np.concatenate([(grid - origin).T, *terms]).reshape(-1, rows, columns)
 
     def cells_per_pixel(self) -> float:
         """Return how many cells of the surface a step of one pixel passes at most."""
-        return max(float(np.abs(np.diff(self.lattice[:2], axis=axis)).max()) for axis in (1, 2)) / LATTICE
+        return max(float(np.abs(np.diff(self.lattice[:2], axis=axis)).max()) for axis in (1, 2)) / ORTHO.lattice_px
 
     def nodes(self, step: int) -> np.ndarray:
         """Return image positions ``(2, rows, columns)`` of nodes every ``step`` pixels, one beyond the last pixel."""
@@ -142,12 +138,12 @@ class _Chunk:
     def _node_rows(self, step: int, offset: float = 0.0) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield some rows of nodes after the other, with their positions ``(2, rows, columns)``."""
         columns, rows = _nodes_along(self.window, step)
-        shares = (np.arange(0, LATTICE, step) + offset) / LATTICE
+        shares = (np.arange(0, ORTHO.lattice_px, step) + offset) / ORTHO.lattice_px
         # Values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one
         result = np.diff(self.lattice, axis=2)[..., None] * shares
         result += self.lattice[:, :, :-1, None]
         across = result.reshape(*self.lattice.shape[:2], -1)[:, :, :columns]
-        lines = max(1, MAPPED_AT_A_TIME // (columns * len(shares)))  # of the lattice
+        lines = max(1, ORTHO.batch // (columns * len(shares)))  # of the lattice
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
             values = _spread_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
@@ -240,14 +236,14 @@ class OrthoMapping:
         chunk = _Chunk(self, window)
         if not chunk.known:
             count = self._count_unknown(window, np.zeros((2, 2), dtype=bool))
-            return ChunkMapping(np.full((2, 2, 2), np.nan), LATTICE, np.empty(0), count) if count else None
+            return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
         # Pixels of a window, the same ones every time
         rng = np.random.default_rng([window.column, window.row])
-        checks = rng.integers(0, [window.columns, window.rows], (CHECKED_PIXELS, 2)).astype(np.float64)
+        checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2)).astype(np.float64)
         truth = self.exact(checks + (window.column, window.row))
         # The largest step that does not pass over whole cells of the surface
         cells_per_pixel = chunk.cells_per_pixel()
-        step = LATTICE
+        step = ORTHO.lattice_px
         while step > 1 and step * cells_per_pixel > 1.0:
             step //= 2
         while True:
@@ -271,7 +267,7 @@ class OrthoMapping:
     def _empty(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""
         count = self._count_unknown(window, known)
-        return ChunkMapping(np.full((2, 2, 2), np.nan), LATTICE, np.empty(0), count) if count else None
+        return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
 
     def _every_pixel(self, window: GridWindow) -> ChunkMapping | None:
         column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
@@ -290,7 +286,7 @@ class OrthoMapping:
 
     def _count_unknown(self, window: GridWindow, known: np.ndarray) -> int:
         """Return about how many pixels without height lie in the image, at the RPC's mean height."""
-        side = np.linspace(0.0, 1.0, UNKNOWN_GRID)
+        side = np.linspace(0.0, 1.0, ORTHO.unknown_grid)
         column, row = side * (window.columns - 1), side * (window.rows - 1)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         lonlat = self.grid.lonlat(pixels)

@@ -23,16 +23,30 @@ from scipy import ndimage
 
 from ..foundation.pixel_filters import blur
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.streams import open_calls
 from ..measurement.window_matching.cross_correlation import correlate_template
 from .options import MisregistrationOptions
 
-MOST_ITERATIONS = 20
-SHIFT_CLOSURE_PX = 1e-3
-LEAST_SQUARES_REACH_PX = 1.0  # least squares may move so far from the best whole pixel
-SHIFT_SMOOTH_PX = 0.8
-SEARCH_BORDER = 4  # pixels around the search area that interpolation and smoothing need
-EDGE_SIGMA = 0.5  # of the Gaussian weights, as a share of half the window
+
+@thresholds
+class ShiftThresholds:
+    """The shift between two orthoimages: of a window, and the one that all have in common."""
+
+    most_iterations: int = threshold(20, "iterations", "of least squares")
+    closure_px: float = threshold(1e-3, "px", "step that ends them")
+    reach_px: float = threshold(1.0, "px", "from the best whole pixel")
+    smoothing_px: float = threshold(0.8, "px", "Gaussian of both windows")
+    border_px: int = threshold(4, "px", "around the search area, for interpolation and smoothing")
+    weight_sigma: float = threshold(0.5, "", "Gaussian of the weights over half the window")
+    farthest_px: int = threshold(256, "px", "largest common shift that is found")
+    reduction: int = threshold(2, "", "factor of resolution")
+    probe_px: int = threshold(256, "px", "side of a probe; less in a small area")
+    probes: int = threshold(4, "probes", "along each side of the area")
+    contrast: float = threshold(8.0, "sigma", "robust; above, a peak counts", "chance reaches 5, 2026-11-21")
+
+
+SHIFT = ShiftThresholds()
 
 Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
 
@@ -105,7 +119,7 @@ def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> 
     (n, 2) ndarray of int
         Column, row.
     """
-    reach = options.window_px // 2 + options.search_px + SEARCH_BORDER
+    reach = options.window_px // 2 + options.search_px + SHIFT.border_px
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
     axes = []
     for size in (columns, rows):
@@ -153,7 +167,7 @@ def measure_shifts(
 
 def _match(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
-    (column, row), side = centre, options.window_px // 2 + SEARCH_BORDER
+    (column, row), side = centre, options.window_px // 2 + SHIFT.border_px
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
@@ -168,12 +182,12 @@ def _fail(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
 def shift_between(
     template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MisregistrationOptions
 ) -> Shift:
-    """Return the shift of a window: pixels and mask of it (with `SEARCH_BORDER`), and of the area it is sought in."""
+    """Return the shift of a window: pixels and mask of it (with `SHIFT.border_px`), and of the area it is sought in."""
     grey, place = _smooth(template[0]), _smooth(np.where(area[1], area[0], np.mean(area[0])))
-    core = grey[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER]
+    core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _fail(WindowOutcome.FLAT)
-    score = correlate_template(core, place[SEARCH_BORDER:-SEARCH_BORDER, SEARCH_BORDER:-SEARCH_BORDER])
+    score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:
@@ -187,7 +201,7 @@ def shift_between(
 
 
 def _smooth(grey: np.ndarray) -> np.ndarray:
-    return blur(np.asarray(grey, dtype=np.float32), SHIFT_SMOOTH_PX)
+    return blur(np.asarray(grey, dtype=np.float32), SHIFT.smoothing_px)
 
 
 def _refine(
@@ -197,7 +211,7 @@ def _refine(
     T, T_x, T_y = _values_and_slopes(_coefficients(grey), np.zeros(2))
     coefficients, weight = _coefficients(near), _weights(len(T))
     d, gain, offset = np.zeros(2), float(T.std() / max(near.std(), 1e-9)), 0.0
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(SHIFT.most_iterations):
         S, S_x, S_y = _values_and_slopes(coefficients, d)
         A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
         misfit = (T - gain * S - offset).ravel()
@@ -208,9 +222,9 @@ def _refine(
         step = np.linalg.solve(N, (A * weight) @ misfit)
         misfit -= step @ A
         d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
-        if np.abs(d).max() > LEAST_SQUARES_REACH_PX or gain <= 0.0:
+        if np.abs(d).max() > SHIFT.reach_px or gain <= 0.0:
             return _fail(WindowOutcome.UNSTEADY, best)
-        if np.hypot(*step[:2]) < SHIFT_CLOSURE_PX:
+        if np.hypot(*step[:2]) < SHIFT.closure_px:
             break
     variance = float(weight @ misfit**2 / weight.sum())
     # The cofactors of the unknowns ``(4, 4)`` for noise that was white before the smoothing.
@@ -218,9 +232,11 @@ def _refine(
     # their own.
     weighted = A * weight
     side = round(np.sqrt(weighted.shape[1]))
-    spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT_SMOOTH_PX) for row in weighted])
+    spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT.smoothing_px) for row in weighted])
     inverse = np.linalg.inv(N)
-    covariance = np.asarray(inverse @ (4.0 * np.pi * SHIFT_SMOOTH_PX**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
+    covariance = np.asarray(
+        inverse @ (4.0 * np.pi * SHIFT.smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse
+    )
     Q = covariance * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
@@ -230,7 +246,7 @@ def _refine(
 
 def _weights(side: int) -> np.ndarray:
     x = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
-    line = np.exp(-0.5 * (x / EDGE_SIGMA) ** 2)
+    line = np.exp(-0.5 * (x / SHIFT.weight_sigma) ** 2)
     return (line[:, None] * line).ravel()
 
 
@@ -247,12 +263,12 @@ def _spline(t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _values_and_slopes(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the window inside the border, shifted by at most `LEAST_SQUARES_REACH_PX`, and its slopes by x and y."""
+    """Return the window inside the border, shifted by at most `SHIFT.reach_px`, and its slopes by x and y."""
     whole = np.floor(d).astype(int)
     x_values, x_slopes = _spline(float(d[0] - whole[0]))
     y_values, y_slopes = _spline(float(d[1] - whole[1]))
-    side = len(coefficients) - 2 * SEARCH_BORDER
-    start = SEARCH_BORDER - 1 + whole
+    side = len(coefficients) - 2 * SHIFT.border_px
+    start = SHIFT.border_px - 1 + whole
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 

@@ -18,21 +18,31 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree, QhullError
 
 from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import LocalFrame, continuous_longitudes, metres_per_degree
 from ..surface.dem import GridSurface
 
-SURFACE_NEIGHBOURS = 12  # points around each, whose median height it is compared with
-BLUNDER_NMAD = 6.0
-COMPANIONS = 3  # neighbours at a point's own height that make it part of something, such as a roof
-CELLS_PER_SPACING = 5.0
-MOST_SURFACE_CELLS = 9_000_000
-MARGIN_SPACINGS = 200.0  # how far the surface goes on around the points, at the height of the nearest ones
-FITTED = 20  # points that a plane is fitted to
-NEAREST, SUPPORT_WIDTH = 5, 0.33  # the Gaussian's sigma, as a share of the distance to the so many nearest points
-SIGMA_SLOPE = 0.3  # of the ground (m per m) where the points do not tell it
-SCATTERS = (16.0, 8.0, 4.0, 2.0, 1.0, 1.0)  # tolerated in one round of the fit after the other
-FITTED_AT_A_TIME = 16384  # nodes at a time
-LEAST_SCATTER_M = 0.1
+
+@thresholds
+class PointSurfaceThresholds:
+    """A surface through scattered points, and which of them it leaves out."""
+
+    neighbours: int = threshold(12, "points", "with whose median height a point is compared")
+    blunder: float = threshold(6.0, "sigma", "robust; farther from that median, a point is suspect")
+    companions: int = threshold(3, "points", "among them at its own height that excuse it: a roof")
+    cells_per_spacing: float = threshold(5.0, "cells", "of the surface along the points' mean spacing")
+    most_cells: int = threshold(9_000_000, "cells", "of the surface: memory")
+    margin: float = threshold(200.0, "spacings", "that the surface goes on around the points")
+    fitted: int = threshold(20, "points", "that a plane is fitted to")
+    nearest: int = threshold(5, "points", "whose distance tells the width of the weights")
+    width: float = threshold(0.33, "", "Gaussian of the weights over that distance")
+    slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
+    scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scatter of each round", "Blake 1987")
+    batch: int = threshold(16384, "nodes", "fitted at a time: memory")
+    least_scatter_m: float = threshold(0.1, "m", "robust standard deviation of heights about planes, at least")
+
+
+SCATTERED = PointSurfaceThresholds()
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
@@ -74,8 +84,10 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
     extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
-    reach = np.minimum(MARGIN_SPACINGS * spacing, extent.max())
-    cell_m = max(spacing / CELLS_PER_SPACING, float(np.sqrt(np.prod(extent + 2.0 * reach) / MOST_SURFACE_CELLS)))
+    reach = np.minimum(SCATTERED.margin * spacing, extent.max())
+    cell_m = max(
+        spacing / SCATTERED.cells_per_spacing, float(np.sqrt(np.prod(extent + 2.0 * reach) / SCATTERED.most_cells))
+    )
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
     x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
@@ -94,22 +106,22 @@ def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(np.isfinite(sigma_m))
     own = np.zeros(len(xy))
     if len(known):
-        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(SURFACE_NEIGHBOURS + 1, len(known)) + 1))
+        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(SCATTERED.neighbours + 1, len(known)) + 1))
         own[known] = sigma_m[known] ** 2 - (sigma_m[known][near] ** 2).min(axis=1)
     return own
 
 
 def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
-    count = min(SURFACE_NEIGHBOURS + 1, len(xy))
+    count = min(SCATTERED.neighbours + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
     away = np.abs(height - middle)
     spread = robust_sigma(height[index] - middle[:, None], axis=1)
-    typical = max(float(robust_sigma(away)), LEAST_SCATTER_M)
-    alike = np.abs(height[index] - height[:, None]) <= BLUNDER_NMAD * typical
-    near = away <= BLUNDER_NMAD * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
-    return np.asarray(near | (alike.sum(axis=1) > COMPANIONS))
+    typical = max(float(robust_sigma(away)), SCATTERED.least_scatter_m)
+    alike = np.abs(height[index] - height[:, None]) <= SCATTERED.blunder * typical
+    near = away <= SCATTERED.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    return np.asarray(near | (alike.sum(axis=1) > SCATTERED.companions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +139,10 @@ class _Points:
     @cached_property
     def scatter_m(self) -> float:
         """How far a point usually lies from the plane of its neighbours."""
-        near = self.tree.query(self.xy, k=np.arange(2, min(SURFACE_NEIGHBOURS + 1, len(self.xy)) + 1))[1]
+        near = self.tree.query(self.xy, k=np.arange(2, min(SCATTERED.neighbours + 1, len(self.xy)) + 1))[1]
         A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
         plane = np.linalg.pinv(A) @ self.height[near][..., None]
-        return max(float(robust_sigma(self.height - plane[:, 0, 0])), LEAST_SCATTER_M)
+        return max(float(robust_sigma(self.height - plane[:, 0, 0])), SCATTERED.least_scatter_m)
 
     @property
     def spacing_m(self) -> float:
@@ -141,8 +153,8 @@ def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
     heights = np.empty(len(nodes))
     hull = Delaunay(_hull(points.xy))
-    for start in range(0, len(nodes), FITTED_AT_A_TIME):
-        part = slice(start, start + FITTED_AT_A_TIME)
+    for start in range(0, len(nodes), SCATTERED.batch):
+        part = slice(start, start + SCATTERED.batch)
         inside = hull.find_simplex(nodes[part]) >= 0
         found = points.height[points.tree.query(nodes[part])[1]]
         found[inside] = _fit(points, nodes[part][inside])
@@ -160,19 +172,19 @@ def _hull(xy: np.ndarray) -> np.ndarray:
 
 def _fit(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
-    count = min(FITTED, len(points.xy))
+    count = min(SCATTERED.fitted, len(points.xy))
     distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))
-    width = np.maximum(SUPPORT_WIDTH * distance[:, min(NEAREST, count) - 1], 1e-3)[:, None]
+    width = np.maximum(SCATTERED.width * distance[:, min(SCATTERED.nearest, count) - 1], 1e-3)[:, None]
     away = (points.xy[near] - nodes[:, None]) / width[..., None]
     height, scatter = points.height[near], points.scatter_m
     nearness = np.exp(0.5 * ((distance[:, :1] / width) ** 2 - (distance / width) ** 2))  # 1 for the nearest
     P = nearness / (points.variance[near] + (0.5 * scatter) ** 2)
     A = np.concatenate([np.ones_like(away[..., :1]), away], axis=-1)
     robust = np.ones_like(P)
-    for tolerance in SCATTERS:
+    for tolerance in SCATTERED.scatters:
         weighted = A * (P * robust)[..., None]
         N = np.swapaxes(A, 1, 2) @ weighted
-        N[:, [1, 2], [1, 2]] += (SIGMA_SLOPE * width) ** -2
+        N[:, [1, 2], [1, 2]] += (SCATTERED.slope_sigma * width) ** -2
         x = np.linalg.solve(N, np.einsum("mki,mk->mi", weighted, height)[..., None])
         v = height - (A @ x)[..., 0]
         robust = (1.0 + (v / (tolerance * scatter)) ** 2) ** -2

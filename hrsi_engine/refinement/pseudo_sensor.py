@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc_fit import FIT_CHECK_GRID, FIT_GRID, best_fit, image_grid
+from ..camera.rpc_fit import FIT, best_fit, image_grid
 from ..foundation.large_arrays import finite_rows
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
@@ -155,8 +155,8 @@ class PseudoSensor:
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         fit = best_fit(
-            self.compute_corrected_grid(image, values, FIT_GRID),
-            self.compute_corrected_grid(image, values, FIT_CHECK_GRID),
+            self.compute_corrected_grid(image, values, FIT.grid),
+            self.compute_corrected_grid(image, values, FIT.check_grid),
         )
         return RefitRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
 

@@ -18,17 +18,26 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import longitudes_near, metres_per_degree, wrap_degrees
 from ..ground.operation_uses import OperationUse
 
-CACHE_TILE = 256  # cells along the side of a cached part
-CACHED_TILES = 128  # 68 MB
-RAYS_AT_A_TIME = 16384  # rays followed at a time
-STEP_CELLS = 0.5
-ACCURACY_M = 1e-3
-MARGIN_M = 1.0  # rays start so much above the highest and end so much below the lowest cell
-RAY_MAX_ITERATIONS = 60
-BOUND_ROUNDS = 4
+
+@thresholds
+class SurfaceThresholds:
+    """How rays are followed down to a surface, and what of it is kept in memory."""
+
+    tile: int = threshold(256, "cells", "side of a part that is kept in memory")
+    tiles: int = threshold(128, "tiles", "kept in memory: 68 MB")
+    batch: int = threshold(16384, "rays", "followed at a time: memory")
+    step: float = threshold(0.5, "cells", "that a ray passes from height to height")
+    accuracy_m: float = threshold(1e-3, "m", "of the height at which a ray meets the surface")
+    margin_m: float = threshold(1.0, "m", "above the highest and below the lowest cell on a ray's way")
+    most_iterations: int = threshold(60, "iterations", "of regula falsi")
+    bound_rounds: int = threshold(4, "rounds", "in which the range of heights follows the terrain passed")
+
+
+SURFACE = SurfaceThresholds()
 
 
 class Status(IntEnum):
@@ -267,11 +276,11 @@ class GridSurface:
         column = np.clip(grid[inside, 0], 0.0, self.shape[1] - 1.0)
         row = np.clip(grid[inside, 1], 0.0, self.shape[0] - 1.0)
         left, top = np.minimum(column.astype(int), self.shape[1] - 2), np.minimum(row.astype(int), self.shape[0] - 2)
-        tile = (top // CACHE_TILE) * (1 + self.shape[1] // CACHE_TILE) + left // CACHE_TILE
+        tile = (top // SURFACE.tile) * (1 + self.shape[1] // SURFACE.tile) + left // SURFACE.tile
         for number in np.unique(tile):
             here = np.flatnonzero(tile == number)
-            place = int(top[here[0]]) // CACHE_TILE, int(left[here[0]]) // CACHE_TILE
-            i, j = top[here] - place[0] * CACHE_TILE, left[here] - place[1] * CACHE_TILE
+            place = int(top[here[0]]) // SURFACE.tile, int(left[here[0]]) // SURFACE.tile
+            i, j = top[here] - place[0] * SURFACE.tile, left[here] - place[1] * SURFACE.tile
             result[inside[here]] = _bilinear(self._tile(place), i, j, row[here] - top[here], column[here] - left[here])
         return result
 
@@ -303,10 +312,10 @@ class GridSurface:
         column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
         column1, row1 = np.clip(np.floor(high), [column0, row0], last).astype(int).tolist()
         cells = np.empty((row1 - row0 + 2, column1 - column0 + 2))
-        for tile_row in range(row0 // CACHE_TILE, row1 // CACHE_TILE + 1):
-            for tile_column in range(column0 // CACHE_TILE, column1 // CACHE_TILE + 1):
+        for tile_row in range(row0 // SURFACE.tile, row1 // SURFACE.tile + 1):
+            for tile_column in range(column0 // SURFACE.tile, column1 // SURFACE.tile + 1):
                 tile = self._tile((tile_row, tile_column))
-                top, left = tile_row * CACHE_TILE - row0, tile_column * CACHE_TILE - column0
+                top, left = tile_row * SURFACE.tile - row0, tile_column * SURFACE.tile - column0
                 part = tile[max(0, -top) : len(cells) - top, max(0, -left) : cells.shape[1] - left]
                 top, left = max(0, top), max(0, left)
                 cells[top : top + part.shape[0], left : left + part.shape[1]] = part
@@ -314,7 +323,7 @@ class GridSurface:
 
     def _tile_of(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)
-        return int(cell[0]) // CACHE_TILE, int(cell[1]) // CACHE_TILE
+        return int(cell[0]) // SURFACE.tile, int(cell[1]) // SURFACE.tile
 
     def _range(self, place: tuple[int, int]) -> tuple[float, float]:
         if place not in self._ranges:
@@ -328,11 +337,14 @@ class GridSurface:
         with self._lock:
             tile = self._tiles.pop(place, None)
             if tile is None:
-                row, column = place[0] * CACHE_TILE, place[1] * CACHE_TILE
-                rows, columns = min(CACHE_TILE + 1, self.shape[0] - row), min(CACHE_TILE + 1, self.shape[1] - column)
+                row, column = place[0] * SURFACE.tile, place[1] * SURFACE.tile
+                rows, columns = (
+                    min(SURFACE.tile + 1, self.shape[0] - row),
+                    min(SURFACE.tile + 1, self.shape[1] - column),
+                )
                 tile = np.asarray(self._read(row, column, rows, columns), dtype=np.float64)
             self._tiles[place] = tile
-            while len(self._tiles) > CACHED_TILES:
+            while len(self._tiles) > SURFACE.tiles:
                 self._tiles.popitem(last=False)
             return tile
 
@@ -370,8 +382,8 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)
     status = np.empty(len(image), dtype=np.int64)
-    for start in range(0, len(image), RAYS_AT_A_TIME):
-        part = slice(start, start + RAYS_AT_A_TIME)
+    for start in range(0, len(image), SURFACE.batch):
+        part = slice(start, start + SURFACE.batch)
         ground[part], status[part] = _intersect_part(rpc, image[part], surface)
     return SurfaceIntersection(ground, status)
 
@@ -413,7 +425,7 @@ def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
     The terrain passed depends on these heights: they start at the RPC's height range and follow the terrain.
     """
     low, high = rpc.height_range
-    for _ in range(BOUND_ROUNDS):
+    for _ in range(SURFACE.bound_rounds):
         ends = _rays_between(rpc, image, surface, low, high)
         if not ends.exists.any():
             return ends
@@ -421,8 +433,8 @@ def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
         lowest, highest = surface.bounds(passed.min(axis=0) - 1.0, passed.max(axis=0) + 1.0)
         if np.isnan(lowest):
             return ends._replace(heights=(np.nan, np.nan))
-        enclosed = low <= lowest - MARGIN_M and high >= highest + MARGIN_M
-        low, high = lowest - MARGIN_M, highest + MARGIN_M
+        enclosed = low <= lowest - SURFACE.margin_m and high >= highest + SURFACE.margin_m
+        low, high = lowest - SURFACE.margin_m, highest + SURFACE.margin_m
         if enclosed:
             break
     return _rays_between(rpc, image, surface, low, high)
@@ -445,7 +457,7 @@ def _march(
     """Go down straight rays; return each one's status and the heights ``(n, 2)`` above and below its first hit."""
     low, high = heights
     longest = float(np.abs(upper - lower).max())
-    steps = max(1, int(np.ceil(longest / STEP_CELLS)))
+    steps = max(1, int(np.ceil(longest / SURFACE.step)))
     count = len(upper)
     status, bracket = np.full(count, int(Status.OUTSIDE)), np.full((count, 2), np.nan)
     going, in_gap = np.arange(count), np.zeros(count, dtype=bool)
@@ -490,7 +502,7 @@ def _close_in(
     at_top = every[valid & (f_upper <= 0.0)]
     ground[at_top] = above(at_top, upper[at_top])[0]
     below_before = np.full(len(image), -1)  # which end moved last: 1 the lower, 0 the upper
-    for iteration in range(RAY_MAX_ITERATIONS):
+    for iteration in range(SURFACE.most_iterations):
         if not going.size:
             break
         a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]
@@ -502,6 +514,6 @@ def _close_in(
         lower[going], f_lower[going] = np.where(below, middle, b), np.where(below, f, damping * fb)
         below_before[going] = below
         valid[going[~np.isfinite(f)]] = False
-        narrow = upper[going] - lower[going] < ACCURACY_M
-        going = going[np.isfinite(f) & ~narrow & (np.abs(f) > 0.1 * ACCURACY_M)]
+        narrow = upper[going] - lower[going] < SURFACE.accuracy_m
+        going = going[np.isfinite(f) & ~narrow & (np.abs(f) > 0.1 * SURFACE.accuracy_m)]
     return ground, valid

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.block_matching.bands import BAND_RATIO, Lines, banded_matches
+from hrsi.hrsi_engine.measurement.block_matching.bands import Lines, banded_matches
+from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW
 from hrsi.hrsi_engine.measurement.tile_matching.features import root_sift
 
 MARGIN_PX = 40.0
@@ -34,7 +35,7 @@ def test_what_is_found_is_what_comparing_all_with_all_finds(monkeypatch, compile
     expected = []
     for i in range(700):
         j, rival = np.argsort(-likeness[i])[:2]
-        clear = 1.0 - likeness[i, j] < BAND_RATIO**2 * (1.0 - max(likeness[i, rival], 0.0))
+        clear = 1.0 - likeness[i, j] < OVERVIEW.ratio**2 * (1.0 - max(likeness[i, rival], 0.0))
         if likeness[i, j] > 0.0 and clear and likeness[:, j].argmax() == i:
             expected.append((i, int(j)))
     assert len(expected) > 300 and not any(i % 50 == 0 for i, _ in expected)

@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.links import (
-    ALONE_MATCHES,
-    WEAK_MATCHES,
+    LINKS,
     ImageLink,
     cut_unchecked,
     find_displaced,
@@ -21,8 +20,8 @@ from hrsi.hrsi_engine.measurement.block_matching.links import (
     without_links,
 )
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import Overlap
-from hrsi.hrsi_engine.measurement.block_matching.pair_choice import CHANCE, LAST_TRIES, PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import PROBED_PARTNERS, Probe, choose_probed
+from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
+from hrsi.hrsi_engine.measurement.block_matching.probes import CHOICE, Probe, choose_probed
 
 ALL_CELLS = (511, 511)
 
@@ -82,13 +81,13 @@ def test_failed_pairs_are_replaced():
 def test_hopeless_images_cost_three_tries_each_and_harm_nobody():
     images, hopeless = 40, {3, 11, 17, 20, 28, 31, 35, 39}
     probes = [
-        probe._replace(agreeing=min(probe.agreeing, CHANCE)) if {probe.first, probe.second} & hopeless else probe
+        probe._replace(agreeing=min(probe.agreeing, CHOICE.chance)) if {probe.first, probe.second} & hopeless else probe
         for probe in seasons(images)
     ]
     choice = PairChoice(images, probes, 4, 5 * images)
     run_choice(choice, lambda pair: not set(pair) & hopeless)
     tries = [pair for pair in choice.failed if set(pair) & hopeless]
-    assert len(tries) <= LAST_TRIES * len(hopeless)
+    assert len(tries) <= CHOICE.last_tries * len(hopeless)
     assert parts(images, choice.found) == 1 + len(hopeless)
 
 
@@ -117,7 +116,7 @@ def test_only_near_views_are_probed_where_there_are_many():
     overlaps = [Overlap(a, b, 1.0) for a, b in combinations(range(images), 2)]
     angle = np.array([0.1 * abs(pair.first - pair.second) for pair in overlaps])
     rows = choose_probed(overlaps, angle)
-    assert len(rows) <= PROBED_PARTNERS * images
+    assert len(rows) <= CHOICE.partners * images
     nearest = {(k, k + 1) for k in range(images - 1)}
     assert nearest <= {(overlaps[row].first, overlaps[row].second) for row in rows}
 
@@ -142,7 +141,7 @@ def block_matches(images: int, false: dict[tuple[int, int], tuple[float, float]]
         for b in range(a + 1, images):
             chosen = own[rng.random(250) < 0.7]
             if (a, b) in few:
-                chosen = chosen[: WEAK_MATCHES - 4]
+                chosen = chosen[: LINKS.weak_matches - 4]
             rows["track"].append(a * 1000 + chosen)
             rows["first"].append(np.full(len(chosen), a))
             rows["second"].append(np.full(len(chosen), b))
@@ -185,7 +184,7 @@ def links_of(pairs: dict[tuple[int, int], int]) -> list[ImageLink]:
 
 def test_an_image_on_no_loop_is_left_out_unless_its_link_is_strong():
     """0 to 3 are a ring, 4 and 5 hang on it by one link each, 6 on 5; 7 and 8 have each other only."""
-    few, many = WEAK_MATCHES, ALONE_MATCHES
+    few, many = LINKS.weak_matches, LINKS.bridge_matches
     ring = {(0, 1): few, (1, 2): few, (2, 3): few, (0, 3): few}
     links = cut_unchecked(links_of(ring | {(3, 4): many - 1, (2, 5): many, (5, 6): many - 1, (7, 8): many}))
     assert {(link.first, link.second) for link in links if link.sound} == set(ring) | {(2, 5)}
@@ -203,7 +202,7 @@ def test_bridges_are_those_whose_loss_parts_the_block():
 
 def test_two_blocks_with_one_link_stay_and_the_smaller_one_is_named():
     large, small = list(combinations(range(4), 2)), list(combinations(range(4, 7), 2))
-    links = cut_unchecked(links_of(dict.fromkeys([*large, *small, (3, 4)], WEAK_MATCHES)))
+    links = cut_unchecked(links_of(dict.fromkeys([*large, *small, (3, 4)], LINKS.weak_matches)))
     assert all(link.sound for link in links)
     assert [(link[:2], sorted(held)) for link, held in find_single_holds(links)] == [((3, 4), [4, 5, 6])]
     assert cut_unchecked([]) == [] and find_single_holds([]) == []

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.ortho.common_shift import FARTHEST_PX, REDUCTION, common_shift
+from hrsi.hrsi_engine.ortho.common_shift import common_shift
+from hrsi.hrsi_engine.ortho.misregistration import SHIFT
 from hrsi.tests.ortho.scenes import texture
 from hrsi.tests.ortho.test_misregistration import shifted
 
@@ -14,11 +15,14 @@ SIDE = 900
 
 def reader(grey: np.ndarray):
     """Return a reader of the middle part of an array, which also reads what lies around it; nothing beyond."""
-    padded = np.pad(grey, FARTHEST_PX)
-    known = np.pad(np.ones(grey.shape, dtype=bool), FARTHEST_PX)
+    padded = np.pad(grey, SHIFT.farthest_px)
+    known = np.pad(np.ones(grey.shape, dtype=bool), SHIFT.farthest_px)
 
     def read(x: int, y: int, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        place = np.s_[y + FARTHEST_PX : y + FARTHEST_PX + rows, x + FARTHEST_PX : x + FARTHEST_PX + columns]
+        place = np.s_[
+            y + SHIFT.farthest_px : y + SHIFT.farthest_px + rows,
+            x + SHIFT.farthest_px : x + SHIFT.farthest_px + columns,
+        ]
         return padded[place], known[place]
 
     return read
@@ -31,7 +35,7 @@ def test_common_shift_comes_back(dx: float, dy: float) -> None:
     grey = texture(SIDE, SIDE)
     other = 1.0 - 0.8 * shifted(grey, dx, dy) + rng.normal(0.0, 0.1 * grey.std(), grey.shape)
     found = common_shift(reader(grey), reader(other), SIDE, SIDE)
-    assert np.abs(found - (dx, dy)).max() <= REDUCTION
+    assert np.abs(found - (dx, dy)).max() <= SHIFT.reduction
 
 
 def test_unlike_or_empty_or_small_images_have_none() -> None:

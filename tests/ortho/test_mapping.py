@@ -12,8 +12,8 @@ from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
-from hrsi.hrsi_engine.ortho.mapping import LATTICE, OrthoMapping, _bilinear, _Chunk
+from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
+from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear, _Chunk
 from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
@@ -73,7 +73,7 @@ def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, rou
 def test_smooth_ground_takes_wide_steps(tmp_path: Path) -> None:
     found = replace(mapping(tmp_path), surface=ConstantHeight(240.0))
     chunk = found.chunk(GridWindow(0, 0, 256, 256))
-    assert chunk is not None and chunk.step == LATTICE and chunk.errors_px.max() < 1e-3
+    assert chunk is not None and chunk.step == ORTHO.lattice_px and chunk.errors_px.max() < 1e-3
 
 
 def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(200, 150), (256, 33), (31, 64), (1, 1)])
-@pytest.mark.parametrize("step", [1, 2, 8, LATTICE])
+@pytest.mark.parametrize("step", [1, 2, 8, ORTHO.lattice_px])
 def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], step: int) -> None:
     """Nodes every ``step`` pixels, one beyond the last pixel, each where GDAL has it, on houses."""
     found = mapping(tmp_path, 1e-5, roughness=3.0)
@@ -105,10 +105,10 @@ def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], 
 def test_cells_of_very_fine_terrain_are_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Heights are then the surface's own; each way may leave out a curvature of a share of the error."""
     nodes = []
-    for most in (mapping_module.MOST_TERRAIN_CELLS, 1000):
-        monkeypatch.setattr(mapping_module, "MOST_TERRAIN_CELLS", most)
+    for most in (ORTHO.most_cells, 1000):
+        monkeypatch.setattr(mapping_module, "ORTHO", replace(mapping_module.ORTHO, most_cells=most))
         nodes.append(_Chunk(mapping(tmp_path, 1e-5, roughness=3.0), GridWindow(64, 64, 200, 150)).nodes(1))
-    assert np.abs(nodes[0] - nodes[1]).max() < 2.0 * mapping_module.STRAIGHT * 0.05
+    assert np.abs(nodes[0] - nodes[1]).max() < 2.0 * ORTHO.straight * 0.05
 
 
 def test_middles_are_compared_in_every_row(tmp_path: Path) -> None:

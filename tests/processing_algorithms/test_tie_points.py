@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.laboratory.simulation.render import render_window
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
+from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
@@ -127,8 +129,8 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert parts
     assert not (folder / "report.json").exists()
     said: list[str] = []
-    monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.search.CELLS_PER_PART", 1)
-    monkeypatch.setattr("hrsi.hrsi_engine.measurement.block_matching.plan.FULL_WINDOW_PX", 200)
+    monkeypatch.setattr(search, "TIE_SEARCH", replace(search.TIE_SEARCH, cells_per_part=1))
+    monkeypatch.setattr(plan, "WINDOWS", replace(plan.WINDOWS, full_window_px=200))
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -140,10 +142,12 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
 #: Every part is small, and takes its time after it: so the run is killed in the middle.
 SLOW_RUN = """
 import sys, time
+from dataclasses import replace
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
-search.CELLS_PER_PART, plan.FULL_WINDOW_PX = 1, 200
+search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
+plan.WINDOWS = replace(plan.WINDOWS, full_window_px=200)
 save = FinishedParts.save
 def slow(self, key, result):
     save(self, key, result)

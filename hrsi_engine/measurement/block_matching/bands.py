@@ -9,10 +9,7 @@ import numpy as np
 
 from ...foundation.compiled_code import is_wanted
 from ..tile_matching.features import root_sift
-
-BAND_RATIO = 0.85  # of the distances to the nearest and second nearest descriptor; within a band
-TOGETHER = 256  # lines that are compared at a time; near one another, so that few points are in question
-COMPARISONS_WORTH_COMPILING = 4_000_000  # of features
+from .overview import OVERVIEW
 
 
 class Lines(NamedTuple):
@@ -48,7 +45,7 @@ def banded_matches(
     best, rival = np.full((2, len(first)), -1.0, dtype=np.float32)
     back, back_best = np.full(len(second), -1), np.full(len(second), -1.0, dtype=np.float32)
     compare: Callable[..., None] = _compare
-    if is_wanted(len(first) * len(second) >= COMPARISONS_WORTH_COMPILING):
+    if is_wanted(len(first) * len(second) >= OVERVIEW.compiled_from):
         from .compiled_bands import compare_in_bands
 
         compare = compare_in_bands
@@ -69,7 +66,7 @@ def banded_matches(
         nearest[rows] = np.where(told[2] >= 0, columns[told[2]], -1)
         better = lines_back >= 0
         back_best[columns], back[columns[better]] = told_back, rows[lines_back[better]]
-    distinct = (1.0 - best) < BAND_RATIO**2 * (1.0 - np.maximum(rival, 0.0))
+    distinct = (1.0 - best) < OVERVIEW.ratio**2 * (1.0 - np.maximum(rival, 0.0))
     index = np.flatnonzero(distinct & (best > 0.0))
     index = index[back[nearest[index]] == index]
     return np.column_stack([index, nearest[index]])
@@ -78,7 +75,7 @@ def banded_matches(
 def _neighbourhoods(lines: Lines) -> Iterator[np.ndarray]:
     """Yield the rows of lines near one another; lines that are nowhere are left out."""
     known = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
-    strips = max(1, round(np.sqrt(len(known) / TOGETHER)))
+    strips = max(1, round(np.sqrt(len(known) / OVERVIEW.line_batch)))
     for strip in np.array_split(known[np.argsort(lines.origin[known, 0], kind="stable")], strips):
         for part in np.array_split(strip[np.argsort(lines.origin[strip, 1], kind="stable")], strips):
             if len(part):

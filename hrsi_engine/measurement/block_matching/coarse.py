@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import epipolar_miss, transfer
@@ -32,19 +33,30 @@ from .overlaps import GroundRange
 from .overview import features_of
 from .windows import ImageWindow, predicted_window, read_tile
 
-ENOUGH_AGREEING = 60  # matches that agree, from which on no other contrast is tried; and by the share of the features:
-ENOUGH_SHARE = 0.1  # with its negative an image agrees by chance in up to 0.03 of them
-CLEARLY_MORE = 1.5  # times as many as of the image as it is must agree in another contrast
-FEWEST_AGREEING = 10  # matches that agree, to believe them
-BAND_GROWTH = (1.0, 4.0, 16.0)  # of the band
-HEIGHT_NODES = 24  # of the height grid along the longer side of an image
-COARSE_NEIGHBOURS = 7
-OVERVIEW_FLOOR_PX = 1.0  # pixels of the overview that matches are off at least
-COARSE_SAFETY = 3.0  # sigmas
-FINER = 4  # times the resolution of the overviews, where these have too little in common
-COARSE_PROBES, COARSE_PROBE_PX = 3, 512  # windows along each side of an image that are compared then, and their side
-PROBE_FEATURES = 1000
-SAME_VIEW_PX = 2.0  # parallax of all heights below which heights say nothing
+CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
+
+
+@thresholds
+class OverviewMatchThresholds:
+    """When the features of two overviews agree, and what follows for the pair."""
+
+    enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", CONTRASTS)
+    enough_share: float = threshold(0.1, "", "of the features, likewise; chance gives a negative 0.03", CONTRASTS)
+    contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", CONTRASTS)
+    fewest: int = threshold(10, "matches", "that agree, below which a pair has none")
+    band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "band over `margin_px`, tried in turn")
+    height_nodes: int = threshold(24, "nodes", "of the height grid along the longer side of an image")
+    neighbours: int = threshold(7, "matches", "whose median height a node takes")
+    floor_px: float = threshold(1.0, "px of the overview", "least standard deviation of a match")
+    safety: float = threshold(3.0, "sigma", "of offset and height, to which the full resolution is searched")
+    finer: int = threshold(4, "", "factor of resolution where the overviews have too little in common")
+    windows: int = threshold(3, "windows", "along each side of an image that are compared then")
+    window_px: int = threshold(512, "px", "side of such a window")
+    features: int = threshold(1000, "features", "of such a window")
+    same_view_px: float = threshold(2.0, "px", "parallax of all heights below which heights are not estimated")
+
+
+COARSE = OverviewMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +73,7 @@ class CoarseJob:
 
 def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
     """Return the positions ``(n, 2)`` of the nodes of an image's height grid, its shape and its spacing (px)."""
-    spacing = max(max(size) / (HEIGHT_NODES - 1.0), 32.0)
+    spacing = max(max(size) / (COARSE.height_nodes - 1.0), 32.0)
     columns, rows = (int(np.ceil(length / spacing)) + 1 for length in size)
     nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
     return nodes, (rows, columns), spacing
@@ -88,8 +100,8 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
     Where the overviews have too little in common, windows of a finer resolution are compared.
     """
     found = _agreeing_in_any_contrast(job, first, second)
-    if len(found["first_xy"]) < FEWEST_AGREEING and max(job.steps) > 1:
-        finer = replace(job, steps=(max(1, job.steps[0] // FINER), max(1, job.steps[1] // FINER)))
+    if len(found["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
+        finer = replace(job, steps=(max(1, job.steps[0] // COARSE.finer), max(1, job.steps[1] // COARSE.finer)))
         probed = _agreeing_in_any_contrast(finer, *_probes(finer))
         found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
     return found
@@ -99,7 +111,7 @@ def _agreeing_in_any_contrast(job: CoarseJob, first: PartResult, second: PartRes
     """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
     found = _agreeing(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
-    if len(found["first_xy"]) >= max(ENOUGH_AGREEING, ENOUGH_SHARE * fewer):
+    if len(found["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
         return found
     negative = second | {"descriptors": descriptors_of_negative(second["descriptors"])}
     both = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
@@ -107,7 +119,7 @@ def _agreeing_in_any_contrast(job: CoarseJob, first: PartResult, second: PartRes
         _agreeing(job, first, features) | {"contrasts": np.array(contrasts)}
         for features, contrasts in ((negative, [-1]), (both, [1, -1]))
     ]
-    shares = (1.0, 1.0 / CLEARLY_MORE, 1.0 / CLEARLY_MORE)
+    shares = (1.0, 1.0 / COARSE.contrast_gain, 1.0 / COARSE.contrast_gain)
     return max(zip((found, *others), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[0]
 
 
@@ -118,19 +130,19 @@ def _agreeing(job: CoarseJob, first: PartResult, second: PartResult) -> PartResu
     lines = epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
     size = np.array(job.second.size) / job.steps[1]
     best = np.empty((0, 2), dtype=np.int64)
-    for growth in BAND_GROWTH:
-        margin = growth * job.margin_px / job.steps[1] + OVERVIEW_FLOOR_PX
+    for growth in COARSE.band_growth:
+        margin = growth * job.margin_px / job.steps[1] + COARSE.floor_px
         here, there = _share_of(lines, xy[1], size, margin)
         of_first, of_second = first["descriptors"][here], second["descriptors"][there]
         pairs = banded_matches(of_first, of_second, lines.select(here), xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
-        if len(pairs) >= FEWEST_AGREEING:
+        if len(pairs) >= COARSE.fewest:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, OVERVIEW_FLOOR_PX)
+            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, COARSE.floor_px)
             pairs = pairs[good]
         if len(pairs) > len(best):
             best = pairs
-        if len(best) >= FEWEST_AGREEING:
+        if len(best) >= COARSE.fewest:
             break
     return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
 
@@ -141,18 +153,18 @@ def _probes(job: CoarseJob) -> tuple[PartResult, PartResult]:
         job.first.rpc,
         job.second.rpc,
         *job.heights,
-        margin_px=(BAND_GROWTH[1] * job.margin_px, BAND_GROWTH[1] * job.margin_px),
+        margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
     )
     found: tuple[list[PartResult], list[PartResult]] = ([], [])
-    side = COARSE_PROBE_PX * job.steps[0]
-    for centre in job.first.grid_px(COARSE_PROBES, COARSE_PROBES, margin=-1.0 / COARSE_PROBES).round().astype(int):
+    side = COARSE.window_px * job.steps[0]
+    for centre in job.first.grid_px(COARSE.windows, COARSE.windows, margin=-1.0 / COARSE.windows).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
         places = window, predicted_window(geometry, window, 0)
         tiles = [read_tile(image, place, step) for image, place, step in
                  zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
         for features, tile in zip(found, tiles, strict=True):
             if all(other is not None for other in tiles) and tile is not None:
-                features.append(features_of(tile, PROBE_FEATURES))
+                features.append(features_of(tile, COARSE.features))
     return _joined_features(found[0]), _joined_features(found[1])
 
 
@@ -194,14 +206,14 @@ class PairEstimate(NamedTuple):
 def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     """Return the offset and the heights that matches stand for; None where they are too few to tell."""
     first_xy, second_xy = found["first_xy"], found["second_xy"]
-    if len(first_xy) < FEWEST_AGREEING:
+    if len(first_xy) < COARSE.fewest:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     miss = epipolar_miss(first, second, first_xy, second_xy, middle)
-    noise_px = OVERVIEW_FLOOR_PX * max(job.steps)
+    noise_px = COARSE.floor_px * max(job.steps)
     stretch = float(np.median(miss.stretch))
-    if stretch * (job.heights.high_m - job.heights.low_m) < SAME_VIEW_PX:
+    if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
         return _same_view(job, first_xy, second_xy, noise_px, tuple(found["contrasts"].tolist()))
     across = float(np.median(miss.across_px))
     # The mean direction across the epipolar lines, with the sign of `epipolar_miss`
@@ -212,12 +224,12 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     across_sigma = float(robust_sigma(miss.across_px - across))
     grid, sigma = height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
-    reach = COARSE_SAFETY * sigma + noise_px / stretch
+    reach = COARSE.safety * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
     contrasts = tuple(found["contrasts"].tolist())
     geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
-        (across * normal[0], across * normal[1]), (noise_px, COARSE_SAFETY * across_sigma + noise_px), grid, sigma,
+        (across * normal[0], across * normal[1]), (noise_px, COARSE.safety * across_sigma + noise_px), grid, sigma,
         contrasts,
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
@@ -231,7 +243,7 @@ def _same_view(
     away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
     offset = np.nanmedian(away, axis=0)
     sigma = MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset)))
-    margin = COARSE_SAFETY * sigma + noise_px
+    margin = COARSE.safety * sigma + noise_px
     return PairEstimate(
         TilePairGeometry(
             job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin), contrasts=contrasts
@@ -255,7 +267,7 @@ def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[H
 
 
 def _median_of_neighbours(
-    xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = COARSE_NEIGHBOURS
+    xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = COARSE.neighbours
 ) -> np.ndarray:
     count = min(most, len(xy))
     _, near = cKDTree(xy).query(places, k=count)

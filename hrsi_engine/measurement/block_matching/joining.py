@@ -34,27 +34,38 @@ from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ..tile_matching.epipolar import MIN_STRETCH, EpipolarMiss, epipolar_miss
-from ..tile_matching.rpc_consistency import PARALLAX_JUMP_PX
+from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, epipolar_miss
 from ..tracks import spread_over_image
 
-#: What cameras do from point to point; drift is the adjustment's. The least is for what no deviation across the lines
-#: shows: on relief, a window's match is off along them (docs/tie_sigmas.md).
-LEAST_CAMERA_PX, MOST_CAMERA_PX = 0.0125, 0.2
+RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
+KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
+CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 good; 2026-11-22"
+
+
+@thresholds
+class MatchTestThresholds:
+    """Which matches of a pair and of a track contradict the others, and what sigma the rest has."""
+
+    least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", RELIEF)
+    most_camera_px: float = threshold(0.2, "px", "added by cameras at most; drift is the adjustment's")
+    outlier: float = threshold(3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier")
+    deviation_px: float = threshold(0.25, "px", "across the lines, below which no match is dropped")
+    contradiction_px: float = threshold(0.375, "px", "from a track's mean height, to be dropped", KAHRAMANMARAS)
+    rounds: int = threshold(10, "rounds", "of the robust trend")
+    fewest: int = threshold(8, "matches", "that a pair needs, to be judged and used")
+    imprecise: float = threshold(3.0, "", "sigma of a match over its pair's median, above which it is dropped", CLIFFS)
+    imprecise_px: float = threshold(0.06, "px", "sigma below which no match is dropped as imprecise", CLIFFS)
+    island_neighbours: int = threshold(8, "matches", "to each of which parallax may step")
+    island_slope: float = threshold(0.5, "px/px", "parallax over distance that such a step may have")
+    island_gap: float = threshold(3.0, "", "distance over the usual one, from which a step may not grow further")
+    island_share: float = threshold(0.05, "", "of a pair's matches: smaller parts without steps to others are dropped")
+    same_place_px: float = threshold(3.0, "px", "between tracks of two references that are one point")
+
+
+TESTS = MatchTestThresholds()
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
-SIGMAS = 3.5
-#: Deviations below these are no reason to drop a match: across the lines, and from the height of all of its track
-DEVIATION_FLOOR_PX, CONTRADICTION_FLOOR_PX = 0.25, 0.375
-JOINING_ROUNDS = 10
-FEWEST_OF_A_PAIR = 8  # matches that a pair needs, to be judged and used
-#: A match is vague with a sigma above this many times the pair's median, and above this (px). Simulated pairs with
-#: cliffs, clouds, water and other bands have nearly all their false matches among these, and one good match of 200.
-VAGUE, VAGUE_PX = 3.0, 0.06
-ISLAND_NEIGHBOURS, ISLAND_SLOPE = 8, 0.5  # matches to step to, and pixels of parallax for each pixel of the way
-ISLAND_GAP = 3.0  # times the usual way to the farthest of them: over wider gaps no more parallax is allowed
-ISLAND_SHARE = 0.05  # of a pair's matches, below which a part of them without such steps to the others is an island
-REPEATED_PX = 3.0  # tracks of two references this close are the same place
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +121,8 @@ def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bo
     for rows in pair_rows(matches).values():
         miss = _miss_of_pair(matches, rows, images)
         sigma = matches.sigma_px[rows]
-        tolerance = np.maximum(DEVIATION_FLOOR_PX, SIGMAS * sigma)
-        precise = sigma <= max(VAGUE_PX, VAGUE * float(np.median(sigma)))
+        tolerance = np.maximum(TESTS.deviation_px, TESTS.outlier * sigma)
+        precise = sigma <= max(TESTS.imprecise_px, TESTS.imprecise * float(np.median(sigma)))
         keep[rows] = precise & _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
         if not islands:
             rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
@@ -128,19 +139,19 @@ def _miss_of_pair(matches: BlockMatches, rows: np.ndarray, images: Sequence[Imag
 
 def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return which matches are connected with many others by steps that terrain and houses explain."""
-    if len(xy) <= ISLAND_NEIGHBOURS:
+    if len(xy) <= TESTS.island_neighbours:
         return np.ones(len(xy), dtype=bool)
-    distance, near = cKDTree(xy).query(xy, k=ISLAND_NEIGHBOURS + 1)
+    distance, near = cKDTree(xy).query(xy, k=TESTS.island_neighbours + 1)
     # Over a gap the slope would excuse any step: where a pattern repeats itself, what is left of it lies beyond gaps
-    widest = ISLAND_GAP * float(np.median(distance[:, -1]))
+    widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 
     def explained(step: np.ndarray, way: np.ndarray) -> np.ndarray:
-        return np.asarray(np.abs(step) <= np.maximum(PARALLAX_JUMP_PX, ISLAND_SLOPE * np.minimum(way, widest)))
+        return np.asarray(np.abs(step) <= np.maximum(EPIPOLAR.jump_px, TESTS.island_slope * np.minimum(way, widest)))
 
     one, which = np.nonzero(explained(parallax[near] - parallax[:, None], distance))
     links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
     _, part = csgraph.connected_components(links, directed=False)
-    many = np.asarray(np.bincount(part)[part] >= ISLAND_SHARE * len(xy))
+    many = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
     if many.all() or not many.any():
         return many
     # A part beyond water or a cloud has all its neighbours in itself: most of it must fit the nearest of the mainland
@@ -153,7 +164,7 @@ def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
     """Return what the cameras add to an image point, from how far good matches are off across the epipolar lines."""
     deviation, variance = [], []
     for rows in pair_rows(matches).values():
-        if len(rows) < FEWEST_OF_A_PAIR:
+        if len(rows) < TESTS.fewest:
             continue
         miss = _miss_of_pair(matches, rows, images)
         terms = _trend_terms(matches.first_xy[rows])
@@ -162,9 +173,9 @@ def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
         deviation.append((miss.across_px - trend)[known])
         variance.append(matches.sigma_px[rows][known] ** 2)
     if not deviation:
-        return LEAST_CAMERA_PX
+        return TESTS.least_camera_px
     squares, own = np.concatenate(deviation) ** 2, np.concatenate(variance)
-    low, high = LEAST_CAMERA_PX, MOST_CAMERA_PX
+    low, high = TESTS.least_camera_px, TESTS.most_camera_px
     while high - low > 1e-4:
         middle = (low + high) / 2.0
         too_small = float(np.median(squares / (own + 2.0 * middle**2))) > MEDIAN_CHI_SQUARED
@@ -193,18 +204,18 @@ def _trend_terms(xy: np.ndarray) -> np.ndarray:
 def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Return which values agree with a smooth trend, fitted robustly: within the tolerance or so many robust sigmas."""
     good = np.isfinite(values)
-    if good.sum() < FEWEST_OF_A_PAIR:
+    if good.sum() < TESTS.fewest:
         return np.zeros(len(values), dtype=bool)
     good &= np.abs(values - np.median(values[good])) < np.maximum(
-        3.0 * SIGMAS * _robust_sigma(values[good]), 10.0 * tolerance
+        3.0 * TESTS.outlier * _robust_sigma(values[good]), 10.0 * tolerance
     )
     terms = _trend_terms(xy)
-    for _ in range(JOINING_ROUNDS):
+    for _ in range(TESTS.rounds):
         trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
         away = np.abs(values - trend)
-        now = away < np.maximum(SIGMAS * _robust_sigma((values - trend)[good]), tolerance)
+        now = away < np.maximum(TESTS.outlier * _robust_sigma((values - trend)[good]), tolerance)
         now &= np.isfinite(values)
-        if now.sum() < FEWEST_OF_A_PAIR or np.array_equal(now, good):
+        if now.sum() < TESTS.fewest or np.array_equal(now, good):
             break
         good = now
     return good
@@ -239,14 +250,14 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         stretch[rows] = np.nanmedian(miss.stretch)
     height = matches.height_m.copy()
     _, point = np.unique(matches.track, return_inverse=True)
-    good = stretch > MIN_STRETCH
+    good = stretch > EPIPOLAR.least_stretch
     weight = np.where(good, stretch**2, 0.0)
     for _ in range(3):
         mean = _weighted_means(point, height, weight * good)
         for partner in np.unique(matches.second):
             here = np.flatnonzero((matches.second == partner) & good)
             shared = here[np.bincount(point[good])[point[here]] > 1]
-            if len(shared) < FEWEST_OF_A_PAIR:
+            if len(shared) < TESTS.fewest:
                 continue
             away = height[shared] - mean[point[shared]]
             fits = _on_trend(matches.first_xy[shared], away, np.full(len(shared), np.inf))
@@ -262,7 +273,7 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         deviations = away_px[keep & good]
         nonzero = deviations[deviations > 1e-9]
         spread_of = float(robust_sigma(nonzero)) if len(nonzero) else 0.0
-        limit = np.maximum(CONTRADICTION_FLOOR_PX, SIGMAS * spread_of)
+        limit = np.maximum(TESTS.contradiction_px, TESTS.outlier * spread_of)
         bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
         keep &= ~bad
     return keep
@@ -303,7 +314,7 @@ def to_image_points(
     beside: list[np.ndarray] = []
     for number in np.unique(rows.image):
         here = np.flatnonzero(rows.image == number)
-        near = cKDTree(rows.xy[here]).query_pairs(REPEATED_PX, output_type="ndarray")
+        near = cKDTree(rows.xy[here]).query_pairs(TESTS.same_place_px, output_type="ndarray")
         beside.append(np.sort(rows.track[here][near], axis=1))
     pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
     pairs = pairs[count >= 2]

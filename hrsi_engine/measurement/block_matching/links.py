@@ -25,18 +25,31 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
+from ...foundation.thresholds import threshold, thresholds
 from .joining import BlockMatches, pair_rows
 from .pair_choice import NumberPair
 
-SPEAKING_PX = 40.0  # matches of the third link that speak for a point
-SPEAKING_NEIGHBOURS = 5
-CLOSED_PX = 3.0  # median closure of a sound triangle: the ground between a point and its neighbours
-FEWEST_CLOSURES = 8
-WEAK_MATCHES, HELD_WITHOUT = 16, 2  # links with fewer matches are left out where both images have so many better ones
-LEAST_EXCESS = 2  # open triangles more than closed ones: of a single triangle nobody knows which link is false
-ALONE_MATCHES = 60  # of a link that may hold an image by itself
-LEAST_PART = 3  # images that are used though nothing ties them to the others
-DISPLACED_PX, DISPLACED_FACTOR = 32.0, 8.0  # least offset of a wrong RPC, and times that of the block
+YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
+
+
+@thresholds
+class LinkThresholds:
+    """Which links between images hold a block together."""
+
+    near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
+    neighbours: int = threshold(5, "matches", "of the third link that predict a point")
+    closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle, relief included", YEAR)
+    fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged")
+    weak_matches: int = threshold(16, "matches", "below which a link with better ones beside it is dropped", YEAR)
+    strong_links: int = threshold(2, "links", "with more matches that each of its images must have then")
+    excess: int = threshold(2, "triangles", "open beyond closed: of one alone nobody knows the false link")
+    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may hold an image", YEAR)
+    smallest_part: int = threshold(3, "images", "that are used though nothing ties them to the others")
+    displaced_px: float = threshold(32.0, "px", "least offset of an image whose RPC is wrong")
+    displaced_factor: float = threshold(8.0, "", "offset of such an image over the block's median")
+
+
+LINKS = LinkThresholds()
 
 
 class ImageLink(NamedTuple):
@@ -98,9 +111,10 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
     """Return all links with how their triangles close, and whether they are sound."""
     rows = pair_rows(matches)
     open_, closed = _triangles(matches, rows)
-    strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= WEAK_MATCHES]).ravel()
+    strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= LINKS.weak_matches]).ravel()
     sound = {
-        pair: len(of_pair) >= WEAK_MATCHES or min(np.sum(strong == number) for number in pair) < HELD_WITHOUT
+        pair: len(of_pair) >= LINKS.weak_matches
+        or min(np.sum(strong == number) for number in pair) < LINKS.strong_links
         for pair, of_pair in rows.items()
     }
     in_open, in_closed = _count_triangles(open_), _count_triangles(closed)
@@ -109,7 +123,7 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
         more_open = _count_triangles(bad)
         more_open.subtract(_count_triangles(good))
         worst = max({pair for triangle in bad for pair in triangle}, key=lambda pair: (more_open[pair], pair))
-        if more_open[worst] < LEAST_EXCESS:
+        if more_open[worst] < LINKS.excess:
             break
         sound[worst] = False
         bad, good = ([t for t in some if worst not in t] for some in (bad, good))
@@ -141,7 +155,7 @@ def _triangles(
             closure = _closure(matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees)
             if closure is not None:
                 triangle = (centre, third[0]), (centre, third[1]), third
-                (closed if closure <= CLOSED_PX else open_).append(triangle)
+                (closed if closure <= LINKS.closure_px else open_).append(triangle)
     return open_, closed
 
 
@@ -156,16 +170,16 @@ def _closure(
     """Return the median closure of a triangle in px; None where too few points tell."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
-    if len(a) < FEWEST_CLOSURES:
+    if len(a) < LINKS.fewest_closures:
         return None
     if third not in trees:
         trees[third] = cKDTree(matches.first_xy[between])
-    count = min(SPEAKING_NEIGHBOURS, len(between))
-    distance, near = trees[third].query(q, k=count, distance_upper_bound=SPEAKING_PX)
+    count = min(LINKS.neighbours, len(between))
+    distance, near = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
     distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
     told = np.isfinite(distance)
     usable = told[:, 0]
-    if usable.sum() < FEWEST_CLOSURES:
+    if usable.sum() < LINKS.fewest_closures:
         return None
     step = matches.second_xy[between] - matches.first_xy[between]
     # Rotation between the images: the displacement is carried by the local affine map of the whole link
@@ -188,13 +202,13 @@ def cut_unchecked(links: Sequence[ImageLink]) -> list[ImageLink]:
     cut = {
         (link.first, link.second)
         for link, bridge in zip(sound, loops.bridge, strict=True)
-        if bridge and link.matches < ALONE_MATCHES
+        if bridge and link.matches < LINKS.bridge_matches
         and min(loops.size[link.first], loops.size[link.second]) == 1
     }  # fmt: skip
     kept = [link for link in sound if (link.first, link.second) not in cut]
     size = _Loops(kept).together
     largest = max(size.values(), default=0)
-    cut |= {(link.first, link.second) for link in kept if size[link.first] < min(LEAST_PART, largest)}
+    cut |= {(link.first, link.second) for link in kept if size[link.first] < min(LINKS.smallest_part, largest)}
     return [link._replace(sound=link.sound and (link.first, link.second) not in cut) for link in links]
 
 
@@ -266,7 +280,7 @@ def find_displaced(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
     displaced: dict[int, float] = {}
     while len(left) >= 3:
         usual = float(np.median(list(left.values())))
-        limit = max(DISPLACED_PX, DISPLACED_FACTOR * usual)
+        limit = max(LINKS.displaced_px, LINKS.displaced_factor * usual)
         of_image: dict[int, list[float]] = {}
         for pair, offset in left.items():
             for number in pair:

@@ -14,12 +14,10 @@ import numpy as np
 
 from ...camera.rpc import RPC, Localization
 from ...camera.rpc_terms import monomials
-from ..tile_matching.epipolar import HEIGHT_STEP_M, transfer
+from ..tile_matching.epipolar import transfer
 from ..tile_matching.types import TilePairGeometry
-from .windows import ImageWindow, height_limits
+from .windows import WINDOWS, ImageWindow, height_limits
 
-LARGEST_MISS_PX = 1e-3
-HEIGHT_ROOM_M = 2.0 * HEIGHT_STEP_M  # beyond the heights expected: lines are taken over a step in height
 _AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, ends included
 _NODES = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS), axis=-1).reshape(-1, 3)
 _TERMS = monomials(_NODES.T)
@@ -57,7 +55,7 @@ def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int 
     """
     corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
     low, high = height_limits(geometry, corners.astype(np.float64))
-    bottom, top = float(low.min()) - HEIGHT_ROOM_M, float(high.max()) + HEIGHT_ROOM_M
+    bottom, top = float(low.min()) - WINDOWS.height_margin_m, float(high.max()) + WINDOWS.height_margin_m
     middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
     reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])
     nodes = middle + reach * _NODES
@@ -65,7 +63,7 @@ def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int 
     if not np.isfinite(seen).all():
         return geometry
     coefficients = _FIT @ seen
-    if np.abs(_TERMS.T @ coefficients - seen).max() > LARGEST_MISS_PX:
+    if np.abs(_TERMS.T @ coefficients - seen).max() > WINDOWS.miss_px:
         return geometry
     return replace(
         geometry,

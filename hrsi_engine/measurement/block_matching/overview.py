@@ -9,17 +9,32 @@ import numpy as np
 
 from ...block.block import Image
 from ...foundation.progress import Progress, stage
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
 from ..tile_matching.features import sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
-SMALLEST_PX, LARGEST_PX = 1024, 2048  # the longer side of an overview
-TILE_PX = 1024  # of an overview that goes through SIFT at once
-OVERVIEW_BORDER_PX = 24
-FEATURES = 4000
-IMAGES_AT_ONCE = 64  # whose features are in memory
-FEATURE_CELLS = 10  # features are kept evenly over CELLS x CELLS parts
+SPEED = "measured for speed, 2026-11-22"
+
+
+@thresholds
+class OverviewThresholds:
+    """Resolution of overviews, the features that are kept of them, and their comparison within bands."""
+
+    smallest_px: int = threshold(1024, "px", "least longer side of an overview, where the image has it")
+    largest_px: int = threshold(2048, "px", "greatest longer side of an overview")
+    tile_px: int = threshold(1024, "px", "side of the part that goes through SIFT at once")
+    border_px: int = threshold(24, "px", "read around such a part")
+    features: int = threshold(4000, "features", "of an overview")
+    batch: int = threshold(64, "images", "whose features are in memory")
+    cells: int = threshold(10, "cells", "along each side, over which features are kept evenly")
+    ratio: float = threshold(0.85, "", "of distances to the nearest descriptors of a band", "Lowe 2004: 0.8 of all")
+    line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", SPEED)
+    compiled_from: int = threshold(4_000_000, "comparisons", "from which the compiled loop pays", SPEED)
+
+
+OVERVIEW = OverviewThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +48,12 @@ class OverviewJob:
 def overview_step(size: tuple[int, int]) -> int:
     """Return the pixels per pixel of an image's overview: an eighth of the resolution, within sensible sizes."""
     longest = max(size)
-    return max(1, round(longest / min(max(longest / 8.0, SMALLEST_PX), LARGEST_PX)))
+    return max(1, round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px)))
 
 
 def overview_features(job: OverviewJob) -> PartResult:
     """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)`` of 8 bit."""
-    return features_of(read_overview(job.image, job.step), FEATURES)
+    return features_of(read_overview(job.image, job.step), OVERVIEW.features)
 
 
 def hand_over(features: PartResult) -> PartResult:
@@ -70,9 +85,9 @@ class FoundFeatures:
 
     def find(self, most: int, progress: Progress) -> None:
         """Find the features, so many images at a time; ``most`` of each are the strongest."""
-        for start in range(0, len(self._parts), IMAGES_AT_ONCE):
-            chosen = self._parts[start : start + IMAGES_AT_ONCE]
-            ends = (min(start + done, len(self._parts)) / len(self._parts) for done in (0, IMAGES_AT_ONCE))
+        for start in range(0, len(self._parts), OVERVIEW.batch):
+            chosen = self._parts[start : start + OVERVIEW.batch]
+            ends = (min(start + done, len(self._parts)) / len(self._parts) for done in (0, OVERVIEW.batch))
             keys = [part.key for part in chosen]
             found = run_parts(chosen, keys, self._scheduler, self._keeper, stage(progress, *ends))
             self.strongest += [{name: column[:most].copy() for name, column in found[key].items()} for key in keys]
@@ -90,8 +105,8 @@ def features_of(tile: ImageTile, most: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
     found = [
         _features(tile, column, row)
-        for row in range(0, tile.pixels.shape[0], TILE_PX)
-        for column in range(0, tile.pixels.shape[1], TILE_PX)
+        for row in range(0, tile.pixels.shape[0], OVERVIEW.tile_px)
+        for column in range(0, tile.pixels.shape[1], OVERVIEW.tile_px)
     ]
     xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
     keep = _strongest_everywhere(xy, response, tile.pixels.shape, most)
@@ -100,19 +115,23 @@ def features_of(tile: ImageTile, most: int) -> PartResult:
 
 def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return tile positions, strengths and descriptors of the features of one part of an overview."""
-    left, top = max(column - OVERVIEW_BORDER_PX, 0), max(row - OVERVIEW_BORDER_PX, 0)
-    place = np.s_[top : row + TILE_PX + OVERVIEW_BORDER_PX, left : column + TILE_PX + OVERVIEW_BORDER_PX]
-    found = sift_features(tile.pixels[place], tile.valid[place], 2 * FEATURES)
+    left, top = max(column - OVERVIEW.border_px, 0), max(row - OVERVIEW.border_px, 0)
+    place = np.s_[
+        top : row + OVERVIEW.tile_px + OVERVIEW.border_px, left : column + OVERVIEW.tile_px + OVERVIEW.border_px
+    ]
+    found = sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
     xy = found.xy + (left, top)
-    own = ((xy >= (column - 0.5, row - 0.5)) & (xy < (column + TILE_PX - 0.5, row + TILE_PX - 0.5))).all(axis=1)
+    own = (
+        (xy >= (column - 0.5, row - 0.5)) & (xy < (column + OVERVIEW.tile_px - 0.5, row + OVERVIEW.tile_px - 0.5))
+    ).all(axis=1)
     return xy[own], found.strength[own], found.descriptors[own]
 
 
 def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
     """Return the indices of at most so many features: the strongest of every part of the image, these first."""
-    cell = np.floor(xy / ((shape[1] + 1.0) / FEATURE_CELLS, (shape[0] + 1.0) / FEATURE_CELLS)).astype(np.int64) @ (
+    cell = np.floor(xy / ((shape[1] + 1.0) / OVERVIEW.cells, (shape[0] + 1.0) / OVERVIEW.cells)).astype(np.int64) @ (
         1,
-        FEATURE_CELLS,
+        OVERVIEW.cells,
     )
     order = np.lexsort((-response, cell))
     _, first = np.unique(cell[order], return_index=True)

@@ -17,14 +17,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from .probes import PROBED_CELLS, Probe
-
-CHANCE = 5  # agreeing features that chance gives
-NARROW_DEG, NARROW_WORTH = 1.5, 0.6  # views so alike tell no heights: such a pair is worth less
-WANTED_ANGLE_DEG = 5.0  # that one pair of each image should have
-LAST_TRIES = 3  # pairs of an image that the probe gives no hope
-CHOICE_ROUNDS = 6
-FOUND_FIRST = 1e6  # worth of pairs that were found, in new trees
+from .probes import CHOICE, Probe
 
 NumberPair = tuple[int, int]
 
@@ -64,7 +57,7 @@ class PairChoice:
     def next_round(self) -> list[NumberPair]:
         """Return the pairs to try now, the most promising first; none where the choice is done."""
         self.rounds += 1
-        if self.rounds > CHOICE_ROUNDS or self.room <= 0:
+        if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
         wanted = self._trees()
         wanted |= self._geometry(wanted)
@@ -85,19 +78,19 @@ class PairChoice:
 
     def _worth(self, pair: NumberPair) -> float:
         probe = self.probes[pair]
-        return probe.agreeing * (NARROW_WORTH if probe.convergence_deg < NARROW_DEG else 1.0)
+        return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
 
     def _trees(self) -> set[NumberPair]:
         """Return the pairs of the spanning trees of greatest worth, none in two of them."""
         left = [pair for pair, probe in self.probes.items()
-                if pair not in self.failed and (pair in self.found or probe.agreeing > CHANCE)]  # fmt: skip
+                if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
         chosen: set[NumberPair] = set()
         for _ in range(self.trees):
             if not left:
                 break
-            worth = np.array([self._worth(pair) + FOUND_FIRST * (pair in self.found) for pair in left])
+            worth = np.array([self._worth(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
             first, second = np.array(left).T
-            cost = 2.0 * FOUND_FIRST - worth  # positive: a cost of 0 would be no edge
+            cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
             forest = minimum_spanning_tree(
                 coo_matrix((cost, (first, second)), shape=(self.images, self.images))
             ).tocoo()
@@ -111,15 +104,15 @@ class PairChoice:
         of_image = self._by_image(pair for pair in self.probes if pair not in self.failed)
         chosen = self._by_image(wanted)
         for number, pairs in of_image.items():
-            good = [pair for pair in pairs if self.probes[pair].agreeing > CHANCE]
+            good = [pair for pair in pairs if self.probes[pair].agreeing > CHOICE.chance]
             own = chosen.get(number, [])
-            if all(self.probes[pair].convergence_deg < WANTED_ANGLE_DEG for pair in own):
-                wide = [pair for pair in good if self.probes[pair].convergence_deg >= WANTED_ANGLE_DEG]
+            if all(self.probes[pair].convergence_deg < CHOICE.wanted_angle_deg for pair in own):
+                wide = [pair for pair in good if self.probes[pair].convergence_deg >= CHOICE.wanted_angle_deg]
                 more |= set(sorted(wide, key=self._worth)[-1:])
             covered = 0
             for pair in own:
                 covered |= self._cells(pair, number)
-            lacking = ~covered & ((1 << PROBED_CELLS**2) - 1)
+            lacking = ~covered & ((1 << CHOICE.cells**2) - 1)
             fill = max(good, key=lambda pair: ((self._cells(pair, number) & lacking).bit_count(), self._worth(pair)),
                        default=None)  # fmt: skip
             if fill is not None and self._cells(fill, number) & lacking:
@@ -133,7 +126,7 @@ class PairChoice:
         for number, pairs in of_image.items():
             if number in chosen or any(pair in self.found for pair in pairs):
                 continue
-            left = LAST_TRIES - sum(pair in self.failed for pair in pairs)
+            left = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
             untried = [pair for pair in pairs if pair not in self.failed]
             more |= set(sorted(untried, key=self._worth)[::-1][: max(left, 0)])
         return more

@@ -1,7 +1,7 @@
 """Which windows of a reference image are matched, so that all of it gets points at a bounded cost.
 
-An image up to `FULL_PX` is matched everywhere. Of a larger one every cell of a grid gets a small window, and further
-ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
+An image up to `WINDOWS.full_px` is matched everywhere. Of a larger one every cell of a grid gets a small window, and
+further ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
 """
 
 from __future__ import annotations
@@ -10,19 +10,12 @@ from itertools import pairwise
 
 from ...block.block import Image
 from .star import Cell
-from .windows import ImageWindow
-
-FULL_PX = 2048  # images up to this size are matched everywhere
-FULL_WINDOW_PX = 512  # windows of images that are matched everywhere
-OVERLAP_PX = 24  # of these: points near the edge of a window need their surroundings
-WINDOW_PX = 256  # windows of larger images, at the places of the tiles that most files are made of
-ATTEMPTS = 4  # windows tried in a cell
-SURPLUS = 3  # times the points that a cell is to have in the end are kept: tracks are chosen later
+from .windows import WINDOWS, ImageWindow
 
 
 def is_matched_everywhere(image: Image, step: int = 1) -> bool:
     """Tell whether all of an image is matched."""
-    return max(image.known_size) <= FULL_PX * step
+    return max(image.known_size) <= WINDOWS.full_px * step
 
 
 def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
@@ -32,11 +25,11 @@ def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[li
     """
     if is_matched_everywhere(image, step):
         size, rows = image.known_size, []
-        for top, lines in _parts(size[1], FULL_WINDOW_PX * step):
+        for top, lines in _parts(size[1], WINDOWS.full_window_px * step):
             row = []
-            for left, samples in _parts(size[0], FULL_WINDOW_PX * step):
+            for left, samples in _parts(size[0], WINDOWS.full_window_px * step):
                 own = ImageWindow(left, top, samples, lines)
-                row.append(Cell((own.grown(OVERLAP_PX * step).inside(size),), (own,), 0, 0))
+                row.append(Cell((own.grown(WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
             rows.append(row)
         return rows
     return _sample(image, cells, per_cell, step)
@@ -50,7 +43,7 @@ def _parts(length: int, side: int) -> list[tuple[int, int]]:
 
 
 def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
-    size, side = image.known_size, WINDOW_PX * step
+    size, side = image.known_size, WINDOWS.window_px * step
     columns, rows = (max(1, min(cells, length // side)) for length in size)
     grid = []
     for r in range(rows):
@@ -62,7 +55,7 @@ def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cel
                 ImageWindow(sample, line, side, side).inside(size)
                 for sample, line in _places(left, right, top, bottom, side, size)
             )
-            row.append(Cell(windows, windows, per_cell, SURPLUS * per_cell))
+            row.append(Cell(windows, windows, per_cell, WINDOWS.surplus * per_cell))
         grid.append(row)
     return grid
 
@@ -78,7 +71,7 @@ def _places(left: int, right: int, top: int, bottom: int, side: int, size: tuple
     places = [(sample, line) for line in lines for sample in samples]
     places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
     chosen = places[:1]
-    while len(chosen) < min(ATTEMPTS, len(places)):  # the one farthest from those that are chosen
+    while len(chosen) < min(WINDOWS.attempts, len(places)):  # the one farthest from those that are chosen
         rest = [place for place in places if place not in chosen]
         chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
     return chosen

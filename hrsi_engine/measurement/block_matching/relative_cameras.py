@@ -26,18 +26,28 @@ from scipy.spatial import cKDTree
 
 from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
-from ..tile_matching.epipolar import MIN_STRETCH, transfer
+from ...foundation.thresholds import threshold, thresholds
+from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .coarse import CoarseJob, PairEstimate, height_nodes
 from .joining import BlockMatches, pair_rows
 
-PRIOR_PX = 30.0  # that RPCs are off
-ROBUST_ROUNDS, INFLUENCE_PX = 3, 2.0  # residuals beyond count less
-LEAST_MARGIN_PX = 2.0  # around a predicted place
-WIDE_SIGMAS = 3.0
-WIDEST_PX = 24.0  # that an image without matches is sought around, by what the others are off
-HEIGHT_NEIGHBOURS = 5
-SAMPLED = 16  # points of a pair that its J and t are means of
+
+@thresholds
+class RelativeCameraThresholds:
+    """Shifts of a block's cameras to one another, and how far around a predicted place is searched."""
+
+    prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
+    rounds: int = threshold(3, "rounds", "of reweighting")
+    influence_px: float = threshold(2.0, "px", "residual beyond which an observation is down-weighted (Huber)")
+    margin_px: float = threshold(2.0, "px", "searched around a place", "Pléiades, Kahramanmaras, 2026-11-22")
+    safety: float = threshold(3.0, "sigma", "of residuals, shifts and heights, added to that")
+    widest_px: float = threshold(24.0, "px", "searched around where an image without matches is expected")
+    neighbours: int = threshold(5, "points", "whose median height is that of the ground between them")
+    sampled: int = threshold(16, "points", "of a pair, whose mean derivatives stand for all")
+
+
+CAMERAS = RelativeCameraThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +70,7 @@ class RelativeCameras:
         xy = job.first.rpc.project(self.ground) + self.shift_px[first]
         margin = float(np.hypot(self.sigma_px[first], self.sigma_px[second]))
         inside = ((xy > -margin) & (xy < np.array(job.first.known_size) + margin)).all(axis=1)
-        if inside.sum() < HEIGHT_NEIGHBOURS:
+        if inside.sum() < CAMERAS.neighbours:
             return None
         xy, height = xy[inside], self.ground[inside, 2]
         nodes, shape, spacing = height_nodes(job.first.known_size)
@@ -68,7 +78,7 @@ class RelativeCameras:
         grid = HeightGrid(_middle(tree, height, nodes, 0).reshape(shape), (0.0, 0.0), spacing)
         # What a point's neighbours, itself left out, are off: how well the ground between points is known
         sigma = max(float(robust_sigma(height - _middle(tree, height, xy, 1))), 0.5)
-        reach = WIDE_SIGMAS * sigma
+        reach = CAMERAS.safety * sigma
         turn, _ = _slopes(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
         geometry = TilePairGeometry(
@@ -80,14 +90,14 @@ class RelativeCameras:
 
 def _middle(tree: cKDTree, values: np.ndarray, places: np.ndarray, skipped: int) -> np.ndarray:
     """Return the medians of the values nearest to places, so many of the nearest left out."""
-    count = min(HEIGHT_NEIGHBOURS + skipped, len(values))
+    count = min(CAMERAS.neighbours + skipped, len(values))
     _, near = tree.query(places, k=np.arange(1, count + 1))
     return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))
 
 
 def _slopes(first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean change ``(2, 2)`` of a transfer by the place and that ``(2,)`` by the height."""
-    few = np.linspace(0, len(xy) - 1, min(SAMPLED, len(xy))).astype(int)
+    few = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
     here, height = xy[few], height_m[few]
 
     def seen(dx: float, dy: float, dh: float) -> np.ndarray:
@@ -108,7 +118,7 @@ def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> Relative
     for (a, b), rows in rows_of.items():
         turn[rows], climb[rows] = _slopes(images[a], images[b], matches.first_xy[rows], matches.height_m[rows])
     # One height for all matches of a point: the mean by what they tell of it
-    weight = np.maximum(np.sum(climb**2, axis=1), MIN_STRETCH**2)
+    weight = np.maximum(np.sum(climb**2, axis=1), EPIPOLAR.least_stretch**2)
     height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
     left = np.empty((len(matches), 2))
     for (a, b), rows in rows_of.items():
@@ -118,7 +128,7 @@ def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> Relative
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
     design = _design(matches, turn, equation, len(images))
     weight = np.ones(equation.shape)
-    for _ in range(ROBUST_ROUNDS):
+    for _ in range(CAMERAS.rounds):
         root = np.sqrt(weight).ravel()
         A, r = sparse.diags(root) @ design, root * left.ravel()
         t = root * climb.ravel()
@@ -127,12 +137,12 @@ def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> Relative
             (t / np.maximum(length, 1e-12)[np.repeat(point, 2)], (equation.ravel(), np.repeat(point, 2)))
         )
         UA = U.T @ A
-        N = (A.T @ A - UA.T @ UA + sparse.identity(A.shape[1]) / PRIOR_PX**2).tocsc()
+        N = (A.T @ A - UA.T @ UA + sparse.identity(A.shape[1]) / CAMERAS.prior_px**2).tocsc()
         shift = spsolve(N, A.T @ r - UA.T @ (U.T @ r))
         rest = r - A @ shift
         rise = (U.T @ rest) / np.maximum(length, 1e-12)
         away = (left.ravel() - design @ shift - climb.ravel() * rise[np.repeat(point, 2)]).reshape(-1, 2)
-        weight[:] = np.minimum(1.0, INFLUENCE_PX / np.maximum(np.hypot(*away.T), 1e-9))[:, None]
+        weight[:] = np.minimum(1.0, CAMERAS.influence_px / np.maximum(np.hypot(*away.T), 1e-9))[:, None]
     shift = shift.reshape(-1, 2)
     head = np.unique(point, return_index=True)[1]
     ground = np.empty((len(names), 3))
@@ -156,10 +166,10 @@ def _design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, image
 def _with_others(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return shifts and sigmas of all images: those without matches may be off as all others are."""
     known = np.unique(np.r_[matches.first, matches.second])
-    sigma = np.full(len(shift), LEAST_MARGIN_PX)
-    sigma[known] += WIDE_SIGMAS * float(robust_sigma(away.ravel()))
+    sigma = np.full(len(shift), CAMERAS.margin_px)
+    sigma[known] += CAMERAS.safety * float(robust_sigma(away.ravel()))
     others = np.setdiff1d(np.arange(len(shift)), known)
     middle = np.median(shift[known], axis=0)
-    spread = WIDE_SIGMAS * float(np.max(robust_sigma(shift[known] - middle, axis=0), initial=0.0))
-    shift[others], sigma[others] = middle, min(LEAST_MARGIN_PX + spread, WIDEST_PX)
+    spread = CAMERAS.safety * float(np.max(robust_sigma(shift[known] - middle, axis=0), initial=0.0))
+    shift[others], sigma[others] = middle, min(CAMERAS.margin_px + spread, CAMERAS.widest_px)
     return shift, sigma

@@ -15,7 +15,7 @@ from ...foundation.progress import Progress, stage
 from ...foundation.version import VERSION
 from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, digest, run_parts
 from ...surface.dem import HeightSurface
-from ..tie_options import AUTOMATIC_CELLS, FULL_PER_CELL, SAMPLED_PER_CELL, TieOptions
+from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
 from . import coarse, joining, overlaps, plan
 from .completion import TransferJob, transfer_star
@@ -27,28 +27,12 @@ from .links import (
 )
 from .overview import FoundFeatures, OverviewJob, overview_features, overview_step
 from .pair_choice import PairChoice
-from .probes import (
-    PROBED_FEATURES,
-    Probe,
-    ProbeJob,
-    angles_deg,
-    choose_probed,
-    likely_overlaps,
-    probe_pairs,
-    view_directions,
-)
+from .probes import CHOICE, Probe, ProbeJob, angles_deg, choose_probed, likely_overlaps, probe_pairs, view_directions
 from .relative_cameras import relative_cameras
 from .star import Partner, StarJob, match_stars
 from .windows import PyramidRaster
 
-FEW_LINKS = 3  # of an image: below, its pairs are matched thoroughly
-PREDICTED_PAIRS = 5  # of such an image that are matched where the others put it, if that is not enough
-COMPARED_AT_ONCE = 128  # whose overviews' features are in memory
-COMPLETED_PARTNERS = 2  # images besides the reference that a point must be on, to be looked for in others
-COMPLETED_SIGMA_PX = 0.12  # beyond which what is found there then is not taken
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
-CELLS_PER_PART = 12  # of a star job: seconds of work, as is one cell of an image that is matched thoroughly everywhere
-DEM_MARGIN_M = 50.0  # buildings, trees, the DEM's own errors, and what the RPCs are off
 
 
 def choose_match_options(
@@ -72,7 +56,7 @@ def points_of_a_cell(options: TieOptions, image: Image) -> int:
         return options.per_cell
     if options.dense:
         return EVERY
-    return FULL_PER_CELL if plan.is_matched_everywhere(image) else SAMPLED_PER_CELL
+    return TIE_SEARCH.full_per_cell if plan.is_matched_everywhere(image) else TIE_SEARCH.sampled_per_cell
 
 
 class EstimatedPair(NamedTuple):
@@ -115,7 +99,7 @@ class TieSearch:
     def find_overlapping(self) -> list[overlaps.Overlap]:
         """Return the pairs of usable images that overlap; raise `InputError` where there are none."""
         images = [self.images[index] for index in self.usable]
-        self._ranges = overlaps.ground_ranges(images, self.surface, DEM_MARGIN_M)
+        self._ranges = overlaps.ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
         found = likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
         if self.earlier:
             found = [pair for pair in found if not {images[pair.first].id, images[pair.second].id} <= self.earlier]
@@ -167,7 +151,7 @@ class TieSearch:
         images = [self.images[index] for index in self.usable]
         parts = [self._overview_part(index) for index in range(len(images))]
         self._features = FoundFeatures(parts, self._scheduler, self._keeper)
-        self._features.find(PROBED_FEATURES, stage(progress, 0.0, 0.7))
+        self._features.find(CHOICE.features, stage(progress, 0.0, 0.7))
         directions = view_directions(images)
         first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
         angle = angles_deg(directions, first, second)
@@ -197,9 +181,9 @@ class TieSearch:
 
     def _estimate(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
         """Compare the overviews of pairs of usable images, and enter what was found."""
-        for start in range(0, len(pairs), COMPARED_AT_ONCE):
-            ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, COMPARED_AT_ONCE))
-            self._compare(pairs[start : start + COMPARED_AT_ONCE], stage(progress, *ends))
+        for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
+            ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, TIE_SEARCH.pair_batch))
+            self._compare(pairs[start : start + TIE_SEARCH.pair_batch], stage(progress, *ends))
 
     def _compare(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
         jobs = {(a, b): self._job(a, b) for a, b in pairs}
@@ -272,7 +256,8 @@ class TieSearch:
         hard = [
             pair
             for pair in self.pairs
-            if (pair.first, pair.second) not in sound and min(held[pair.first], held[pair.second]) < FEW_LINKS
+            if (pair.first, pair.second) not in sound
+            and min(held[pair.first], held[pair.second]) < TIE_SEARCH.few_links
         ]
         return self._match(hard, False, progress)
 
@@ -284,17 +269,17 @@ class TieSearch:
         sound = {(link.first, link.second) for link in links if link.sound}
         held = Counter(number for pair in sound for number in pair)
         few = [index for index, number in enumerate(self.usable)
-               if held[number] < FEW_LINKS and number not in self.reasons]  # fmt: skip
+               if held[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
         pairs: dict[tuple[int, int], EstimatedPair] = {}
         for index in few:
             for a, b in self.choice.most_alike(index):
                 first, second = self.usable[a], self.usable[b]
                 partner = second if a == index else first
-                if held[partner] < FEW_LINKS or (first, second) in sound:
+                if held[partner] < TIE_SEARCH.few_links or (first, second) in sound:
                     continue
                 job = self._job(a, b)
                 pairs[a, b] = EstimatedPair(job, first, second, cameras.estimate(job, first, second))
-                if sum(index in pair for pair in pairs) == PREDICTED_PAIRS or len(pairs) >= self.choice.room:
+                if sum(index in pair for pair in pairs) == TIE_SEARCH.predicted_pairs or len(pairs) >= self.choice.room:
                     break
         for pair in pairs:
             self.choice.tell(pair, True)
@@ -311,7 +296,7 @@ class TieSearch:
         parts = []
         for (first, second), job in places.items():
             estimate = cameras.estimate(job, first, second)
-            chosen = (cameras.partners >= COMPLETED_PARTNERS) & ~np.isin(
+            chosen = (cameras.partners >= TIE_SEARCH.completed_partners) & ~np.isin(
                 cameras.tracks, good.track[good.second == second]
             )
             own = good.first == first
@@ -323,7 +308,9 @@ class TieSearch:
             height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
             windows = tuple(cell.own[0] for cells in plan.cell_rows(job.first, self.options.cells, 0) for cell in cells)
             partner = Partner(second, job.second, estimate.geometry)
-            options = replace(choose_match_options(self.options, job.first), largest_sigma_px=COMPLETED_SIGMA_PX)
+            options = replace(
+                choose_match_options(self.options, job.first), largest_sigma_px=TIE_SEARCH.completed_sigma_px
+            )
             transfer = TransferJob(first, job.first, windows, xy, height, partner, options)
             key = digest(VERSION, self._marks[first], self._marks[second], estimate.geometry, xy, height, options)
             parts.append(WorkPart(f"points-{key}", transfer_star, transfer, label=f"completing {job.first.id}"))
@@ -364,7 +351,7 @@ class TieSearch:
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
         options = choose_match_options(self.options, image, linked, predicted)
-        per_part = CELLS_PER_PART if linked or not plan.is_matched_everywhere(image) else 1
+        per_part = TIE_SEARCH.cells_per_part if linked or not plan.is_matched_everywhere(image) else 1
         for start in range(0, len(cells), per_part):
             chosen = tuple(cells[start : start + per_part])
             job = StarJob(number, image, chosen, tuple(partners), options)

@@ -24,12 +24,7 @@ from ..tile_matching.pair_matching import (
     transfer_points,
 )
 from .local_geometry import local_geometry
-from .windows import ImageWindow, predicted_window, read_tile
-
-WINDOW_BORDER_PX = 24  # around predicted windows: half a window of least-squares matching and some room
-LEAST_VALID = 0.3  # share of a window's pixels below which it is not worth matching
-LEAST_SIDE_PX = 64  # of the part of a partner that shows the window
-FEW_COMMON = 3  # points that tell how two partners' heights differ
+from .windows import WINDOWS, ImageWindow, predicted_window, read_tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +105,7 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
         places = [(partner, _place_in(partner, window)) for partner in near]
         seen = [(partner, place) for partner, place in places if place is not None]
         tile = read_tile(job.reference, window, job.step) if seen else None
-        if tile is None or tile.valid.mean() < LEAST_VALID:
+        if tile is None or tile.valid.mean() < WINDOWS.valid_share:
             continue
         rows = _thin(_match_window(tile, own, seen, options), cell.most)
         yield from rows
@@ -180,7 +175,7 @@ def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.nd
     Apparent heights of two pairs differ by what the RPCs are off along the lines; common points tell how much.
     """
     _, mine, theirs = np.intersect1d(_keys(own.first_xy), _keys(other.first_xy), return_indices=True)
-    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= FEW_COMMON else 0.0
+    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= WINDOWS.fewest_common else 0.0
     return other.first_xy, other.height_m + shift
 
 
@@ -219,6 +214,6 @@ def _thin(rows: list[Rows], most: int) -> list[Rows]:
 
 def _place_in(partner: Partner, window: ImageWindow) -> ImageWindow | None:
     """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
-    border = WINDOW_BORDER_PX * partner.step
+    border = WINDOWS.border_px * partner.step
     there = predicted_window(partner.geometry, window, border).inside(partner.image.known_size)
-    return there if min(there.samples, there.lines) >= LEAST_SIDE_PX + border else None
+    return there if min(there.samples, there.lines) >= WINDOWS.side_px + border else None

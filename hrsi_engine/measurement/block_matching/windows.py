@@ -7,11 +7,32 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from ...block.block import Image, Raster
-from ..tile_matching.epipolar import transfer
+from ...foundation.thresholds import threshold, thresholds
+from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import ImageTile, TilePairGeometry
 
-HEIGHT_SAFETY = 3.0  # sigmas of the height that a window is searched in
-OVERVIEW_STRIP_LINES = 1024  # of an image that cannot read itself at a lower resolution
+
+@thresholds
+class WindowThresholds:
+    """Which windows of an image are matched with which parts of others, and how they are read."""
+
+    height_safety: float = threshold(3.0, "sigma", "of the height, to which a window is searched")
+    strip_lines: int = threshold(1024, "lines", "read at a time of an image without a pyramid")
+    full_px: int = threshold(2048, "px", "longer side of images that are matched everywhere")
+    full_window_px: int = threshold(512, "px", "side of their windows")
+    overlap_px: int = threshold(24, "px", "of their windows: points near the edge need their surroundings")
+    window_px: int = threshold(256, "px", "side of the windows of larger images", "tiles of most GeoTIFFs")
+    attempts: int = threshold(4, "windows", "tried in a cell")
+    surplus: int = threshold(3, "", "points kept of a cell over those it is to have: tracks are chosen later")
+    border_px: int = threshold(24, "px", "around predicted windows, for least-squares matching")
+    valid_share: float = threshold(0.3, "", "of a window's pixels, below which it is not matched")
+    side_px: int = threshold(64, "px", "least side of the part of a partner that shows the window")
+    fewest_common: int = threshold(3, "points", "that tell how the apparent heights of two partners differ")
+    miss_px: float = threshold(1e-3, "px", "of the cubic of a window, above which its RPCs are used")
+    height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "of the cubic, for the lines' step")
+
+
+WINDOWS = WindowThresholds()
 
 
 class ImageWindow(NamedTuple):
@@ -69,7 +90,7 @@ def read_overview(image: Image, step: int) -> ImageTile:
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(raster, PyramidRaster):
         return ImageTile(*raster.read_reduced(step), origin, float(step))
-    parts, lines = [], step * max(OVERVIEW_STRIP_LINES // step, 1)
+    parts, lines = [], step * max(WINDOWS.strip_lines // step, 1)
     for line in range(0, step * (size[1] // step), lines):
         strip = raster.read(0, line, size[0], min(lines, size[1] - line))
         parts.append(block_means(*strip, step))
@@ -107,5 +128,5 @@ def height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarra
     """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
-    height, reach = geometry.heights_at(xy), HEIGHT_SAFETY * geometry.height_sigma_m
+    height, reach = geometry.heights_at(xy), WINDOWS.height_safety * geometry.height_sigma_m
     return height - reach, height + reach

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
+from ...foundation.thresholds import threshold, thresholds
 from ...surface.dem import HeightSurface
 from ..window_matching.orientation_correlation import (
     CorrelationPeak,
@@ -22,16 +23,24 @@ from ..window_matching.orientation_correlation import (
 )
 from .predicted_patches import image_patch, predicted_patch
 
-FIRST_SEARCH_PX = 64.0
-SEARCH_GROWTH = 4.0
-SEARCH_REACH = 32  # working pixels to each side at the coarsest step
-LEAST_SIDE = 128  # working pixels along the shorter side of an image; fewer show too little
-FINE_SEARCH_REACH_PX = 8
-SITE = 160  # side of a part in working pixels
-SITES = 4  # parts along each side of a large image
-PEAK_CONTRAST = 9.0  # robust standard deviations by which a peak must stand out
-CLEAR = 0.75  # a second peak above this share of the first makes it unclear
-BIAS_NODE_PX = 8.0
+
+@thresholds
+class BiasSearchThresholds:
+    """Search for an image's offset to a reference, coarse to fine."""
+
+    first_search_px: float = threshold(64.0, "px", "largest offset of the first attempt")
+    growth: float = threshold(4.0, "", "of the search from attempt to attempt, of the resolution from step to step")
+    reach: int = threshold(32, "working px", "to each side at the coarsest step")
+    least_side: int = threshold(128, "working px", "along the shorter side of an image; fewer show too little")
+    fine_reach: int = threshold(8, "working px", "to each side at finer steps")
+    site: int = threshold(160, "working px", "side of a part of the image")
+    sites: int = threshold(4, "parts", "along each side of a large image")
+    contrast: float = threshold(9.0, "sigma", "robust standard deviations by which a peak must stand out")
+    rival: float = threshold(0.75, "", "height over the peak's, above which a second one makes it ambiguous")
+    node: float = threshold(8.0, "working px", "between nodes of the predicted part")
+
+
+BIAS = BiasSearchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +60,19 @@ def search_bias(
     ``search_px`` is the largest bias looked for.
     """
     size = image.known_size
-    reach = min(FIRST_SEARCH_PX * max(step, 1.0), search_px)
+    reach = min(BIAS.first_search_px * max(step, 1.0), search_px)
     while True:
-        coarse = max(step, min(reach / SEARCH_REACH, min(size) / LEAST_SIDE))
+        coarse = max(step, min(reach / BIAS.reach, min(size) / BIAS.least_side))
         peak = _peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
-        if peak is not None and peak.contrast >= PEAK_CONTRAST and peak.rival <= CLEAR:
+        if peak is not None and peak.contrast >= BIAS.contrast and peak.rival <= BIAS.rival:
             break
         if reach >= search_px:
             return None
-        reach = min(reach * SEARCH_GROWTH, search_px)
+        reach = min(reach * BIAS.growth, search_px)
     offset = peak.shift
     while coarse > step:
-        coarse = max(coarse / SEARCH_GROWTH, step)
-        finer = _peak(image, reference, surface, gsd_m, coarse, offset, FINE_SEARCH_REACH_PX)
+        coarse = max(coarse / BIAS.growth, step)
+        finer = _peak(image, reference, surface, gsd_m, coarse, offset, BIAS.fine_reach)
         if finer is None:
             return None
         offset = finer.shift
@@ -80,14 +89,14 @@ def _peak(
     starts, sides = [], []
     for size in image.known_size:
         whole = max(int(size / step), 1)
-        count = min(max(int(np.ceil(whole / SITE)), 1), SITES)
-        side = min(whole, SITE) if count > 1 else whole
+        count = min(max(int(np.ceil(whole / BIAS.site)), 1), BIAS.sites)
+        side = min(whole, BIAS.site) if count > 1 else whole
         places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
         starts.append(places)
         sides.append(side)
     sites = [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]
     for origin, shape in sites:
-        template = predicted_patch(image, reference, surface, origin, shape, step, offset, BIAS_NODE_PX, gsd_m)
+        template = predicted_patch(image, reference, surface, origin, shape, step, offset, BIAS.node, gsd_m)
         if not template.valid.any():
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)

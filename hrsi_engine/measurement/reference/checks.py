@@ -1,7 +1,7 @@
 """Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
 
 The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
-it exceeds `REFERENCE_LIMIT` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
+it exceeds `CHECKS.limit` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
 hundreds of metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
 measured.
 """
@@ -16,11 +16,23 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.shared_accuracy import DEM, ORTHOIMAGE
+from ...foundation.thresholds import threshold, thresholds
 from .matching import ImageControl, ReferenceControl
 
-REFERENCE_LIMIT = 3.5  # standard deviations; 0.2 % of good references exceed it
-FAR_LIMITS = 1.3  # times that: 4.5 standard deviations, 1 of 25 000
-UNKNOWN_BIAS_M = 15.0  # of an RPC that states no ERR_BIAS, each horizontal coordinate
+
+@thresholds
+class ReferenceCheckThresholds:
+    """When a reference contradicts the RPCs, surveyed GCPs or itself."""
+
+    limit: float = threshold(3.5, "sigma", "beyond which an offset is excessive", "normal, in the plane: 0.2 %")
+    far: float = threshold(1.3, "", "times that, chance is excluded", "normal, in the plane: 1 of 25 000")
+    unknown_bias_m: float = threshold(15.0, "m", "standard deviation of each coordinate by an RPC without ERR_BIAS")
+    parts: int = threshold(3, "parts", "along each side of the ground")
+    fewest_places: int = threshold(4, "places", "of an image by which a part is judged")
+    drift_m: float = threshold(1.0, "m", "standard deviation of an image's own bias from part to part")
+
+
+CHECKS = ReferenceCheckThresholds()
 
 
 @dataclass(frozen=True)
@@ -74,10 +86,10 @@ def reference_shift(
     middle, _ = image.rpc.localize(image.centre_px[None], float(np.median(ground[:, 2])))
     _, by_ground = image.rpc.project_with_metric_jacobian(middle)
     east, north = np.linalg.solve(by_ground[0, :, :2], bias)
-    own = image.rpc.err_bias or UNKNOWN_BIAS_M
+    own = image.rpc.err_bias or CHECKS.unknown_bias_m
     # heights that are wrong move the ground along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
-    limit = REFERENCE_LIMIT * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    limit = CHECKS.limit * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
     return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
 
 
@@ -104,8 +116,8 @@ def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
 
 
 def far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
-    """Return the same of shifts that chance does not make: `FAR_LIMITS` times the limit."""
-    return shift_warnings([shift for shift in shifts if shift.length_m > FAR_LIMITS * shift.limit_m])
+    """Return the same of shifts that chance does not make: `CHECKS.far` times the limit."""
+    return shift_warnings([shift for shift in shifts if shift.length_m > CHECKS.far * shift.limit_m])
 
 
 def _explanation(shift: ReferenceShift) -> str:
@@ -171,5 +183,5 @@ def contradiction(
         return None
     every, variance = np.concatenate(differences), np.concatenate(variances)
     east, north = np.median(every, axis=0)
-    limit = REFERENCE_LIMIT * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
+    limit = CHECKS.limit * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
     return Contradiction(float(east), float(north), limit, len(every))

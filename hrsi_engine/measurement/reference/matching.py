@@ -21,6 +21,7 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.streams import open_calls
 from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface
@@ -37,14 +38,23 @@ from .places import choose_places
 from .predicted_patches import image_patch, predicted_patch
 from .robust_offsets import Agreement, agree
 
-COARSER_THAN_IMAGE = 1.25  # an orthoimage this much coarser than the image sets the working resolution
-CONVINCING_LOG10 = -6.0
-AGREEMENT_PX = 2.0  # working pixels within which matches belong together at first: heights of the DEM are not exact
-SIGMA_FLOOR_PX = 0.05  # no match of different images is better
-SIGMA_BY_DIRECTIONS_PX = 0.4  # of a peak of gradient directions where grey values do not match
-CORRELATION = 0.5  # of grey values, below which least-squares matching is not trusted
-LSM_REACH_PX, LSM_SMOOTHING_PX = 1.5, 0.7
-TEMPLATE_BORDER = 4  # working pixels around a template, for smoothing and slopes
+
+@thresholds
+class ReferenceMatchThresholds:
+    """When a place of a reference is found in an image, and how well."""
+
+    coarser: float = threshold(1.25, "", "pixel of the orthoimage over the image's, from which it sets the resolution")
+    chance_log10: float = threshold(-6.0, "log10", "largest probability that as many false matches agree")
+    agreement: float = threshold(2.0, "working px", "within which matches belong together: the DEM is not exact")
+    sigma_floor: float = threshold(0.05, "working px", "added to sigma: different images match no better")
+    direction_sigma: float = threshold(0.4, "working px", "sigma of a peak where grey values do not match")
+    correlation: float = threshold(0.5, "", "of grey values, below which least-squares matching is not trusted")
+    lsm_reach: float = threshold(1.5, "working px", "that least-squares matching may move")
+    smoothing: float = threshold(0.7, "working px", "Gaussian of both windows")
+    border: int = threshold(4, "working px", "around a template, for smoothing and slopes")
+
+
+MATCHING = ReferenceMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +155,7 @@ def _match_image(
 ) -> ImageControl:
     gsd = ground_sample_m(image, places[0]) if len(places) else 1.0
     ratio = reference.gsd_m / gsd
-    step = ratio if ratio > COARSER_THAN_IMAGE else 1.0
+    step = ratio if ratio > MATCHING.coarser else 1.0
     if not len(places):
         return _nothing(image, gsd, step, "no textured place of the reference, with a height, lies below it")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
@@ -208,10 +218,10 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
         task.image.centre_px,
         task.image.half_size_px,
         task.step * options.reach_px,
-        AGREEMENT_PX * task.step,
+        MATCHING.agreement * task.step,
     )
     refusal = ""
-    if agreement is None or agreement.chance_log10 > CONVINCING_LOG10:
+    if agreement is None or agreement.chance_log10 > MATCHING.chance_log10:
         refusal = f"{len(rows)} places resemble the reference, but not all shifted alike: it may show another place"
         agreement = None
     used = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
@@ -225,21 +235,21 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     """Return where a place is found near its expected position ``(2,)``; None where it is not."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
-    origin = expected - task.step * (half + TEMPLATE_BORDER)
+    origin = expected - task.step * (half + MATCHING.border)
     template = predicted_patch(
         task.image, task.reference, task.surface, origin,
-        (side + 2 * TEMPLATE_BORDER, side + 2 * TEMPLATE_BORDER), task.step, task.bias.offset_px,
+        (side + 2 * MATCHING.border, side + 2 * MATCHING.border), task.step, task.bias.offset_px,
         options.node_px, task.gsd_m,
     )  # fmt: skip
     if template.valid.mean() < 0.9:
         return None
-    corner = expected - task.step * (half + reach + TEMPLATE_BORDER)
+    corner = expected - task.step * (half + reach + MATCHING.border)
     corner = np.round(corner) if task.step == 1.0 else corner
-    window = side + 2 * (reach + TEMPLATE_BORDER)
+    window = side + 2 * (reach + MATCHING.border)
     search = image_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = np.s_[TEMPLATE_BORDER:-TEMPLATE_BORDER, TEMPLATE_BORDER:-TEMPLATE_BORDER]
+    inner = np.s_[MATCHING.border : -MATCHING.border, MATCHING.border : -MATCHING.border]
     surface = correlate_orientations(
         compute_orientation_field(template.grey, template.valid)[inner],
         compute_orientation_field(search.grey, search.valid)[inner],
@@ -247,15 +257,15 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
-    at = peak.shift + TEMPLATE_BORDER + half  # of the place's centre in the searched window
+    at = peak.shift + MATCHING.border + half  # of the place's centre in the searched window
     # The match after least-squares matching, or as it is where grey values do not correlate
-    middle = half + TEMPLATE_BORDER
+    middle = half + MATCHING.border
     step = task.step
-    settings = LsmOptions(window_px=2 * (middle - TEMPLATE_BORDER) + 1, reach_px=LSM_REACH_PX)
-    first = MatchImage(template.grey, template.valid, LSM_SMOOTHING_PX)
-    second = MatchImage(search.grey, search.valid, LSM_SMOOTHING_PX)
+    settings = LsmOptions(window_px=2 * (middle - MATCHING.border) + 1, reach_px=MATCHING.lsm_reach)
+    first = MatchImage(template.grey, template.valid, MATCHING.smoothing)
+    second = MatchImage(search.grey, search.valid, MATCHING.smoothing)
     made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
-    if made.status[0] == DONE and made.correlation[0] >= CORRELATION and made.gain[0] > 0.0:
-        sigma = float(np.hypot(made.sigma_px[0], SIGMA_FLOOR_PX))
+    if made.status[0] == DONE and made.correlation[0] >= MATCHING.correlation and made.gain[0] > 0.0:
+        sigma = float(np.hypot(made.sigma_px[0], MATCHING.sigma_floor))
         return _Match(search.origin + step * made.xy[0], step * sigma, peak.score)
-    return _Match(search.origin + step * at, step * SIGMA_BY_DIRECTIONS_PX, peak.score)
+    return _Match(search.origin + step * at, step * MATCHING.direction_sigma, peak.score)

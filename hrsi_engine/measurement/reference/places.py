@@ -10,12 +10,7 @@ from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import SCHARR, blur, box_mean, erode, slopes
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
-from .predicted_patches import read_reduced
-
-LOOKED_AT_PX = 192  # side of the part of a cell in which the place is chosen, working pixels
-FLAT = 0.02  # of the median texture, below which a place shows nothing
-OUTLINE = 40  # rays across an image, by which its ground is known
-MOST_PLACE_CELLS = 20_000
+from .predicted_patches import PATCH, read_reduced
 
 
 def choose_places(
@@ -38,7 +33,7 @@ def choose_places(
     dense = np.unique(np.floor((pixels[inside][:, None] + steps).reshape(-1, 2) / cell).astype(np.int64), axis=0)
     last = np.floor((size - 1) / cell)
     dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
-    cells = dense[:: max(len(dense) // MOST_PLACE_CELLS, 1)]
+    cells = dense[:: max(len(dense) // PATCH.most_cells, 1)]
     spots, texture = [], []
     for column, row in cells:
         spot = _best_spot(reference, column * cell, row * cell, cell, step, window_px)
@@ -47,14 +42,14 @@ def choose_places(
             texture.append(spot[1])
     if not spots:
         return np.zeros((0, 3))
-    strong = np.array(texture) > FLAT * np.median(texture)
+    strong = np.array(texture) > PATCH.flat * np.median(texture)
     lonlat = reference.to_lonlat(np.array(spots)[strong])
     ground = np.column_stack([lonlat, surface_heights(surface, lonlat)])
     return ground[np.isfinite(ground[:, 2])]
 
 
 def _ground_below(image: Image, surface: HeightSurface) -> np.ndarray:
-    ground, status = intersect_surface(image.rpc, image.grid_px(OUTLINE, OUTLINE), surface)
+    ground, status = intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface)
     return ground[status == Status.FOUND]
 
 
@@ -72,7 +67,7 @@ def _best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
     """Return the pixel position of a cell's most textured window and its texture; None where it shows nothing."""
-    looked = int(min(cell / step, LOOKED_AT_PX))
+    looked = int(min(cell / step, PATCH.cell_px))
     margin = window_px // 2 + 2
     side = max(looked, 1) + 2 * margin
     start = np.floor(np.array([left, top]) + 0.5 * cell - 0.5 * step * side).astype(int)

@@ -14,13 +14,26 @@ import numpy as np
 from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
+from ...foundation.thresholds import threshold, thresholds
 from ...surface.dem import HeightSurface, Status, intersect_surface
 
-BLUR = 0.45  # standard deviation of the low-pass filter, in pixels of the coarser image
-PATCH_STRIP_LINES = 2048  # read at a time where the pixels are averaged
-VALID = 0.999
-LEAST_KNOWN = 0.5  # share of a patch's rays that meet the DEM; fewer leave the patch as it is
-LARGEST_PATCH_PX = 64_000_000  # working pixels of a source window; more is a patch that lies across half the world
+
+@thresholds
+class PatchThresholds:
+    """Which places of a reference are looked for, and how it is resampled to the pixels of images."""
+
+    blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
+    strip_lines: int = threshold(2048, "lines", "read at a time where pixels are averaged")
+    valid: float = threshold(0.999, "", "share of a resampled pixel that must be valid; below 1 for rounding")
+    least_known: float = threshold(0.5, "", "share of a patch's rays that meet the DEM; fewer leave the gaps")
+    largest_px: int = threshold(64_000_000, "working px", "of a source window; more lies across half the world")
+    cell_px: int = threshold(192, "working px", "side of the part of a cell in which the place is chosen")
+    flat: float = threshold(0.02, "", "texture over the median, below which a place shows nothing")
+    rays: int = threshold(40, "rays", "along each side of an image, by which its ground is known")
+    most_cells: int = threshold(20_000, "cells", "of all images together")
+
+
+PATCH = PatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +55,7 @@ def read_reduced(
     """
     width, height = max(samples // factor, 1), max(lines // factor, 1)
     grey, valid = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=bool)
-    rows = max(PATCH_STRIP_LINES // factor, 1)
+    rows = max(PATCH.strip_lines // factor, 1)
     for row in range(0, height, rows):
         count = min(rows, height - row)
         part = _read_padded(raster, sample, line + row * factor, width * factor, count * factor)
@@ -52,7 +65,7 @@ def read_reduced(
         if factor > 1:
             share = reduce_by_area(mask.astype(np.float32), (width, count))
             pixels = reduce_by_area(np.where(mask, pixels, np.float32(0.0)), (width, count))
-            mask = share > VALID
+            mask = share > PATCH.valid
         grey[row : row + count], valid[row : row + count] = pixels, mask
     return grey, valid
 
@@ -87,20 +100,20 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
     margin = 4 * factor + int(4 * step)
     left, top = (int(np.floor(c[known].min())) - margin for c in (x, y))
     right, bottom = (int(np.ceil(c[known].max())) + margin + factor for c in (x, y))
-    if (right - left) / factor * (bottom - top) / factor > LARGEST_PATCH_PX or max(abs(left), abs(top)) > 2**30:
+    if (right - left) / factor * (bottom - top) / factor > PATCH.largest_px or max(abs(left), abs(top)) > 2**30:
         return nothing
     grey, valid = read_reduced(raster, left, top, right - left, bottom - top, factor)
     if not valid.any():
         return nothing
     rest = step / factor
     if rest > 1.05:
-        grey = blur(grey, BLUR * np.sqrt(rest**2 - 1.0) + 0.2)
+        grey = blur(grey, PATCH.blur * np.sqrt(rest**2 - 1.0) + 0.2)
     offset = (factor - 1) / 2.0
     column, row = (
         ((np.where(known, c, -1e6) - start - offset) / factor).astype(np.float32) for c, start in ((x, left), (y, top))
     )
     pixels = interpolate(grey, column, row, order=3)
-    mask = interpolate(erode(valid, 3).astype(np.float32), column, row, order=1, outside=0.0) > VALID
+    mask = interpolate(erode(valid, 3).astype(np.float32), column, row, order=1, outside=0.0) > PATCH.valid
     return np.where(mask, pixels, np.float32(0.0)), mask
 
 
@@ -139,7 +152,7 @@ def predicted_patch(
     found = status == Status.FOUND
     if found.any():
         place[found] = reference.to_pixels(ground[found, :2])
-    if LEAST_KNOWN <= found.mean() < 1.0:
+    if PATCH.least_known <= found.mean() < 1.0:
         # Positions with those of rays into gaps of the DEM, from the affine function of the others
         design = np.column_stack([np.ones(len(grid)), grid])
         coefficients = np.linalg.lstsq(design[found], place[found], rcond=None)[0]

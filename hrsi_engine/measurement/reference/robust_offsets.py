@@ -12,12 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-OFFSET_ROUNDS = 20
-LEAST_AGREEING = 6
+from ...foundation.thresholds import threshold, thresholds
+
+
+@thresholds
+class OffsetAgreementThresholds:
+    """When the offsets of an image agree on one affine bias."""
+
+    rounds: int = threshold(20, "rounds", "of reweighting")
+    fewest: int = threshold(6, "offsets", "that agree, below which there is no bias")
+    outlier: float = threshold(3.5, "sigma", "robust standard deviations beyond which an offset does not agree")
+    least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
+    affine_from: int = threshold(12, "offsets", "fewer only give a shift")
+
+
+OFFSETS = OffsetAgreementThresholds()
 TUKEY = 4.685
-OUTLIER = 3.5  # robust standard deviations
-LEAST_SPREAD = 0.05  # of the tolerance; offsets agree no better
-AFFINE_FROM = 12  # offsets; fewer only give a shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +61,18 @@ def agree(
     xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of what was expected
     tolerance_px : offsets this near to the densest place belong to the start
     """
-    if len(offset) < LEAST_AGREEING:
+    if len(offset) < OFFSETS.fewest:
         return None
     near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
     start = near[int(near.sum(axis=1).argmax())]
-    if start.sum() < LEAST_AGREEING:
+    if start.sum() < OFFSETS.fewest:
         return None
     design = _design(xy, centre, half_size)
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
     residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
-    for _ in range(OFFSET_ROUNDS):
-        columns = 3 if used.sum() >= AFFINE_FROM else 1
+    for _ in range(OFFSETS.rounds):
+        columns = 3 if used.sum() >= OFFSETS.affine_from else 1
         weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
         root = np.sqrt(weight)[:, None]
         values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
@@ -71,14 +81,14 @@ def agree(
         residual = offset - design @ coefficients.T
         # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
         length = np.hypot(*residual[used].T)
-        spread = float(np.clip(np.median(length) / 1.1774, LEAST_SPREAD * tolerance_px, tolerance_px))
-        within = np.hypot(*residual.T) <= OUTLIER * spread
-        if within.sum() < LEAST_AGREEING:
+        spread = float(np.clip(np.median(length) / 1.1774, OFFSETS.least_spread * tolerance_px, tolerance_px))
+        within = np.hypot(*residual.T) <= OFFSETS.outlier * spread
+        if within.sum() < OFFSETS.fewest:
             return None
         if np.array_equal(within, used):
             break
         used = within
-    radius = OUTLIER * spread
+    radius = OFFSETS.outlier * spread
     chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
     # the place was chosen among all offsets: that many places could have been the densest
     log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))

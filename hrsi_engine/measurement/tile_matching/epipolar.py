@@ -12,9 +12,25 @@ from typing import NamedTuple
 import numpy as np
 
 from ...camera.rpc import RPC
+from ...foundation.thresholds import threshold, thresholds
 
-HEIGHT_STEP_M = 50.0  # half the height difference over which the line's direction is taken
-MIN_STRETCH = 1e-3  # px per metre: below, the views are the same and a match says nothing of the height
+
+@thresholds
+class EpipolarThresholds:
+    """How epipolar lines are taken from RPCs, and which matches agree with them."""
+
+    height_step_m: float = threshold(50.0, "m", "half the height difference over which a line's direction is taken")
+    least_stretch: float = threshold(1e-3, "px/m", "along the line by height, below which two views are the same")
+    ratio: float = threshold(0.8, "", "of the distances to the nearest and second nearest descriptor", "Lowe 2004")
+    batch: int = threshold(2048, "descriptors", "compared at a time: memory")
+    mode_px: float = threshold(3.0, "px", "across the lines, within which the true matches of a pair lie")
+    neighbours: int = threshold(12, "matches", "with whose median parallax a match is compared")
+    fewest: int = threshold(6, "matches", "by which an offset can be judged")
+    fewest_for_plane: int = threshold(30, "matches", "by which a plane can be judged")
+    jump_px: float = threshold(8.0, "px", "from that median that buildings and trees explain")
+
+
+EPIPOLAR = EpipolarThresholds()
 
 
 class EpipolarMiss(NamedTuple):
@@ -48,15 +64,17 @@ def epipolar_miss(
     reach = 2.0 * (highest - lowest)
     height = np.full(len(first_xy), height_m, dtype=np.float64)
     for _ in range(iterations):
-        below = transfer(first, second, first_xy, height - HEIGHT_STEP_M)
-        above = transfer(first, second, first_xy, height + HEIGHT_STEP_M)
-        slope = (above - below) / (2.0 * HEIGHT_STEP_M)
+        below = transfer(first, second, first_xy, height - EPIPOLAR.height_step_m)
+        above = transfer(first, second, first_xy, height + EPIPOLAR.height_step_m)
+        slope = (above - below) / (2.0 * EPIPOLAR.height_step_m)
         stretch = np.linalg.norm(slope, axis=1)
-        distinct = stretch > MIN_STRETCH
-        direction = np.where(distinct[:, None], slope / np.maximum(stretch, MIN_STRETCH)[:, None], (1.0, 0.0))
+        distinct = stretch > EPIPOLAR.least_stretch
+        direction = np.where(
+            distinct[:, None], slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None], (1.0, 0.0)
+        )
         miss = second_xy - 0.5 * (above + below)
         along = np.einsum("ni,ni->n", miss, direction)
         across = direction[:, 0] * miss[:, 1] - direction[:, 1] * miss[:, 0]
-        step = np.where(distinct, along / np.maximum(stretch, MIN_STRETCH), 0.0)
+        step = np.where(distinct, along / np.maximum(stretch, EPIPOLAR.least_stretch), 0.0)
         height = np.clip(height + step, lowest - reach, highest + reach)
     return EpipolarMiss(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))

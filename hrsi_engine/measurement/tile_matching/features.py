@@ -7,11 +7,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.pixel_filters import erode, opencv_is_wanted
+from ...foundation.thresholds import threshold, thresholds
 from .sift_arrays import sift_arrays
 
-SIFT_CONTRAST = 0.01  # SIFT's contrast threshold: low, for satellite images of 11 bit and little texture
-CLEAR_PX = 9  # side of the square around a feature that must be valid
-TILE_STRETCH_PERCENT = (1.0, 99.0)
+
+@thresholds
+class FeatureThresholds:
+    """How SIFT features are found in satellite images and compared."""
+
+    contrast: float = threshold(0.01, "", "least of a feature: 11 bit, little texture", "Lowe 2004 has 0.03")
+    valid_px: int = threshold(9, "px", "side of the square around a feature that must be valid")
+    stretch: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of the grey values that become 0 and 255")
+    lenient_ratio: float = threshold(0.9, "", "of descriptors' distances; geometry decides", "Lowe 2004 has 0.8")
+
+
+FEATURES = FeatureThresholds()
 
 
 class SiftFeatures(NamedTuple):
@@ -27,16 +37,16 @@ def sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeature
     byte = stretch_to_byte(grey, valid)
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
-    usable = erode(valid, CLEAR_PX)
+    usable = erode(valid, FEATURES.valid_px)
     if opencv_is_wanted():
         return _by_opencv(byte, usable, most)
-    return SiftFeatures(*sift_arrays(byte, usable, most, SIFT_CONTRAST))
+    return SiftFeatures(*sift_arrays(byte, usable, most, FEATURES.contrast))
 
 
 def _by_opencv(byte: np.ndarray, usable: np.ndarray, most: int) -> SiftFeatures:
     import cv2
 
-    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=SIFT_CONTRAST, enable_precise_upscale=True)
+    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
     points, descriptors = sift.detectAndCompute(byte, None if usable.all() else usable.view(np.uint8))
     if not points:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
@@ -49,7 +59,7 @@ def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:
     """Return the window as 8 bit between the 1st and 99th percentile; None where it holds no texture at all."""
     if not valid.any():
         return None
-    low, high = np.percentile(grey[valid][::7], TILE_STRETCH_PERCENT)
+    low, high = np.percentile(grey[valid][::7], FEATURES.stretch)
     if not high > low:
         return None
     return np.clip((grey.astype(np.float32) - low) * (255.0 / (high - low)), 0.0, 255.0).astype(np.uint8)

@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from ...foundation.pixel_filters import blur, interpolate
-from .epipolar import HEIGHT_STEP_M, MIN_STRETCH, transfer
+from .epipolar import EPIPOLAR, transfer
+from .options import TILE_MATCH
 from .types import ImageTile, TilePairGeometry
 
-FRAME_NODE_PX = 32  # the prediction is exact at nodes so far apart and bilinear between them
-WIDEST_PAD_PX = 512
 NOWHERE_PX = -1e4  # outside any tile
 
 
@@ -53,11 +52,15 @@ class TileFrame:
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of what a height does in this frame."""
-        moved = (self.predict(points, HEIGHT_STEP_M) - self.predict(points, -HEIGHT_STEP_M)) / (2.0 * HEIGHT_STEP_M)
+        moved = (self.predict(points, EPIPOLAR.height_step_m) - self.predict(points, -EPIPOLAR.height_step_m)) / (
+            2.0 * EPIPOLAR.height_step_m
+        )
         slope = np.linalg.solve(self.jacobians(points), moved[..., None])[..., 0]
         stretch = np.linalg.norm(slope, axis=1)
-        flat = stretch < MIN_STRETCH
-        return np.where(flat[:, None], (1.0, 0.0), slope / np.maximum(stretch, MIN_STRETCH)[:, None]), stretch
+        flat = stretch < EPIPOLAR.least_stretch
+        return np.where(
+            flat[:, None], (1.0, 0.0), slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None]
+        ), stretch
 
     def displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
         """Return how far positions in the second tile are from their prediction, in this frame, ``(n, 2)``."""
@@ -88,14 +91,16 @@ class TileFrame:
     @cached_property
     def pad_px(self) -> int:
         """By how much the resampled window reaches beyond the first tile on each side."""
-        return int(np.ceil(min(max(self.reach_px), WIDEST_PAD_PX))) + 2
+        return int(np.ceil(min(max(self.reach_px), TILE_MATCH.widest_pad_px))) + 2
 
     @cached_property
     def resampled(self) -> ImageTile:
         """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both counted in pixels of the first tile."""
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
-        count = [max(2, -(-(length - 1) // FRAME_NODE_PX) + 1) for length in (columns, rows)]
-        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(FRAME_NODE_PX) for n in count)), axis=-1).reshape(-1, 2)
+        count = [max(2, -(-(length - 1) // TILE_MATCH.node_px) + 1) for length in (columns, rows)]
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), axis=-1).reshape(
+            -1, 2
+        )
         seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
         if not np.isfinite(seen).all():
             seen = np.full_like(seen, NOWHERE_PX)
@@ -109,8 +114,8 @@ class TileFrame:
 
 
 def _between_nodes(length: int, nodes: int) -> np.ndarray:
-    """Return the matrix of linear interpolation from nodes ``FRAME_NODE_PX`` apart to every pixel."""
-    position = np.arange(length) / FRAME_NODE_PX
+    """Return the matrix of linear interpolation from nodes ``TILE_MATCH.node_px`` apart to every pixel."""
+    position = np.arange(length) / TILE_MATCH.node_px
     node = np.minimum(position.astype(np.int64), nodes - 2)
     weights = np.zeros((length, nodes), dtype=np.float32)
     weights[np.arange(length), node] = 1.0 - (position - node)

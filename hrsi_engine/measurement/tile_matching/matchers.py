@@ -16,13 +16,11 @@ import numpy as np
 from ...block.block import ArrayRaster
 from ..control_network.matching import match_windows
 from ..control_network.options import ControlNetworkOptions as NetworkOptions
-from .features import root_sift, sift_features
+from .features import FEATURES, root_sift, sift_features
 from .options import TileMatchOptions
 from .patch_finder import distinct_places, seek
 from .rpc_consistency import mutual_matches
 from .types import ImageTile
-
-LENIENT_RATIO = 0.9  # lenient: geometry rejects what is wrong
 
 
 class CandidateMatches(NamedTuple):
@@ -41,7 +39,7 @@ def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: Til
         ("sift", options.features), lambda: sift_features(first.pixels, first.valid, options.features)
     )
     there = sift_features(second.pixels, second.valid, options.features)
-    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), LENIENT_RATIO)
+    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), FEATURES.lenient_ratio)
     return _near(here.xy[i] + first.origin_px, there.xy[j] + second.origin_px, reach_px)
 
 

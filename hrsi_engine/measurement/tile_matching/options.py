@@ -4,6 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...foundation.thresholds import threshold, thresholds
+
+
+@thresholds
+class TileMatchThresholds:
+    """Where the points of a window are and are sought, and which matches are kept."""
+
+    noise_cell_px: int = threshold(32, "px", "side of the cells whose quietest quarter tells the noise")
+    expected_sigma_px: float = threshold(0.1, "px", "of a match, above which a point is dropped")
+    weakest_corner: float = threshold(0.02, "", "over the median corner, below which it is unseen noise")
+    edge_px: int = threshold(4, "px", "from the tile's edge, where filters see its mirror image")
+    cells: int = threshold(16, "cells", "along each side, over which points are spread")
+    node_px: int = threshold(32, "px", "between nodes with exact prediction; bilinear between them")
+    widest_pad_px: int = threshold(512, "px", "by which the resampled window reaches beyond the first at most")
+    neighbours: int = threshold(8, "seeds", "that predict a point")
+    spread: float = threshold(0.7, "", "half length of the search over the range of the neighbours' parallax")
+    slope: float = threshold(0.02, "px/px", "added to it for each px to the neighbours")
+    search_margin_px: int = threshold(3, "px", "by which search windows are smaller on each side")
+    trial: int = threshold(150, "matches", "on which the band is chosen")
+    fewest_trial: int = threshold(20, "matches", "that the choice needs")
+    inner: float = threshold(2.0 / 3.0, "", "share of a window, matched again: over two surfaces the result moves")
+    change_weight: float = threshold(0.35, "", "of that movement in sigma", "errors of simulated pairs, 2026-11-21")
+    half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
+    normalised: float = threshold(4.0, "sigma", "of its own that a match may be off across its line")
+
+
+TILE_MATCH = TileMatchThresholds()
+
 
 @dataclass(frozen=True)
 class TileMatchOptions:

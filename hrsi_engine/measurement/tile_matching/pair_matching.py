@@ -22,12 +22,12 @@ from ..window_matching.bands import MATCHING_BANDS, SEARCH_BAND
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
-from .epipolar import MIN_STRETCH
+from .epipolar import EPIPOLAR
 from .frame import TileFrame
 from .matchers import MATCHERS
-from .options import TileMatchOptions
+from .options import TILE_MATCH, TileMatchOptions
 from .points import tile_points
-from .rpc_consistency import FEWEST, Consistency, rpc_consistency
+from .rpc_consistency import Consistency, rpc_consistency
 from .types import HeightGrid, ImageTile, TileMatches, TilePairGeometry, no_matches
 
 __all__ = [
@@ -41,15 +41,6 @@ __all__ = [
     "refine_points",
     "transfer_points",
 ]  # fmt: skip
-PAIR_NEIGHBOURS = 8
-SPREAD_SEARCHED = 0.7  # of the neighbours' range of parallax, to both sides
-SLOPE_SEARCHED = 0.02  # px of parallax per px of distance to the neighbours
-SEARCH_MARGIN_PX = 3  # windows of the search are so much smaller on each side than those of least squares
-TRIAL, FEWEST_OF_A_TRIAL = 150, 20  # matches that the band is chosen on
-INNER = 2.0 / 3.0  # of a window is matched again: where it holds two surfaces, or is false, the result moves
-CHANGE_WEIGHT = 0.35  # of that movement in the standard deviation
-GOOD_SIGMA_PX = 0.1  # where quality is one half
-LARGEST_NORMAL = 4.0  # sigmas of its own that a match may deviate across the epipolar line
 
 
 def match_tile(
@@ -62,7 +53,7 @@ def match_tile(
     if not len(task.points):
         return no_matches()
     seeds = _seeds(task)
-    if len(seeds.points) < FEWEST:
+    if len(seeds.points) < EPIPOLAR.fewest:
         return no_matches()
     found = _Matched.nothing(len(task.points))
     for window in options.windows_px:
@@ -71,7 +62,7 @@ def match_tile(
         known = np.flatnonzero(found.done)
         found.done[known[~_consistency(task, task.points[known], found.xy[known]).good]] = False
         known = np.flatnonzero(found.done)
-        if len(known) < FEWEST:
+        if len(known) < EPIPOLAR.fewest:
             return no_matches()
         seeds = _Seeds(task.points[known], task.frame.displacements(task.points[known], found.xy[known]))
     return _judge(task, found)
@@ -96,7 +87,7 @@ def transfer_points(
     points = np.round(first.to_tile(first_xy)).astype(np.int64).reshape(-1, 2)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
-    if len(task.points) < FEWEST:
+    if len(task.points) < EPIPOLAR.fewest:
         return no_matches()
     shift = frame.displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
     return _judge(task, _find_near(task, shift))
@@ -121,7 +112,7 @@ def refine_points(
     points, rows = np.unique(np.round(at).astype(np.int64), axis=0, return_index=True)
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
-    if len(task.points) < FEWEST:
+    if len(task.points) < EPIPOLAR.fewest:
         return no_matches()
     return _judge(task, _find_near(task, frame.displacements(at, second.to_tile(second_xy))[rows[inside]]))
 
@@ -241,7 +232,7 @@ def _seeds(task: _Task) -> _Seeds:
     own = frame.first.compute_once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
     found = [MATCHERS[name](own, frame.resampled, reach, options) for name in options.finders]
     first, second = (np.concatenate(part) for part in zip(*found, strict=True))
-    if len(first) < FEWEST:
+    if len(first) < EPIPOLAR.fewest:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
     good = _consistency(task, first, frame.predict(second)).good
     return _Seeds(first[good], (second - first)[good])
@@ -255,12 +246,12 @@ def _expect(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
         return _Expected(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
-    count = min(PAIR_NEIGHBOURS, len(seeds.points))
+    count = min(TILE_MATCH.neighbours, len(seeds.points))
     distance, near = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
     along, across = (np.sort(np.einsum("nki,ni->nk", seeds.shift[near], axis), axis=1) for axis in (direction, normal))
     middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
     spread = along[:, -2] - along[:, 1] if count > 3 else along[:, -1] - along[:, 0]
-    length = SPREAD_SEARCHED * spread + SLOPE_SEARCHED * distance[:, -1] + options.reach_px[0]
+    length = TILE_MATCH.spread * spread + TILE_MATCH.slope * distance[:, -1] + options.reach_px[0]
     return _Expected(
         middle, np.column_stack([np.minimum(length, options.reach_px[1]), np.full(len(rows), options.across_px)])
     )
@@ -271,7 +262,7 @@ def _find(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Search points and match them; return which of ``rows`` are found, positions, correlations and sigmas (px)."""
     frame, options, points = task.frame, task.options, task.points[rows]
-    half = max(window // 2 - SEARCH_MARGIN_PX, 4)
+    half = max(window // 2 - TILE_MATCH.search_margin_px, 4)
     pad = frame.pad_px
     sought = search_windows(
         *task.searched, points, points + expected.shift + pad, task.direction[rows], expected.reach, half
@@ -289,10 +280,10 @@ def _find(
         (fine.status == DONE) & (fine.correlation > options.min_correlation) & (own < options.largest_sigma_px)
     )
     inner = match_patches(
-        *images, points[hits[kept]], fine.xy[kept], fine.affine[kept], _lsm(task, int(window * INNER))
+        *images, points[hits[kept]], fine.xy[kept], fine.affine[kept], _lsm(task, int(window * TILE_MATCH.inner))
     )  # fmt: skip
     change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[kept], axis=1), np.inf)
-    sigma = np.hypot(own[kept], CHANGE_WEIGHT * change)
+    sigma = np.hypot(own[kept], TILE_MATCH.change_weight * change)
     good = sigma < options.largest_sigma_px
     found = kept[good]
     return hits[found], fine.xy[found], fine.correlation[found], sigma[good]
@@ -306,9 +297,9 @@ def _lsm(task: _Task, window: int) -> LsmOptions:
 
 def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> _ChosenBand:
     """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
-    clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, FEWEST_OF_A_TRIAL)]
-    trial = np.sort(clearer[:: max(1, len(clearer) // TRIAL)])
-    if len(trial) < FEWEST_OF_A_TRIAL:
+    clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_trial)]
+    trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
+    if len(trial) < TILE_MATCH.fewest_trial:
         return _ChosenBand(task.options.bands[0], False)
     chosen = rows[trial]
     found = {
@@ -318,7 +309,7 @@ def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np
         for name in task.options.bands
     }
     everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
-    if everywhere.sum() < FEWEST_OF_A_TRIAL:
+    if everywhere.sum() < TILE_MATCH.fewest_trial:
         return _ChosenBand(task.options.bands[0], False)
     scatter = {
         name: _consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
@@ -338,7 +329,7 @@ def _consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consiste
 def _judge(task: _Task, found: _Matched) -> TileMatches:
     """Return the matches that fit the others within their own precision, with sigmas scaled to what is observed."""
     known = np.flatnonzero(found.done)
-    if len(known) < FEWEST:
+    if len(known) < EPIPOLAR.fewest:
         return no_matches()
     frame = task.frame
     fit = _consistency(task, task.points[known], found.xy[known])
@@ -347,7 +338,7 @@ def _judge(task: _Task, found: _Matched) -> TileMatches:
     scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
     good = (
         fit.good
-        & (normal < LARGEST_NORMAL * scale)
+        & (normal < TILE_MATCH.normalised * scale)
         & (sigma * scale < task.options.largest_sigma_px * frame.second.step)
     )
     xy = frame.first.to_image(task.points[known])
@@ -355,10 +346,10 @@ def _judge(task: _Task, found: _Matched) -> TileMatches:
     # The unit vector across the epipolar lines of the second image, with the sign of `epipolar_miss`
     points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
     direction = np.mean(np.einsum("nij,nj->ni", frame.jacobians(points), frame.parallax(points)[0]), axis=0)
-    direction /= max(float(np.linalg.norm(direction)), MIN_STRETCH)
+    direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
         xy, frame.second.to_image(found.xy[known]), sigma * scale,
-        1.0 / (1.0 + (sigma * scale / (GOOD_SIGMA_PX * frame.second.step)) ** 2),
+        1.0 / (1.0 + (sigma * scale / (TILE_MATCH.half_quality_px * frame.second.step)) ** 2),
         np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
         task.chosen[0].name if task.chosen[0].told else "",

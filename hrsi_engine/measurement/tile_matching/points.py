@@ -13,26 +13,26 @@ import numpy as np
 from ...foundation.pixel_filters import box_mean, filter_separably
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
-from .options import TileMatchOptions
+from .options import TILE_MATCH, TileMatchOptions
 from .types import ImageTile
 
 _BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
-NOISE_CELL_PX = 32
-LARGEST_EXPECTED_SIGMA_PX = 0.1
-WEAKEST_CORNER_SHARE = 0.02  # of the median strength of the corners: below, noise that the estimate did not see
-EDGE_PX = 4  # filters see the mirror image at the tile's edge
-SPREAD_CELLS = 16
 
 
 def tile_noise(tile: ImageTile) -> float:
     """Return the standard deviation of the noise of a tile's grey values."""
     if tile.noise is not None:
         return tile.noise
-    rows, columns = (length // NOISE_CELL_PX * NOISE_CELL_PX for length in tile.pixels.shape)
+    rows, columns = (length // TILE_MATCH.noise_cell_px * TILE_MATCH.noise_cell_px for length in tile.pixels.shape)
     if not rows or not columns:
         return 0.0
     curved = np.abs(filter_separably(tile.pixels, _BENT, _BENT)) / 6.0
-    shape = rows // NOISE_CELL_PX, NOISE_CELL_PX, columns // NOISE_CELL_PX, NOISE_CELL_PX
+    shape = (
+        rows // TILE_MATCH.noise_cell_px,
+        TILE_MATCH.noise_cell_px,
+        columns // TILE_MATCH.noise_cell_px,
+        TILE_MATCH.noise_cell_px,
+    )
     cells = curved[:rows, :columns].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = tile.valid[:rows, :columns].reshape(shape).all(axis=(1, 3))
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
@@ -41,14 +41,14 @@ def tile_noise(tile: ImageTile) -> float:
 def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     """Return columns and rows ``(n, 2)``, int64, of the interest points of a tile; they depend on this tile alone."""
     half = max(options.windows_px) // 2
-    if min(tile.pixels.shape) <= 2 * half + 2 * EDGE_PX:
+    if min(tile.pixels.shape) <= 2 * half + 2 * TILE_MATCH.edge_px:
         return np.empty((0, 2), dtype=np.int64)
     tensor = compute_structure_tensor(tile.pixels)
     half_trace = 0.5 * (tensor.xx + tensor.yy)
     strength = half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
     smallest = min(options.windows_px) // 2
-    strength[~mask_usable_surroundings(tile.valid, smallest + EDGE_PX)] = 0.0
-    margin = smallest + EDGE_PX
+    strength[~mask_usable_surroundings(tile.valid, smallest + TILE_MATCH.edge_px)] = 0.0
+    margin = smallest + TILE_MATCH.edge_px
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
     noise = tile_noise(tile)
@@ -62,7 +62,9 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     smaller = 0.5 * (xx + yy) - np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
     expected = noise / np.sqrt(np.maximum(smaller, 1e-12) * pixels)
     at = strength[rows, columns]
-    good = (expected < LARGEST_EXPECTED_SIGMA_PX) & (at > WEAKEST_CORNER_SHARE * np.median(at) if len(at) else True)
+    good = (expected < TILE_MATCH.expected_sigma_px) & (
+        at > TILE_MATCH.weakest_corner * np.median(at) if len(at) else True
+    )
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
         points = points[
@@ -73,7 +75,7 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
 
 def _spread(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:
     """Return indices of the best points of each cell of a grid, the same number in each as far as there are any."""
-    cell = np.floor(points * (SPREAD_CELLS / np.array(shape[::-1]))).astype(np.int64) @ [1, SPREAD_CELLS]
+    cell = np.floor(points * (TILE_MATCH.cells / np.array(shape[::-1]))).astype(np.int64) @ [1, TILE_MATCH.cells]
     order = np.lexsort((expected, cell))
     first = np.searchsorted(cell[order], cell[order])
     rank = np.empty(len(points), dtype=np.int64)

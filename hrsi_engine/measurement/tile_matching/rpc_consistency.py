@@ -15,18 +15,11 @@ from scipy.spatial import cKDTree
 
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import robust_sigma
-from .epipolar import EpipolarMiss, epipolar_miss
-
-CONSISTENCY_RATIO = 0.8
-DESCRIPTORS_PER_BATCH = 2048
-MODE_WIDTH_PX = 3.0  # the true matches of a pair lie this close to one another across the epipolar lines
-CONSISTENCY_NEIGHBOURS = 12
-FEWEST, FEWEST_FOR_TREND = 6, 30  # matches that an offset, and a plane, can be judged by
-PARALLAX_JUMP_PX = 8.0  # difference of parallax to the neighbours' median that buildings and trees explain
+from .epipolar import EPIPOLAR, EpipolarMiss, epipolar_miss
 
 
 def mutual_matches(
-    first: np.ndarray, second: np.ndarray, ratio: float = CONSISTENCY_RATIO
+    first: np.ndarray, second: np.ndarray, ratio: float = EPIPOLAR.ratio
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
     if len(first) < 2 or len(second) < 2:
@@ -35,8 +28,8 @@ def mutual_matches(
     distinct = np.empty(len(first), bool)
     back_best = np.full(len(second), -np.inf, np.float32)
     back = np.zeros(len(second), np.int64)
-    for start in range(0, len(first), DESCRIPTORS_PER_BATCH):
-        part = slice(start, min(start + DESCRIPTORS_PER_BATCH, len(first)))
+    for start in range(0, len(first), EPIPOLAR.batch):
+        part = slice(start, min(start + EPIPOLAR.batch, len(first)))
         similarity = first[part] @ second.T
         column_best = similarity.argmax(axis=0)
         column_value = similarity[column_best, np.arange(len(second))]
@@ -85,23 +78,23 @@ def rpc_consistency(
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
     known = np.isfinite(across) & np.isfinite(miss.height_m)
     nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
-    if known.sum() < FEWEST:
+    if known.sum() < EPIPOLAR.fewest:
         return nothing
     across = np.where(known, across, np.inf)
     # The middle of the densest interval of half the mode's width
     ordered = np.sort(across[known])
-    count = np.searchsorted(ordered, ordered + MODE_WIDTH_PX / 2.0, side="right") - np.arange(len(ordered))
+    count = np.searchsorted(ordered, ordered + EPIPOLAR.mode_px / 2.0, side="right") - np.arange(len(ordered))
     densest = int(count.argmax())
     mode = float(np.median(ordered[densest : densest + count[densest]]))
-    good = known & (np.abs(across - mode) < MODE_WIDTH_PX)
+    good = known & (np.abs(across - mode) < EPIPOLAR.mode_px)
     design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
     for _ in range(5):
-        if good.sum() < FEWEST:
+        if good.sum() < EPIPOLAR.fewest:
             return nothing
-        terms = 3 if good.sum() >= FEWEST_FOR_TREND else 1
+        terms = 3 if good.sum() >= EPIPOLAR.fewest_for_plane else 1
         deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
         sigma = float(robust_sigma(deviation[good]))
-        if sigma > MODE_WIDTH_PX:
+        if sigma > EPIPOLAR.mode_px:
             return nothing
         good = np.abs(deviation) < max(3.5 * sigma, floor_px)
     good = good & _like_neighbours(first_xy, along, good)
@@ -119,12 +112,12 @@ def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> 
     """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
     index = np.flatnonzero(good)
     result = np.zeros(len(xy), bool)
-    if len(index) <= CONSISTENCY_NEIGHBOURS:
+    if len(index) <= EPIPOLAR.neighbours:
         result[index] = True
         return result
-    _, near = cKDTree(xy[index]).query(xy[index], k=CONSISTENCY_NEIGHBOURS + 1)
+    _, near = cKDTree(xy[index]).query(xy[index], k=EPIPOLAR.neighbours + 1)
     around = parallax[index][near[:, 1:]]
     middle = np.median(around, axis=1)
     spread = robust_sigma(around - middle[:, None], axis=1)
-    result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, PARALLAX_JUMP_PX)
+    result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
     return result

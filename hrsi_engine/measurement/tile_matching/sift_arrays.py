@@ -17,19 +17,33 @@ import numpy as np
 from scipy import ndimage
 
 from ...foundation.pixel_filters import blur
+from ...foundation.thresholds import threshold, thresholds
 
-OCTAVE_LAYERS = 3  # scales of an octave
-FIRST_SIGMA_PX, TAKEN_SIGMA_PX = 1.6, 0.5  # of the first scale, and what the image itself is taken to have
-EDGE_RATIO = 10.0  # of the principal curvatures, above which a feature lies on an edge
-BORDER_PX = 5
-MOST_MOVES = 5  # from pixel to pixel on the way to the extremum
-DIRECTION_BINS, SAME_DIRECTION = 36, 0.8  # histogram of directions, and the share of its peak for another feature
-DIRECTION_REACH, DIRECTION_SIGMA = 4.5, 1.5  # in scales
+LOWE = "Lowe 2004"
+
+
+@thresholds
+class SiftParameters:
+    """Parameters of SIFT as OpenCV has them."""
+
+    layers: int = threshold(3, "scales", "of an octave", LOWE)
+    first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", LOWE)
+    image_sigma_px: float = threshold(0.5, "px", "Gaussian that the image itself is taken to have", LOWE)
+    edge_ratio: float = threshold(10.0, "", "of principal curvatures, above which a feature lies on an edge", LOWE)
+    border_px: int = threshold(5, "px", "of an octave without features", "OpenCV")
+    moves: int = threshold(5, "moves", "from pixel to pixel on the way to the extremum", "OpenCV")
+    bins: int = threshold(36, "bins", "of the histogram of directions", LOWE)
+    second_peak: float = threshold(0.8, "", "of its peak, from which another direction makes another feature", LOWE)
+    reach: float = threshold(4.5, "scales", "half side of the square whose gradients are counted", LOWE)
+    weight_sigma: float = threshold(1.5, "scales", "Gaussian of their weights", LOWE)
+    part_scales: float = threshold(3.0, "scales", "side of a part of the descriptor", "OpenCV")
+    places: int = threshold(4, "places", "sampled along a part's side", "as good as OpenCV's, 2026-11-22")
+    largest_share: float = threshold(0.2, "", "of a descriptor's length in one number", LOWE)
+    batch: int = threshold(256, "features", "described at a time: memory")
+
+
+SIFT = SiftParameters()
 DESCRIPTOR_PARTS, TURNS = 4, 8  # of a descriptor
-PART_SCALES = 3.0  # side of a part in scales
-PART_PLACES = 4
-LARGEST_SHARE = 0.2  # of one number in a descriptor's length
-DESCRIBED_AT_A_TIME = 256
 
 
 class _Extrema(NamedTuple):
@@ -83,27 +97,27 @@ def _octaves(grey: np.ndarray) -> Iterator[tuple[float, list[np.ndarray]]]:
     first[::2, -1] = first[::2, -2]
     first[1:-1:2] = (first[:-2:2] + first[2::2]) / 2.0
     first[-1] = first[-2]
-    first = blur(first, np.sqrt(FIRST_SIGMA_PX**2 - 4.0 * TAKEN_SIGMA_PX**2))
-    sigma = FIRST_SIGMA_PX * 2.0 ** (np.arange(OCTAVE_LAYERS + 3) / OCTAVE_LAYERS)
+    first = blur(first, np.sqrt(SIFT.first_sigma_px**2 - 4.0 * SIFT.image_sigma_px**2))
+    sigma = SIFT.first_sigma_px * 2.0 ** (np.arange(SIFT.layers + 3) / SIFT.layers)
     for octave in range(max(round(np.log2(min(first.shape)) - 2.0), 1)):
         scales = [first]
         for before, after in pairwise(sigma):
             scales.append(blur(scales[-1], np.sqrt(after**2 - before**2)))
         yield 0.5 * 2.0**octave, scales
-        first = np.ascontiguousarray(scales[OCTAVE_LAYERS][::2, ::2])
-        if min(first.shape) <= 2 * BORDER_PX + 2:
+        first = np.ascontiguousarray(scales[SIFT.layers][::2, ::2])
+        if min(first.shape) <= 2 * SIFT.border_px + 2:
             return
 
 
 def _extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
     """Return the features of an octave."""
     difference = np.stack([after - before for before, after in pairwise(scales)])
-    layer, row, column = _peaks(difference, 0.5 * contrast * 255.0 / OCTAVE_LAYERS)
+    layer, row, column = _peaks(difference, 0.5 * contrast * 255.0 / SIFT.layers)
     settled = np.zeros(len(layer), dtype=bool)
     offset = np.zeros((len(layer), 3))
     value, edge = np.zeros(len(layer)), np.full(len(layer), np.inf)
     going = np.arange(len(layer))
-    for _ in range(MOST_MOVES):
+    for _ in range(SIFT.moves):
         slope, curvature, here = _derivatives(difference, layer[going], row[going], column[going])
         regular = np.abs(np.linalg.det(curvature)) > 1e-12
         going, slope, curvature, here = going[regular], slope[regular], curvature[regular], here[regular]
@@ -121,41 +135,41 @@ def _extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
         column[moved], row[moved], layer[moved] = (
             at[moved] + move[:, k] for k, at in enumerate((column, row, layer))
         )  # fmt: skip
-        inside = (layer[moved] >= 1) & (layer[moved] <= OCTAVE_LAYERS)
+        inside = (layer[moved] >= 1) & (layer[moved] <= SIFT.layers)
         for at, length in ((row, difference.shape[1]), (column, difference.shape[2])):
-            inside &= (at[moved] >= BORDER_PX) & (at[moved] < length - BORDER_PX)
+            inside &= (at[moved] >= SIFT.border_px) & (at[moved] < length - SIFT.border_px)
         going = moved[inside]
         if not len(going):
             break
-    good = settled & (value * OCTAVE_LAYERS >= contrast * 255.0) & (edge < (EDGE_RATIO + 1.0) ** 2 / EDGE_RATIO)
+    good = settled & (value * SIFT.layers >= contrast * 255.0) & (edge < (SIFT.edge_ratio + 1.0) ** 2 / SIFT.edge_ratio)
     _, once = np.unique(np.column_stack([layer, row, column])[good], axis=0, return_index=True)  # moved to one place
     rows = np.flatnonzero(good)[once]
     return _Extrema(
         layer[rows], row[rows], column[rows], np.column_stack([column, row])[rows] + offset[rows, :2],
-        FIRST_SIGMA_PX * 2.0 ** ((layer[rows] + offset[rows, 2]) / OCTAVE_LAYERS), value[rows],
+        SIFT.first_sigma_px * 2.0 ** ((layer[rows] + offset[rows, 2]) / SIFT.layers), value[rows],
     )  # fmt: skip
 
 
 def _peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return layer, row and column of pixels that are the largest or smallest of the 27 around them."""
     found = []
-    inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+    inner = np.s_[SIFT.border_px : -SIFT.border_px, SIFT.border_px : -SIFT.border_px]
     columns = difference.shape[2]
     beside = [dy * columns + dx for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
-    for layer in range(1, OCTAVE_LAYERS + 1):
+    for layer in range(1, SIFT.layers + 1):
         flat = [difference[k].ravel() for k in (layer, layer - 1, layer + 1)]
         middle = difference[layer]
         for sign in (1.0, -1.0):
             # Most pixels fall at their neighbours along the row; those left are compared with all others one by one
             here = middle[inner]
-            left = middle[BORDER_PX:-BORDER_PX, BORDER_PX - 1 : -BORDER_PX - 1]
-            right = middle[BORDER_PX:-BORDER_PX, BORDER_PX + 1 : columns - BORDER_PX + 1]
+            left = middle[SIFT.border_px : -SIFT.border_px, SIFT.border_px - 1 : -SIFT.border_px - 1]
+            right = middle[SIFT.border_px : -SIFT.border_px, SIFT.border_px + 1 : columns - SIFT.border_px + 1]
             if sign > 0.0:
                 candidate = (here > least) & (here >= left) & (here >= right)
             else:
                 candidate = (here < -least) & (here <= left) & (here <= right)
             row, column = np.nonzero(candidate)
-            at = (row + BORDER_PX) * columns + column + BORDER_PX
+            at = (row + SIFT.border_px) * columns + column + SIFT.border_px
             for values in flat:
                 for step in beside:
                     at = at[sign * flat[0].take(at) >= sign * values.take(at + step)]
@@ -207,31 +221,31 @@ def _gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
 
 def _directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.ndarray]:
     """Return features and their directions (radians): the peaks of the histogram of gradients around each."""
-    line = np.linspace(-DIRECTION_REACH, DIRECTION_REACH, 15)
+    line = np.linspace(-SIFT.reach, SIFT.reach, 15)
     dx, dy = (offset.ravel() for offset in np.meshgrid(line, line))
-    near = np.exp(-0.5 * (dx**2 + dy**2) / DIRECTION_SIGMA**2).astype(np.float32)
-    histogram = np.zeros((len(features.xy), DIRECTION_BINS))
-    for start in range(0, len(histogram), DESCRIBED_AT_A_TIME):
-        part = slice(start, start + DESCRIBED_AT_A_TIME)
+    near = np.exp(-0.5 * (dx**2 + dy**2) / SIFT.weight_sigma**2).astype(np.float32)
+    histogram = np.zeros((len(features.xy), SIFT.bins))
+    for start in range(0, len(histogram), SIFT.batch):
+        part = slice(start, start + SIFT.batch)
         xy, sigma = features.xy[part], features.sigma[part, None]
         length, angle = _gradients(image, xy[:, :1] + sigma * dx, xy[:, 1:] + sigma * dy)
-        bin_of = np.rint(angle * (DIRECTION_BINS / (2.0 * np.pi))).astype(np.int64) % DIRECTION_BINS
-        place = bin_of + DIRECTION_BINS * np.arange(len(xy))[:, None]
-        sums = np.bincount(place.ravel(), (length * near).ravel(), DIRECTION_BINS * len(xy))
-        histogram[part] = sums.reshape(-1, DIRECTION_BINS)
+        bin_of = np.rint(angle * (SIFT.bins / (2.0 * np.pi))).astype(np.int64) % SIFT.bins
+        place = bin_of + SIFT.bins * np.arange(len(xy))[:, None]
+        sums = np.bincount(place.ravel(), (length * near).ravel(), SIFT.bins * len(xy))
+        histogram[part] = sums.reshape(-1, SIFT.bins)
     smooth = ndimage.correlate1d(histogram, (1.0, 4.0, 6.0, 4.0, 1.0), axis=1, mode="wrap")
     before, after = np.roll(smooth, 1, axis=1), np.roll(smooth, -1, axis=1)
-    peak = (smooth > before) & (smooth > after) & (smooth >= SAME_DIRECTION * smooth.max(axis=1, keepdims=True))
+    peak = (smooth > before) & (smooth > after) & (smooth >= SIFT.second_peak * smooth.max(axis=1, keepdims=True))
     feature, bin_of = np.nonzero(peak)
     low, here, high = (values[feature, bin_of] for values in (before, smooth, after))
     fraction = 0.5 * (low - high) / (low - 2.0 * here + high)
-    return feature, (bin_of + fraction) * (2.0 * np.pi / DIRECTION_BINS)
+    return feature, (bin_of + fraction) * (2.0 * np.pi / SIFT.bins)
 
 
 def _describe(image: np.ndarray, xy: np.ndarray, sigma: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Return descriptors ``(n, 128)`` of 8 bit: row of parts, column of parts, direction."""
     reach = (DESCRIPTOR_PARTS + 1) / 2.0
-    line = (np.arange(PART_PLACES * (DESCRIPTOR_PARTS + 1)) + 0.5) / PART_PLACES - reach
+    line = (np.arange(SIFT.places * (DESCRIPTOR_PARTS + 1)) + 0.5) / SIFT.places - reach
     across, down = (offset.ravel() for offset in np.meshgrid(line, line))
     middle = np.arange(DESCRIPTOR_PARTS) - (DESCRIPTOR_PARTS - 1) / 2.0
     in_row, in_column = (np.maximum(1.0 - np.abs(offset[:, None] - middle), 0.0) for offset in (down, across))
@@ -239,9 +253,9 @@ def _describe(image: np.ndarray, xy: np.ndarray, sigma: np.ndarray, angle: np.nd
     share *= np.exp(-(across**2 + down**2) / (0.5 * DESCRIPTOR_PARTS**2))[:, None]
     share = share.astype(np.float32)
     result = np.empty((len(xy), DESCRIPTOR_PARTS * DESCRIPTOR_PARTS * TURNS), np.uint8)
-    for start in range(0, len(xy), DESCRIBED_AT_A_TIME):
-        part = slice(start, start + DESCRIBED_AT_A_TIME)
-        side = (PART_SCALES * sigma[part])[:, None]
+    for start in range(0, len(xy), SIFT.batch):
+        part = slice(start, start + SIFT.batch)
+        side = (SIFT.part_scales * sigma[part])[:, None]
         cosine, sine = np.cos(angle[part])[:, None] * side, np.sin(angle[part])[:, None] * side
         length, direction = _gradients(
             image, xy[part, :1] + cosine * across + sine * down, xy[part, 1:] - sine * across + cosine * down
@@ -252,7 +266,7 @@ def _describe(image: np.ndarray, xy: np.ndarray, sigma: np.ndarray, angle: np.nd
             away = np.abs((turn - np.float32(k) + np.float32(TURNS / 2)) % np.float32(TURNS) - np.float32(TURNS / 2))
             numbers[:, :, k] = (length * np.maximum(np.float32(1.0) - away, np.float32(0.0))) @ share
         numbers = numbers.reshape(len(numbers), -1)
-        limit = LARGEST_SHARE * np.linalg.norm(numbers, axis=1, keepdims=True)
+        limit = SIFT.largest_share * np.linalg.norm(numbers, axis=1, keepdims=True)
         numbers = np.minimum(numbers, limit)
         norm = np.maximum(np.linalg.norm(numbers, axis=1, keepdims=True), 1e-12)
         result[part] = np.minimum(np.rint(512.0 * numbers / norm), 255.0)
