@@ -22,28 +22,28 @@ import numpy as np
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.ellipsoid import Number
 
-SPEED = "measured for speed, 2026-11-21"
-ROUNDING = "last place of a longitude: 3e-9 px"
+_SPEED = "measured for speed, 2026-11-21"
+_ROUNDING = "last place of a longitude: 3e-9 px"
 
 
 @thresholds
 class RpcThresholds:
     """How points are divided for the evaluation of RPCs, and when an image point is localized."""
 
-    chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", SPEED)
-    product_limit: int = threshold(2**18, "multiplications", "of a product; above, OpenBLAS starts threads", SPEED)
-    threaded_chunks: int = threshold(20, "buffers", "from which threads pay", SPEED)
-    most_threads: int = threshold(4, "threads", "more wait for memory and Python's lock", SPEED)
-    closure_px: float = threshold(1e-9, "px", "of the image point, at which the iteration ends", ROUNDING)
-    accepted_px: float = threshold(1e-8, "px", "of the image point that rounding may leave", ROUNDING)
+    chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", _SPEED)
+    product_limit: int = threshold(2**18, "multiplications", "of a product; above, OpenBLAS starts threads", _SPEED)
+    threaded_chunks: int = threshold(20, "buffers", "from which threads pay", _SPEED)
+    most_threads: int = threshold(4, "threads", "more wait for memory and Python's lock", _SPEED)
+    closure_px: float = threshold(1e-9, "px", "of the image point, at which the iteration ends", _ROUNDING)
+    accepted_px: float = threshold(1e-8, "px", "of the image point that rounding may leave", _ROUNDING)
     most_iterations: int = threshold(25, "iterations", "of Newton's method")
     chord_evaluations: int = threshold(4, "evaluations", "with the inverse polynomial's derivatives")
-    few_open: float = threshold(0.05, "", "share of points that is finished apart from the others", SPEED)
+    few_open: float = threshold(0.05, "", "share of points that is finished apart from the others", _SPEED)
     nodes: int = threshold(7, "nodes", "along each axis, on which the inverse polynomial is fitted")
     domain_margin: float = threshold(1.5, "half extents", "beyond which the cubic is worse than the affine start")
-    stack_batch: int = threshold(4096, "points", "whose coefficients stay in the processor's cache", SPEED)
+    stack_batch: int = threshold(4096, "points", "whose coefficients stay in the processor's cache", _SPEED)
     stack_iterations: int = threshold(8, "iterations", "of Newton's method; then each RPC localizes by itself")
-    compiled_from: int = threshold(20_000, "points", "from which compiled loops pay", SPEED)
+    compiled_from: int = threshold(20_000, "points", "from which compiled loops pay", _SPEED)
 
 
 EVALUATION = RpcThresholds()

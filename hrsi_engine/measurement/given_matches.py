@@ -33,21 +33,21 @@ from .tile_matching.pair_matching import refine_points
 from .tile_matching.rpc_consistency import rpc_consistency
 from .tile_matching.types import TilePairGeometry
 
-LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"
+_LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"
 
 
 @thresholds
-class GivenMatchThresholds:
+class ExternalMatchThresholds:
     """Where given matches are measured anew, and how far they may be off."""
 
     window_px: int = threshold(1024, "px", "side of the part of the reference that is matched at a time")
     border_px: int = threshold(40, "px", "read around matches: half a window of least-squares matching and some room")
     reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "least and largest half length of the search")
-    across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", LEARNED)
+    across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", _LEARNED)
     height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches stand for")
 
 
-GIVEN = GivenMatchThresholds()
+EXTERNAL = ExternalMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +158,13 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
     reference[track[order][heads]] = order[heads]
     head = reference[track]
     rows = np.flatnonzero(number != number[head])
-    cell = np.floor(given.xy[head[rows]] / GIVEN.window_px).astype(np.int64)
+    cell = np.floor(given.xy[head[rows]] / EXTERNAL.window_px).astype(np.int64)
     keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
     for index, (first, column, row) in enumerate(keys.tolist()):
         here = rows[job.ravel() == index]
-        window = ImageWindow(column * GIVEN.window_px, row * GIVEN.window_px, GIVEN.window_px, GIVEN.window_px)
+        window = ImageWindow(
+            column * EXTERNAL.window_px, row * EXTERNAL.window_px, EXTERNAL.window_px, EXTERNAL.window_px
+        )
         pairs = tuple(
             GivenPair(second, images[second], given.xy[head[own]], given.xy[own])
             for second in np.unique(number[here]).tolist()
@@ -174,20 +176,20 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
 def measure_given(job: GivenJob) -> PartResult:
     """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
     rows = []
-    tile = read_tile(job.reference, job.window.grown(GIVEN.border_px))
+    tile = read_tile(job.reference, job.window.grown(EXTERNAL.border_px))
     for pair in () if tile is None else job.pairs:
         agreed = _agreeing(job.reference, pair)
         if not len(agreed.first_xy):
             continue
         # Looked for where those lie that agree: one wrong match would have all of a large image read
-        border = GIVEN.border_px * resolution_step(job.reference, pair.image)
+        border = EXTERNAL.border_px * resolution_step(job.reference, pair.image)
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
         place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grown(border)
         inside = place.contains(pair.second_xy)
         other = read_tile(pair.image, place, resolution_step(job.reference, pair.image))
         if tile is None or other is None:
             continue
-        options = TileMatchOptions(reach_px=GIVEN.reach_px, across_px=GIVEN.across_px)
+        options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
         found = refine_points(
             tile, other, _geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside], options
         )
@@ -199,7 +201,7 @@ def _agreeing(reference: Image, pair: GivenPair) -> GivenPair:
     """Return the matches of a pair that agree with one another as its two cameras allow."""
     start = float(np.mean(reference.rpc.height_range))
     found = rpc_consistency(
-        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=GIVEN.across_px
+        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
     )
     return replace(pair, first_xy=pair.first_xy[found.good], second_xy=pair.second_xy[found.good])
 
@@ -208,8 +210,8 @@ def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry:
     """Return where the matches say that the pair lies."""
     first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
     heights = epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
-    low, high = float(heights.min()) - GIVEN.height_margin_m, float(heights.max()) + GIVEN.height_margin_m
+    low, high = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
     away = other - transfer(first, second, xy, heights)
     bias = np.median(away, axis=0)
-    margin = float(np.abs(away - bias).max()) + max(GIVEN.reach_px)
+    margin = float(np.abs(away - bias).max()) + max(EXTERNAL.reach_px)
     return TilePairGeometry(first, second, low, high, (float(bias[0]), float(bias[1])), (margin, margin))

@@ -7,8 +7,8 @@ from ..foundation.thresholds import threshold, thresholds
 from .tile_matching.options import TileMatchOptions
 
 AUTOMATIC_CELLS = 0
-YEAR = "simulated year of 40 to 200 images, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
-KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22 (docs/many_dates.md)"
+_YEAR = "simulated year of 40 to 200 images, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
+_KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22 (docs/many_dates.md)"
 
 
 @thresholds
@@ -17,11 +17,11 @@ class TieSearchThresholds:
 
     full_per_cell: int = threshold(40, "points", "of a cell where all of the image is matched, without `per_cell`")
     sampled_per_cell: int = threshold(2, "points", "of a cell where one window of it is matched")
-    few_links: int = threshold(3, "links", "of an image, below which it is matched as in small blocks", YEAR)
+    few_links: int = threshold(3, "links", "of an image, below which it is matched as in small blocks", _YEAR)
     predicted_pairs: int = threshold(5, "pairs", "of such an image that are matched where the others put it")
     pair_batch: int = threshold(128, "pairs", "compared with their overviews' features in memory")
     completed_partners: int = threshold(2, "images", "besides the reference that show a point then sought in others")
-    completed_sigma_px: float = threshold(0.12, "px", "largest of a point found there", KAHRAMANMARAS)
+    completed_sigma_px: float = threshold(0.12, "px", "largest of a point found there", _KAHRAMANMARAS)
     cells_per_part: int = threshold(12, "cells", "of a part of the work: seconds")
     dem_margin_m: float = threshold(50.0, "m", "buildings, trees, errors of the DEM and of the RPCs")
 

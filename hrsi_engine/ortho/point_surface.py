@@ -42,7 +42,7 @@ class PointSurfaceThresholds:
     least_scatter_m: float = threshold(0.1, "m", "robust standard deviation of heights about planes, at least")
 
 
-SCATTERED = PointSurfaceThresholds()
+POINT_SURFACE = PointSurfaceThresholds()
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:
@@ -84,9 +84,10 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
     extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
-    reach = np.minimum(SCATTERED.margin * spacing, extent.max())
+    reach = np.minimum(POINT_SURFACE.margin * spacing, extent.max())
     cell_m = max(
-        spacing / SCATTERED.cells_per_spacing, float(np.sqrt(np.prod(extent + 2.0 * reach) / SCATTERED.most_cells))
+        spacing / POINT_SURFACE.cells_per_spacing,
+        float(np.sqrt(np.prod(extent + 2.0 * reach) / POINT_SURFACE.most_cells)),
     )
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
@@ -106,22 +107,22 @@ def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(np.isfinite(sigma_m))
     own = np.zeros(len(xy))
     if len(known):
-        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(SCATTERED.neighbours + 1, len(known)) + 1))
+        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
         own[known] = sigma_m[known] ** 2 - (sigma_m[known][near] ** 2).min(axis=1)
     return own
 
 
 def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
-    count = min(SCATTERED.neighbours + 1, len(xy))
+    count = min(POINT_SURFACE.neighbours + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
     middle = np.median(height[index], axis=1)
     away = np.abs(height - middle)
     spread = robust_sigma(height[index] - middle[:, None], axis=1)
-    typical = max(float(robust_sigma(away)), SCATTERED.least_scatter_m)
-    alike = np.abs(height[index] - height[:, None]) <= SCATTERED.blunder * typical
-    near = away <= SCATTERED.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
-    return np.asarray(near | (alike.sum(axis=1) > SCATTERED.companions))
+    typical = max(float(robust_sigma(away)), POINT_SURFACE.least_scatter_m)
+    alike = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
+    near = away <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    return np.asarray(near | (alike.sum(axis=1) > POINT_SURFACE.companions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +140,10 @@ class _Points:
     @cached_property
     def scatter_m(self) -> float:
         """How far a point usually lies from the plane of its neighbours."""
-        near = self.tree.query(self.xy, k=np.arange(2, min(SCATTERED.neighbours + 1, len(self.xy)) + 1))[1]
+        near = self.tree.query(self.xy, k=np.arange(2, min(POINT_SURFACE.neighbours + 1, len(self.xy)) + 1))[1]
         A = np.concatenate([np.ones_like(self.xy[near][..., :1]), self.xy[near] - self.xy[:, None]], axis=-1)
         plane = np.linalg.pinv(A) @ self.height[near][..., None]
-        return max(float(robust_sigma(self.height - plane[:, 0, 0])), SCATTERED.least_scatter_m)
+        return max(float(robust_sigma(self.height - plane[:, 0, 0])), POINT_SURFACE.least_scatter_m)
 
     @property
     def spacing_m(self) -> float:
@@ -153,8 +154,8 @@ def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
     heights = np.empty(len(nodes))
     hull = Delaunay(_hull(points.xy))
-    for start in range(0, len(nodes), SCATTERED.batch):
-        part = slice(start, start + SCATTERED.batch)
+    for start in range(0, len(nodes), POINT_SURFACE.batch):
+        part = slice(start, start + POINT_SURFACE.batch)
         inside = hull.find_simplex(nodes[part]) >= 0
         found = points.height[points.tree.query(nodes[part])[1]]
         found[inside] = _fit(points, nodes[part][inside])
@@ -172,19 +173,19 @@ def _hull(xy: np.ndarray) -> np.ndarray:
 
 def _fit(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
-    count = min(SCATTERED.fitted, len(points.xy))
+    count = min(POINT_SURFACE.fitted, len(points.xy))
     distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))
-    width = np.maximum(SCATTERED.width * distance[:, min(SCATTERED.nearest, count) - 1], 1e-3)[:, None]
+    width = np.maximum(POINT_SURFACE.width * distance[:, min(POINT_SURFACE.nearest, count) - 1], 1e-3)[:, None]
     away = (points.xy[near] - nodes[:, None]) / width[..., None]
     height, scatter = points.height[near], points.scatter_m
     nearness = np.exp(0.5 * ((distance[:, :1] / width) ** 2 - (distance / width) ** 2))  # 1 for the nearest
     P = nearness / (points.variance[near] + (0.5 * scatter) ** 2)
     A = np.concatenate([np.ones_like(away[..., :1]), away], axis=-1)
     robust = np.ones_like(P)
-    for tolerance in SCATTERED.scatters:
+    for tolerance in POINT_SURFACE.scatters:
         weighted = A * (P * robust)[..., None]
         N = np.swapaxes(A, 1, 2) @ weighted
-        N[:, [1, 2], [1, 2]] += (SCATTERED.slope_sigma * width) ** -2
+        N[:, [1, 2], [1, 2]] += (POINT_SURFACE.slope_sigma * width) ** -2
         x = np.linalg.solve(N, np.einsum("mki,mk->mi", weighted, height)[..., None])
         v = height - (A @ x)[..., 0]
         robust = (1.0 + (v / (tolerance * scatter)) ** 2) ** -2

@@ -87,7 +87,7 @@ def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
     """Images matched everywhere: nothing depends on where in the image a window lies, and seams lose little."""
     from hrsi.hrsi_engine.measurement.block_matching import plan
 
-    monkeypatch.setattr(plan, "WINDOWS", replace(plan.WINDOWS, full_window_px=240))
+    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_window_px=240))
     ties = find_tie_points(triplet[:2], OPTIONS)
     whole = {pair[:2]: pair.matches for pair in found.pairs}["view0", "view1"]
     assert ties.pairs[0].matches > 0.8 * whole
@@ -97,7 +97,7 @@ def test_windows_of_large_images(triplet, monkeypatch):
     """Images that count as large are matched in small windows, as exactly as others."""
     from hrsi.hrsi_engine.measurement.block_matching import plan
 
-    monkeypatch.setattr(plan, "WINDOWS", replace(plan.WINDOWS, full_px=400, window_px=128))
+    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_px=400, window_px=128))
     ties = find_tie_points(triplet, replace(OPTIONS, cells=5))
     apart, views = scenes.ground_spread_m(triplet, ties.image_points)
     for image in triplet:
@@ -114,7 +114,7 @@ def test_dense_points(triplet, found, monkeypatch, large):
     from hrsi.hrsi_engine.measurement.block_matching import plan
 
     if large:
-        monkeypatch.setattr(plan, "WINDOWS", replace(plan.WINDOWS, full_px=400))
+        monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_px=400))
     ties = find_tie_points(triplet, replace(OPTIONS, dense=True))
     apart, _ = scenes.ground_spread_m(triplet, ties.image_points)
     assert len(ties.ground) > (1.0 if large else 1.5) * len(found.ground)  # windows' borders have no points

@@ -116,5 +116,5 @@ def test_a_match_far_away_does_not_have_the_whole_image_read(given, monkeypatch)
     job = GivenJob(0, images[0], ImageWindow(0, 0, 200, 200), (GivenPair(1, images[1], first, second),))
     found = measure_given(job)
     (window,) = [window for image, window in read if image is images[1]]
-    assert window.samples <= 130 + 2 * given_matches.GIVEN.border_px
+    assert window.samples <= 130 + 2 * given_matches.EXTERNAL.border_px
     assert len(found["first_xy"]) > 0.6 * len(near)

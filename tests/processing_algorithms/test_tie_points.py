@@ -130,7 +130,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert not (folder / "report.json").exists()
     said: list[str] = []
     monkeypatch.setattr(search, "TIE_SEARCH", replace(search.TIE_SEARCH, cells_per_part=1))
-    monkeypatch.setattr(plan, "WINDOWS", replace(plan.WINDOWS, full_window_px=200))
+    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_window_px=200))
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -147,7 +147,7 @@ from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
 search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
-plan.WINDOWS = replace(plan.WINDOWS, full_window_px=200)
+plan.TIE_WINDOWS = replace(plan.TIE_WINDOWS, full_window_px=200)
 save = FinishedParts.save
 def slow(self, key, result):
     save(self, key, result)

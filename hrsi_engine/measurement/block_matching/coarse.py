@@ -33,16 +33,16 @@ from .overlaps import GroundRange
 from .overview import features_of
 from .windows import ImageWindow, predicted_window, read_tile
 
-CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
+_CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 
 
 @thresholds
 class OverviewMatchThresholds:
     """When the features of two overviews agree, and what follows for the pair."""
 
-    enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", CONTRASTS)
-    enough_share: float = threshold(0.1, "", "of the features, likewise; chance gives a negative 0.03", CONTRASTS)
-    contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", CONTRASTS)
+    enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", _CONTRASTS)
+    enough_share: float = threshold(0.1, "", "of the features, likewise; chance gives a negative 0.03", _CONTRASTS)
+    contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", _CONTRASTS)
     fewest: int = threshold(10, "matches", "that agree, below which a pair has none")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "band over `margin_px`, tried in turn")
     height_nodes: int = threshold(24, "nodes", "of the height grid along the longer side of an image")

@@ -16,7 +16,7 @@ from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import transfer_points
 from .local_geometry import local_geometry
 from .star import Partner, Rows, columns_of
-from .windows import WINDOWS, ImageWindow, predicted_window, read_tile
+from .windows import TIE_WINDOWS, ImageWindow, predicted_window, read_tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ def transfer_star(job: TransferJob) -> PartResult:
         if not inside.any():
             continue
         geometry = local_geometry(other.geometry, window)
-        shown = predicted_window(geometry, window, WINDOWS.border_px)
+        shown = predicted_window(geometry, window, TIE_WINDOWS.border_px)
         tiles = (
-            read_tile(job.reference, window.grown(WINDOWS.border_px)),
+            read_tile(job.reference, window.grown(TIE_WINDOWS.border_px)),
             read_tile(other.image, shown.inside(other.image.known_size)),
         )
         if tiles[0] is None or tiles[1] is None:

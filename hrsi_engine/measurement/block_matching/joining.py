@@ -39,24 +39,24 @@ from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, epipolar_miss
 from ..tracks import spread_over_image
 
-RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
-KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
-CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 good; 2026-11-22"
+_RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
+_KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
+_CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 good; 2026-11-22"
 
 
 @thresholds
 class MatchTestThresholds:
     """Which matches of a pair and of a track contradict the others, and what sigma the rest has."""
 
-    least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", RELIEF)
+    least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", _RELIEF)
     most_camera_px: float = threshold(0.2, "px", "added by cameras at most; drift is the adjustment's")
     outlier: float = threshold(3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier")
     deviation_px: float = threshold(0.25, "px", "across the lines, below which no match is dropped")
-    contradiction_px: float = threshold(0.375, "px", "from a track's mean height, to be dropped", KAHRAMANMARAS)
+    contradiction_px: float = threshold(0.375, "px", "from a track's mean height, to be dropped", _KAHRAMANMARAS)
     rounds: int = threshold(10, "rounds", "of the robust trend")
     fewest: int = threshold(8, "matches", "that a pair needs, to be judged and used")
-    imprecise: float = threshold(3.0, "", "sigma of a match over its pair's median, above which it is dropped", CLIFFS)
-    imprecise_px: float = threshold(0.06, "px", "sigma below which no match is dropped as imprecise", CLIFFS)
+    imprecise: float = threshold(3.0, "", "sigma of a match over its pair's median, above which it is dropped", _CLIFFS)
+    imprecise_px: float = threshold(0.06, "px", "sigma below which no match is dropped as imprecise", _CLIFFS)
     island_neighbours: int = threshold(8, "matches", "to each of which parallax may step")
     island_slope: float = threshold(0.5, "px/px", "parallax over distance that such a step may have")
     island_gap: float = threshold(3.0, "", "distance over the usual one, from which a step may not grow further")

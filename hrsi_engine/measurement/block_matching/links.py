@@ -29,7 +29,7 @@ from ...foundation.thresholds import threshold, thresholds
 from .joining import BlockMatches, pair_rows
 from .pair_choice import NumberPair
 
-YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
+_YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
 
 
 @thresholds
@@ -38,12 +38,12 @@ class LinkThresholds:
 
     near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
     neighbours: int = threshold(5, "matches", "of the third link that predict a point")
-    closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle, relief included", YEAR)
+    closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle, relief included", _YEAR)
     fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged")
-    weak_matches: int = threshold(16, "matches", "below which a link with better ones beside it is dropped", YEAR)
+    weak_matches: int = threshold(16, "matches", "below which a link with better ones beside it is dropped", _YEAR)
     strong_links: int = threshold(2, "links", "with more matches that each of its images must have then")
     excess: int = threshold(2, "triangles", "open beyond closed: of one alone nobody knows the false link")
-    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may hold an image", YEAR)
+    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may hold an image", _YEAR)
     smallest_part: int = threshold(3, "images", "that are used though nothing ties them to the others")
     displaced_px: float = threshold(32.0, "px", "least offset of an image whose RPC is wrong")
     displaced_factor: float = threshold(8.0, "", "offset of such an image over the block's median")

@@ -16,7 +16,7 @@ from ...camera.rpc import RPC, Localization
 from ...camera.rpc_terms import monomials
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.types import TilePairGeometry
-from .windows import WINDOWS, ImageWindow, height_limits
+from .windows import TIE_WINDOWS, ImageWindow, height_limits
 
 _AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, ends included
 _NODES = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS), axis=-1).reshape(-1, 3)
@@ -55,7 +55,7 @@ def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int 
     """
     corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
     low, high = height_limits(geometry, corners.astype(np.float64))
-    bottom, top = float(low.min()) - WINDOWS.height_margin_m, float(high.max()) + WINDOWS.height_margin_m
+    bottom, top = float(low.min()) - TIE_WINDOWS.height_margin_m, float(high.max()) + TIE_WINDOWS.height_margin_m
     middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
     reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])
     nodes = middle + reach * _NODES
@@ -63,7 +63,7 @@ def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int 
     if not np.isfinite(seen).all():
         return geometry
     coefficients = _FIT @ seen
-    if np.abs(_TERMS.T @ coefficients - seen).max() > WINDOWS.miss_px:
+    if np.abs(_TERMS.T @ coefficients - seen).max() > TIE_WINDOWS.miss_px:
         return geometry
     return replace(
         geometry,

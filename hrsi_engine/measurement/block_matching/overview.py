@@ -15,7 +15,7 @@ from ..tile_matching.features import sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
-SPEED = "measured for speed, 2026-11-22"
+_SPEED = "measured for speed, 2026-11-22"
 
 
 @thresholds
@@ -30,8 +30,8 @@ class OverviewThresholds:
     batch: int = threshold(64, "images", "whose features are in memory")
     cells: int = threshold(10, "cells", "along each side, over which features are kept evenly")
     ratio: float = threshold(0.85, "", "of distances to the nearest descriptors of a band", "Lowe 2004: 0.8 of all")
-    line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", SPEED)
-    compiled_from: int = threshold(4_000_000, "comparisons", "from which the compiled loop pays", SPEED)
+    line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", _SPEED)
+    compiled_from: int = threshold(4_000_000, "comparisons", "from which the compiled loop pays", _SPEED)
 
 
 OVERVIEW = OverviewThresholds()

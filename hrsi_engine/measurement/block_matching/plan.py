@@ -1,6 +1,6 @@
 """Which windows of a reference image are matched, so that all of it gets points at a bounded cost.
 
-An image up to `WINDOWS.full_px` is matched everywhere. Of a larger one every cell of a grid gets a small window, and
+An image up to `TIE_WINDOWS.full_px` is matched everywhere. Of a larger one every cell of a grid gets a small window, and
 further ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
 """
 
@@ -10,12 +10,12 @@ from itertools import pairwise
 
 from ...block.block import Image
 from .star import Cell
-from .windows import WINDOWS, ImageWindow
+from .windows import TIE_WINDOWS, ImageWindow
 
 
 def is_matched_everywhere(image: Image, step: int = 1) -> bool:
     """Tell whether all of an image is matched."""
-    return max(image.known_size) <= WINDOWS.full_px * step
+    return max(image.known_size) <= TIE_WINDOWS.full_px * step
 
 
 def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
@@ -25,11 +25,11 @@ def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[li
     """
     if is_matched_everywhere(image, step):
         size, rows = image.known_size, []
-        for top, lines in _parts(size[1], WINDOWS.full_window_px * step):
+        for top, lines in _parts(size[1], TIE_WINDOWS.full_window_px * step):
             row = []
-            for left, samples in _parts(size[0], WINDOWS.full_window_px * step):
+            for left, samples in _parts(size[0], TIE_WINDOWS.full_window_px * step):
                 own = ImageWindow(left, top, samples, lines)
-                row.append(Cell((own.grown(WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
+                row.append(Cell((own.grown(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
             rows.append(row)
         return rows
     return _sample(image, cells, per_cell, step)
@@ -43,7 +43,7 @@ def _parts(length: int, side: int) -> list[tuple[int, int]]:
 
 
 def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
-    size, side = image.known_size, WINDOWS.window_px * step
+    size, side = image.known_size, TIE_WINDOWS.window_px * step
     columns, rows = (max(1, min(cells, length // side)) for length in size)
     grid = []
     for r in range(rows):
@@ -55,7 +55,7 @@ def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cel
                 ImageWindow(sample, line, side, side).inside(size)
                 for sample, line in _places(left, right, top, bottom, side, size)
             )
-            row.append(Cell(windows, windows, per_cell, WINDOWS.surplus * per_cell))
+            row.append(Cell(windows, windows, per_cell, TIE_WINDOWS.surplus * per_cell))
         grid.append(row)
     return grid
 
@@ -71,7 +71,7 @@ def _places(left: int, right: int, top: int, bottom: int, side: int, size: tuple
     places = [(sample, line) for line in lines for sample in samples]
     places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
     chosen = places[:1]
-    while len(chosen) < min(WINDOWS.attempts, len(places)):  # the one farthest from those that are chosen
+    while len(chosen) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those that are chosen
         rest = [place for place in places if place not in chosen]
         chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
     return chosen

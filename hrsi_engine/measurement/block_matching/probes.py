@@ -24,20 +24,20 @@ from .bands import banded_matches
 from .coarse import epipolar_lines, reduce_range
 from .overlaps import GroundRange, Overlap, candidate_pairs, estimate_overlaps, find_overlaps
 
-YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
+_YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 
 
 @thresholds
 class PairChoiceThresholds:
     """Which of many overlapping pairs are probed and matched."""
 
-    features: int = threshold(600, "features", "of an image that are compared", YEAR)
+    features: int = threshold(600, "features", "of an image that are compared", _YEAR)
     agreeing_px: float = threshold(4.0, "px of the overview", "between offsets across the lines that are one")
     cells: int = threshold(3, "cells", "along each side of an image, for the ground that a pair covers")
     partners: int = threshold(40, "images", "with which an image is probed at most")
     measured_partners: int = threshold(60, "images", "whose overlap is measured; of more it is estimated")
     angle_scale_deg: float = threshold(20.0, "°", "between views, over which similarity falls to 1/e")
-    chance: int = threshold(5, "features", "that agree by chance: a probe with no more says nothing", YEAR)
+    chance: int = threshold(5, "features", "that agree by chance: a probe with no more says nothing", _YEAR)
     narrow_deg: float = threshold(1.5, "°", "angle between views below which a pair tells no heights")
     narrow_worth: float = threshold(0.6, "", "worth of such a pair over that of another")
     wanted_angle_deg: float = threshold(5.0, "°", "angle that one pair of each image should have")

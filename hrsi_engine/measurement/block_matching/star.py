@@ -24,7 +24,7 @@ from ..tile_matching.pair_matching import (
     transfer_points,
 )
 from .local_geometry import local_geometry
-from .windows import WINDOWS, ImageWindow, predicted_window, read_tile
+from .windows import TIE_WINDOWS, ImageWindow, predicted_window, read_tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
         places = [(partner, _place_in(partner, window)) for partner in near]
         seen = [(partner, place) for partner, place in places if place is not None]
         tile = read_tile(job.reference, window, job.step) if seen else None
-        if tile is None or tile.valid.mean() < WINDOWS.valid_share:
+        if tile is None or tile.valid.mean() < TIE_WINDOWS.valid_share:
             continue
         rows = _thin(_match_window(tile, own, seen, options), cell.most)
         yield from rows
@@ -175,7 +175,7 @@ def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.nd
     Apparent heights of two pairs differ by what the RPCs are off along the lines; common points tell how much.
     """
     _, mine, theirs = np.intersect1d(_keys(own.first_xy), _keys(other.first_xy), return_indices=True)
-    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= WINDOWS.fewest_common else 0.0
+    shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= TIE_WINDOWS.fewest_common else 0.0
     return other.first_xy, other.height_m + shift
 
 
@@ -214,6 +214,6 @@ def _thin(rows: list[Rows], most: int) -> list[Rows]:
 
 def _place_in(partner: Partner, window: ImageWindow) -> ImageWindow | None:
     """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
-    border = WINDOWS.border_px * partner.step
+    border = TIE_WINDOWS.border_px * partner.step
     there = predicted_window(partner.geometry, window, border).inside(partner.image.known_size)
-    return there if min(there.samples, there.lines) >= WINDOWS.side_px + border else None
+    return there if min(there.samples, there.lines) >= TIE_WINDOWS.side_px + border else None

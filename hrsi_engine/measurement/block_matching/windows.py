@@ -13,7 +13,7 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 
 
 @thresholds
-class WindowThresholds:
+class TieWindowThresholds:
     """Which windows of an image are matched with which parts of others, and how they are read."""
 
     height_safety: float = threshold(3.0, "sigma", "of the height, to which a window is searched")
@@ -32,7 +32,7 @@ class WindowThresholds:
     height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "of the cubic, for the lines' step")
 
 
-WINDOWS = WindowThresholds()
+TIE_WINDOWS = TieWindowThresholds()
 
 
 class ImageWindow(NamedTuple):
@@ -90,7 +90,7 @@ def read_overview(image: Image, step: int) -> ImageTile:
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(raster, PyramidRaster):
         return ImageTile(*raster.read_reduced(step), origin, float(step))
-    parts, lines = [], step * max(WINDOWS.strip_lines // step, 1)
+    parts, lines = [], step * max(TIE_WINDOWS.strip_lines // step, 1)
     for line in range(0, step * (size[1] // step), lines):
         strip = raster.read(0, line, size[0], min(lines, size[1] - line))
         parts.append(block_means(*strip, step))
@@ -128,5 +128,5 @@ def height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarra
     """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)
-    height, reach = geometry.heights_at(xy), WINDOWS.height_safety * geometry.height_sigma_m
+    height, reach = geometry.heights_at(xy), TIE_WINDOWS.height_safety * geometry.height_sigma_m
     return height - reach, height + reach

@@ -1,7 +1,7 @@
 """Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
 
 The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
-it exceeds `CHECKS.limit` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
+it exceeds `REFERENCE_CHECKS.limit` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
 hundreds of metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
 measured.
 """
@@ -32,7 +32,7 @@ class ReferenceCheckThresholds:
     drift_m: float = threshold(1.0, "m", "standard deviation of an image's own bias from part to part")
 
 
-CHECKS = ReferenceCheckThresholds()
+REFERENCE_CHECKS = ReferenceCheckThresholds()
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ def reference_shift(
     middle, _ = image.rpc.localize(image.centre_px[None], float(np.median(ground[:, 2])))
     _, by_ground = image.rpc.project_with_metric_jacobian(middle)
     east, north = np.linalg.solve(by_ground[0, :, :2], bias)
-    own = image.rpc.err_bias or CHECKS.unknown_bias_m
+    own = image.rpc.err_bias or REFERENCE_CHECKS.unknown_bias_m
     # heights that are wrong move the ground along the line of sight
     along = np.linalg.solve(by_ground[0, :, :2], by_ground[0, :, 2]) * accuracy.sigma_h_m
-    limit = CHECKS.limit * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
+    limit = REFERENCE_CHECKS.limit * float(np.sqrt(own**2 + accuracy.sigma_xy_m**2 + 0.5 * float(along @ along)))
     return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
 
 
@@ -116,8 +116,8 @@ def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
 
 
 def far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
-    """Return the same of shifts that chance does not make: `CHECKS.far` times the limit."""
-    return shift_warnings([shift for shift in shifts if shift.length_m > CHECKS.far * shift.limit_m])
+    """Return the same of shifts that chance does not make: `REFERENCE_CHECKS.far` times the limit."""
+    return shift_warnings([shift for shift in shifts if shift.length_m > REFERENCE_CHECKS.far * shift.limit_m])
 
 
 def _explanation(shift: ReferenceShift) -> str:
@@ -183,5 +183,5 @@ def contradiction(
         return None
     every, variance = np.concatenate(differences), np.concatenate(variances)
     east, north = np.median(every, axis=0)
-    limit = CHECKS.limit * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
+    limit = REFERENCE_CHECKS.limit * float(np.sqrt(accuracy.sigma_xy_m**2 + 1.57 * np.median(variance) / len(every)))
     return Contradiction(float(east), float(north), limit, len(every))

@@ -54,7 +54,7 @@ class ReferenceMatchThresholds:
     border: int = threshold(4, "working px", "around a template, for smoothing and slopes")
 
 
-MATCHING = ReferenceMatchThresholds()
+REFERENCE_MATCHES = ReferenceMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def _match_image(
 ) -> ImageControl:
     gsd = ground_sample_m(image, places[0]) if len(places) else 1.0
     ratio = reference.gsd_m / gsd
-    step = ratio if ratio > MATCHING.coarser else 1.0
+    step = ratio if ratio > REFERENCE_MATCHES.coarser else 1.0
     if not len(places):
         return _nothing(image, gsd, step, "no textured place of the reference, with a height, lies below it")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
@@ -218,10 +218,10 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
         task.image.centre_px,
         task.image.half_size_px,
         task.step * options.reach_px,
-        MATCHING.agreement * task.step,
+        REFERENCE_MATCHES.agreement * task.step,
     )
     refusal = ""
-    if agreement is None or agreement.chance_log10 > MATCHING.chance_log10:
+    if agreement is None or agreement.chance_log10 > REFERENCE_MATCHES.chance_log10:
         refusal = f"{len(rows)} places resemble the reference, but not all shifted alike: it may show another place"
         agreement = None
     used = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
@@ -235,21 +235,23 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     """Return where a place is found near its expected position ``(2,)``; None where it is not."""
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
-    origin = expected - task.step * (half + MATCHING.border)
+    origin = expected - task.step * (half + REFERENCE_MATCHES.border)
     template = predicted_patch(
         task.image, task.reference, task.surface, origin,
-        (side + 2 * MATCHING.border, side + 2 * MATCHING.border), task.step, task.bias.offset_px,
+        (side + 2 * REFERENCE_MATCHES.border, side + 2 * REFERENCE_MATCHES.border), task.step, task.bias.offset_px,
         options.node_px, task.gsd_m,
     )  # fmt: skip
     if template.valid.mean() < 0.9:
         return None
-    corner = expected - task.step * (half + reach + MATCHING.border)
+    corner = expected - task.step * (half + reach + REFERENCE_MATCHES.border)
     corner = np.round(corner) if task.step == 1.0 else corner
-    window = side + 2 * (reach + MATCHING.border)
+    window = side + 2 * (reach + REFERENCE_MATCHES.border)
     search = image_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = np.s_[MATCHING.border : -MATCHING.border, MATCHING.border : -MATCHING.border]
+    inner = np.s_[
+        REFERENCE_MATCHES.border : -REFERENCE_MATCHES.border, REFERENCE_MATCHES.border : -REFERENCE_MATCHES.border
+    ]
     surface = correlate_orientations(
         compute_orientation_field(template.grey, template.valid)[inner],
         compute_orientation_field(search.grey, search.valid)[inner],
@@ -257,15 +259,15 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     peak = find_correlation_peak(surface)
     if np.any(peak.shift < 1.0) or np.any(peak.shift > np.array(surface.shape[::-1]) - 2.0):
         return None  # the real peak lies outside
-    at = peak.shift + MATCHING.border + half  # of the place's centre in the searched window
+    at = peak.shift + REFERENCE_MATCHES.border + half  # of the place's centre in the searched window
     # The match after least-squares matching, or as it is where grey values do not correlate
-    middle = half + MATCHING.border
+    middle = half + REFERENCE_MATCHES.border
     step = task.step
-    settings = LsmOptions(window_px=2 * (middle - MATCHING.border) + 1, reach_px=MATCHING.lsm_reach)
-    first = MatchImage(template.grey, template.valid, MATCHING.smoothing)
-    second = MatchImage(search.grey, search.valid, MATCHING.smoothing)
+    settings = LsmOptions(window_px=2 * (middle - REFERENCE_MATCHES.border) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
+    first = MatchImage(template.grey, template.valid, REFERENCE_MATCHES.smoothing)
+    second = MatchImage(search.grey, search.valid, REFERENCE_MATCHES.smoothing)
     made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
-    if made.status[0] == DONE and made.correlation[0] >= MATCHING.correlation and made.gain[0] > 0.0:
-        sigma = float(np.hypot(made.sigma_px[0], MATCHING.sigma_floor))
+    if made.status[0] == DONE and made.correlation[0] >= REFERENCE_MATCHES.correlation and made.gain[0] > 0.0:
+        sigma = float(np.hypot(made.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
         return _Match(search.origin + step * made.xy[0], step * sigma, peak.score)
-    return _Match(search.origin + step * at, step * MATCHING.direction_sigma, peak.score)
+    return _Match(search.origin + step * at, step * REFERENCE_MATCHES.direction_sigma, peak.score)

@@ -16,7 +16,7 @@ import numpy as np
 from ...block.block import Image
 from ...block.shared_accuracy import ORTHOIMAGE
 from ...foundation.robust_scale import robust_sigma
-from .checks import CHECKS, ReferenceAccuracy
+from .checks import REFERENCE_CHECKS, ReferenceAccuracy
 from .matching import ImageControl, ReferenceControl
 
 
@@ -57,21 +57,21 @@ def without_wrong_parts(
             away[part_of[found.places] == number] - np.median(away, axis=0)
             for found, away in zip(seen, beside, strict=True)
         ]
-        values = [value for value in values if len(value) >= CHECKS.fewest_places]
+        values = [value for value in values if len(value) >= REFERENCE_CHECKS.fewest_places]
         if values:
             own = [np.median(value, axis=0) for value in values]
             middle[index] = np.mean(own, axis=0)
             spread = [1.57 * robust_sigma(value - at) ** 2 / len(value) for value, at in zip(values, own, strict=True)]
             variance[index] = float(np.sum(spread)) / len(values) ** 2
-    variance += (ORTHOIMAGE.by_part * accuracy.sigma_xy_m) ** 2 + CHECKS.drift_m**2
+    variance += (ORTHOIMAGE.by_part * accuracy.sigma_xy_m) ** 2 + REFERENCE_CHECKS.drift_m**2
     known = np.flatnonzero(np.isfinite(variance))
     if len(known) < 3:
         return control, []
     apart = np.sum((middle[known, None] - middle[known]) ** 2, axis=2) / variance[known]
-    best = int(np.argmin(np.minimum(apart, CHECKS.limit**2).sum(axis=1)))
-    fitting = apart[best] <= CHECKS.limit**2
+    best = int(np.argmin(np.minimum(apart, REFERENCE_CHECKS.limit**2).sum(axis=1)))
+    fitting = apart[best] <= REFERENCE_CHECKS.limit**2
     rest = np.average(middle[known[fitting]], axis=0, weights=1.0 / variance[known[fitting]])
-    wrong = np.sum((middle[known] - rest) ** 2, axis=1) / variance[known] > CHECKS.limit**2
+    wrong = np.sum((middle[known] - rest) ** 2, axis=1) / variance[known] > REFERENCE_CHECKS.limit**2
     if not wrong.any() or wrong.sum() * 2 >= len(known):
         return control, []
     shifts = []
@@ -81,7 +81,7 @@ def without_wrong_parts(
         # the ground by the reference, less where the rest of it would put it
         east, north = rest - middle[index]
         shifts.append(PartShift(float(lon), float(lat), float(east), float(north),
-                                CHECKS.limit * float(np.sqrt(variance[index])), int(here.sum())))  # fmt: skip
+                                REFERENCE_CHECKS.limit * float(np.sqrt(variance[index])), int(here.sum())))  # fmt: skip
     left = ~np.isin(part_of, numbers[known[wrong]])
     found = tuple(replace(one, used=one.used & left[one.places]) for one in control.images)
     return replace(control, images=found), shifts
@@ -92,8 +92,10 @@ def _parts(ground: np.ndarray) -> np.ndarray:
     if not len(ground):
         return np.zeros(0, dtype=np.int64)
     low, size = ground[:, :2].min(axis=0), np.maximum(np.ptp(ground[:, :2], axis=0), 1e-12)
-    cell = np.minimum((CHECKS.parts * (ground[:, :2] - low) / size).astype(np.int64), CHECKS.parts - 1)
-    return np.asarray(cell[:, 1] * CHECKS.parts + cell[:, 0])
+    cell = np.minimum(
+        (REFERENCE_CHECKS.parts * (ground[:, :2] - low) / size).astype(np.int64), REFERENCE_CHECKS.parts - 1
+    )
+    return np.asarray(cell[:, 1] * REFERENCE_CHECKS.parts + cell[:, 0])
 
 
 def _beside_m(image: Image, ground: np.ndarray, found: ImageControl) -> np.ndarray:

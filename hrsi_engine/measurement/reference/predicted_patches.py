@@ -19,7 +19,7 @@ from ...surface.dem import HeightSurface, Status, intersect_surface
 
 
 @thresholds
-class PatchThresholds:
+class ReferencePatchThresholds:
     """Which places of a reference are looked for, and how it is resampled to the pixels of images."""
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
@@ -33,7 +33,7 @@ class PatchThresholds:
     most_cells: int = threshold(20_000, "cells", "of all images together")
 
 
-PATCH = PatchThresholds()
+PATCH = ReferencePatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,19 +26,19 @@ class PatchFinderThresholds:
     rival_px: int = threshold(4, "px", "from the best peak, beyond which a peak is a second one")
 
 
-PATCHES = PatchFinderThresholds()
+FINDER = PatchFinderThresholds()
 SOBEL = np.array([1.0, 2.0, 1.0]) / 4.0, np.array([-1.0, 0.0, 1.0]) / 2.0
 
 
-def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = PATCHES.most) -> np.ndarray:
+def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = FINDER.most) -> np.ndarray:
     """Return columns and rows ``(n, 2)`` of distinct corners whose window lies on valid pixels, evenly spread."""
-    usable = erode(valid, 2 * PATCHES.half_px + 1, outside=False)
+    usable = erode(valid, 2 * FINDER.half_px + 1, outside=False)
     if not usable.any():
         return np.empty((0, 2), dtype=np.int64)
     by_x, by_y = slopes(pixels, *SOBEL)
-    xx, yy, xy = (box_mean(product, PATCHES.corner_px) for product in (by_x * by_x, by_y * by_y, by_x * by_y))
+    xx, yy, xy = (box_mean(product, FINDER.corner_px) for product in (by_x * by_x, by_y * by_y, by_x * by_y))
     strength = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)  # the smaller eigenvalue (Shi, Tomasi 1994)
-    strong = strength > PATCHES.corner_share * strength[usable].max()
+    strong = strength > FINDER.corner_share * strength[usable].max()
     rows, columns = np.nonzero(usable & strong & (strength >= largest_within(strength, 1.5)))
     order = np.argsort(-strength[rows, columns], kind="stable")
     candidates = np.column_stack([columns, rows])[order]
@@ -68,19 +68,19 @@ def seek(
     place: np.ndarray
     at: np.ndarray
     for number, (place, at) in enumerate(zip(places, middle, strict=True)):
-        low = np.maximum(at - PATCHES.half_px - reach, 0)
-        high = np.minimum(at + PATCHES.half_px + reach + 1, other.shape[::-1])
-        if ((high - low) < 2 * PATCHES.half_px + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
+        low = np.maximum(at - FINDER.half_px - reach, 0)
+        high = np.minimum(at + FINDER.half_px + reach + 1, other.shape[::-1])
+        if ((high - low) < 2 * FINDER.half_px + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
             continue
         window = pixels[
-            place[1] - PATCHES.half_px : place[1] + PATCHES.half_px + 1,
-            place[0] - PATCHES.half_px : place[0] + PATCHES.half_px + 1,
+            place[1] - FINDER.half_px : place[1] + FINDER.half_px + 1,
+            place[0] - FINDER.half_px : place[0] + FINDER.half_px + 1,
         ]
         surface = correlate_template(window, other[low[1] : high[1], low[0] : high[0]])
         peak = _clear_peak(surface)
         if peak is not None:
             found.append(number)
-            where.append(peak + low + PATCHES.half_px + np.round(offset))
+            where.append(peak + low + FINDER.half_px + np.round(offset))
     return np.array(found, dtype=np.int64), np.array(where, dtype=np.float64).reshape(-1, 2)
 
 
@@ -89,13 +89,13 @@ def _clear_peak(surface: np.ndarray) -> np.ndarray | None:
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     best = surface[row, column]
     rows, columns = surface.shape
-    if not best > PATCHES.correlation or not (0 < row < rows - 1 and 0 < column < columns - 1):
+    if not best > FINDER.correlation or not (0 < row < rows - 1 and 0 < column < columns - 1):
         return None
     around = surface[row - 1 : row + 2, column - 1 : column + 2]
-    top, left = max(row - PATCHES.rival_px, 0), max(column - PATCHES.rival_px, 0)
+    top, left = max(row - FINDER.rival_px, 0), max(column - FINDER.rival_px, 0)
     rest = surface.copy()
-    rest[top : row + PATCHES.rival_px + 1, left : column + PATCHES.rival_px + 1] = -1.0
-    if rest.max() > PATCHES.rival * best:
+    rest[top : row + FINDER.rival_px + 1, left : column + FINDER.rival_px + 1] = -1.0
+    if rest.max() > FINDER.rival * best:
         return None
     return np.array([column + _vertex(around[1]), row + _vertex(around[:, 1])])
 

@@ -19,26 +19,26 @@ from scipy import ndimage
 from ...foundation.pixel_filters import blur
 from ...foundation.thresholds import threshold, thresholds
 
-LOWE = "Lowe 2004"
+_LOWE = "Lowe 2004"
 
 
 @thresholds
 class SiftParameters:
     """Parameters of SIFT as OpenCV has them."""
 
-    layers: int = threshold(3, "scales", "of an octave", LOWE)
-    first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", LOWE)
-    image_sigma_px: float = threshold(0.5, "px", "Gaussian that the image itself is taken to have", LOWE)
-    edge_ratio: float = threshold(10.0, "", "of principal curvatures, above which a feature lies on an edge", LOWE)
+    layers: int = threshold(3, "scales", "of an octave", _LOWE)
+    first_sigma_px: float = threshold(1.6, "px", "Gaussian of the first scale", _LOWE)
+    image_sigma_px: float = threshold(0.5, "px", "Gaussian that the image itself is taken to have", _LOWE)
+    edge_ratio: float = threshold(10.0, "", "of principal curvatures, above which a feature lies on an edge", _LOWE)
     border_px: int = threshold(5, "px", "of an octave without features", "OpenCV")
     moves: int = threshold(5, "moves", "from pixel to pixel on the way to the extremum", "OpenCV")
-    bins: int = threshold(36, "bins", "of the histogram of directions", LOWE)
-    second_peak: float = threshold(0.8, "", "of its peak, from which another direction makes another feature", LOWE)
-    reach: float = threshold(4.5, "scales", "half side of the square whose gradients are counted", LOWE)
-    weight_sigma: float = threshold(1.5, "scales", "Gaussian of their weights", LOWE)
+    bins: int = threshold(36, "bins", "of the histogram of directions", _LOWE)
+    second_peak: float = threshold(0.8, "", "of its peak, from which another direction makes another feature", _LOWE)
+    reach: float = threshold(4.5, "scales", "half side of the square whose gradients are counted", _LOWE)
+    weight_sigma: float = threshold(1.5, "scales", "Gaussian of their weights", _LOWE)
     part_scales: float = threshold(3.0, "scales", "side of a part of the descriptor", "OpenCV")
     places: int = threshold(4, "places", "sampled along a part's side", "as good as OpenCV's, 2026-11-22")
-    largest_share: float = threshold(0.2, "", "of a descriptor's length in one number", LOWE)
+    largest_share: float = threshold(0.2, "", "of a descriptor's length in one number", _LOWE)
     batch: int = threshold(256, "features", "described at a time: memory")
 
 
