@@ -1,7 +1,7 @@
 """Which windows of a reference image are matched, so that all of it gets points at a bounded cost.
 
-An image up to `TIE_WINDOWS.full_px` is matched everywhere. Of a larger one every cell of a grid gets a small window, and
-further ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
+An image up to 2048 px is matched everywhere. Of a larger one every cell of a grid gets a small window, and further
+ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
 
 The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
-it exceeds `REFERENCE_CHECKS.limit` standard deviations of both: a wrong datum, CRS or place moves a reference by tens to
-hundreds of metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
+it exceeds 3.5 standard deviations of both: a wrong datum, CRS or place moves a reference by tens to hundreds of
+metres. Surveyed GCPs tell the two apart: at each of them the reference predicts where it should be
 measured.
 """
 
