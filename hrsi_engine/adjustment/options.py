@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..foundation.options import option, options, threads_option
-from ..refinement.options import BLOCK_MODEL_NAMES, RULE_NAMES
+from ..refinement.model_table import BLOCK_MODEL_NAMES
+from ..refinement.options import RULE_NAMES
 
 if TYPE_CHECKING:
     from ..block.laser import LaserPoints

@@ -4,14 +4,14 @@ The 78 coefficients (20 + 19 of sample, 20 + 19 of line; the constants of the de
 ``L w``, where ``L L'`` is a prior covariance C of the coefficients and the parameters w are standard normal before any
 observation. So every method is the same model with another C, and the same equations serve an estimation in one batch,
 point by point, or in one step. With N the normal matrix of the coefficients from the RPC's own virtual grid
-(`DIRECT_GRID`: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
+(10 x 10 x 5: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
 
 | method   | source               | information C^-1                          | estimation                          |
 |----------|----------------------|-------------------------------------------|-------------------------------------|
 | `direct` | Di et al. 2003       | diagonal, 1 and 0.01: nearly nothing      | batch, iterated                     |
 | `bils`   | Hu and Tao 2002      | N                                         | batch, iterated                     |
 | `idkf`   | Hu and Tao 2002      | the same                                  | Kalman filter, one GCP at a time    |
-| `pg`     | Bang et al. 2003     | N of the few pseudo GCPs of `PSEUDO_GRID` | batch, iterated                     |
+| `pg`     | Bang et al. 2003     | N of few pseudo GCPs, 3 x 3 x 3           | batch, iterated                     |
 | `upoe`   | Bang et al. 2003     | diagonal, `SYSTEMATIC_PX` px each        | batch, iterated                     |
 | `slss`   | Bang et al. 2003     | N                                         | one update of the old solution      |
 
@@ -42,11 +42,10 @@ from ..camera.rpc_fit import virtual_grid
 from ..camera.rpc_terms import monomials
 from ..foundation.errors import InputError
 from .model import Equations, Linearise, Priors, RefitRPC
+from .model_table import DIRECT_TABLE, make_models
 
 COEFFICIENTS = 78
 SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
-DIRECT_GRID = (10, 10, 5)  # samples, lines, heights
-PSEUDO_GRID = (3, 3, 3)
 SYSTEMATIC_PX = 20.0
 LOOSE_DENOMINATOR = 0.01  # sigma of a coefficient for `direct`
 WEAKEST = 1e-4  # smallest eigenvalue of the information, over the largest
@@ -179,26 +178,13 @@ def _parameter_information(image: Image) -> np.ndarray:
     return np.diag((effect / SYSTEMATIC_PX) ** 2)
 
 
-DIRECT = {
-    model.name: model
-    for model in (
-        DirectRPC("direct", "all coefficients again from the GCPs", lambda _image: _loose_information()),
-        DirectRPC(
-            "bils", "coefficients by batch least squares with their covariance",
-            lambda image: _virtual_information(image, DIRECT_GRID),
-        ),
-        DirectRPC(
-            "idkf", "coefficients by a Kalman filter, GCP by GCP",
-            lambda image: _virtual_information(image, DIRECT_GRID),
-        ),
-        DirectRPC(
-            "pg", "coefficients with pseudo GCPs of the old RPC",
-            lambda image: _virtual_information(image, PSEUDO_GRID),
-        ),
-        DirectRPC("upoe", "coefficients with the old ones as observations", _parameter_information),
-        DirectRPC(
-            "slss", "coefficients by one sequential update of the old solution",
-            lambda image: _virtual_information(image, DIRECT_GRID),
-        ),
-    )
-}  # fmt: skip
+def _grid_method(name: str, title: str, shape: tuple[int, int, int]) -> DirectRPC:
+    return DirectRPC(name, title, lambda image: _virtual_information(image, shape))
+
+
+_MAKERS: dict[str, Callable[..., DirectRPC]] = {
+    "loose": lambda name, title: DirectRPC(name, title, lambda _image: _loose_information()),
+    "grid": _grid_method,
+    "coefficients": lambda name, title: DirectRPC(name, title, _parameter_information),
+}
+DIRECT = make_models(DIRECT_TABLE, _MAKERS)

@@ -12,6 +12,7 @@ derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +22,7 @@ from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import fold_affine
 from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model_table import IMAGE_SPACE_TABLE, make_models
 from .refit import refit_camera
 
 
@@ -208,29 +210,15 @@ def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePo
     return ImagePolynomial(name, title, tuple(names), np.array(powers, dtype=np.int64).reshape(-1, 2), mixing)
 
 
-def _conformal() -> ImagePolynomial:
+def _similarity(name: str, title: str) -> ImagePolynomial:
     """Shift, scale k and rotation r: sample + k u - r v, line + r u + k v."""
     mixing = np.zeros((2, 3, 4))
     mixing[0, 0, 0] = mixing[1, 0, 1] = 1.0
     mixing[0, 1, 2] = mixing[1, 2, 2] = 1.0
     mixing[0, 2, 3], mixing[1, 1, 3] = -1.0, 1.0
-    return ImagePolynomial(
-        "conformal", "shift, scale and rotation in the image",
-        ("sample_0", "line_0", "scale", "rotation"), np.array([(0, 0), (1, 0), (0, 1)]), mixing,
-    )  # fmt: skip
+    parameters = ("sample_0", "line_0", "scale", "rotation")
+    return ImagePolynomial(name, title, parameters, np.array([(0, 0), (1, 0), (0, 1)]), mixing)
 
 
-IMAGE_SPACE = {
-    model.name: model
-    for model in (
-        _polynomial("none", "no correction: the RPCs as they are", []),
-        _polynomial("shift", "a constant in sample and in line", [(0, 0)]),
-        _polynomial("shift-drift", "a constant and a drift along the lines", [(0, 0), (0, 1)]),
-        _conformal(),
-        _polynomial("affine", "an affine transformation of the image", [(0, 0), (1, 0), (0, 1)]),
-        _polynomial(
-            "quadratic", "a polynomial of second degree in the image",
-            [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2)],
-        ),
-    )
-}  # fmt: skip
+_MAKERS: dict[str, Callable[..., ImagePolynomial]] = {"polynomial": _polynomial, "similarity": _similarity}
+IMAGE_SPACE = make_models(IMAGE_SPACE_TABLE, _MAKERS)

@@ -7,9 +7,9 @@ that image, what the corrected camera computes and how that changes with the val
     by_values                     (n, 2, p)   px per unit of each parameter
     by_ground                     (n, 2, 3)   px per metre east, north, up at each point
 
-The adjustment knows nothing else of a model. A new model is one class or one table entry in `MODELS`; the contract
-tests run over every entry (numeric against analytic derivatives, zero values leave the RPC unchanged, refined RPC
-against the model).
+The adjustment knows nothing else of a model. A new model is one entry in `model_table`, and a class where no family
+makes it; the contract tests run over every entry (numeric against analytic derivatives, zero values leave the RPC
+unchanged, refined RPC against the model).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from ..ground import ellipsoid
 from ..ground.ellipsoid import Number
 from .ground_area import ground_area
 from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model_table import OBJECT_COORDINATES_TABLE, make_models
 from .refit import refit_camera
 
 
@@ -149,10 +150,4 @@ def _polynomial(name: str, title: str, degree: int) -> GroundPolynomial:
     return GroundPolynomial(name, title, names, np.array(powers))
 
 
-OBJECT_COORDINATES = {
-    model.name: model
-    for model in (
-        _polynomial("ground-linear", "a first-order polynomial of lon, lat and height, added in the image", 1),
-        _polynomial("ground-quadratic", "a second-order polynomial of lon, lat and height, added in the image", 2),
-    )
-}
+OBJECT_COORDINATES = make_models(OBJECT_COORDINATES_TABLE, {"polynomial": _polynomial})

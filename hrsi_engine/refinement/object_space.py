@@ -22,6 +22,7 @@ from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
 from .ground_area import ground_area, px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Priors, RefitRPC, RowIndex, Structure
+from .model_table import OBJECT_SPACE_TABLE, make_models
 from .refit import refit_camera
 
 GROUND_AXES = ("east", "north", "up")
@@ -183,18 +184,4 @@ def _correction(name: str, title: str, entries: list[tuple[int, int]], least_poi
     return GroundCorrection(name, title, names, np.array(entries), least_points)
 
 
-SHIFTS = [(axis, 0) for axis in range(3)]
-OBJECT_SPACE = {
-    model.name: model
-    for model in (
-        _correction("object-shift", "a shift of the ground coordinates", SHIFTS, 1),
-        _correction(
-            "object-scale-shift", "a shift and a scale of each ground coordinate",
-            SHIFTS + [(axis, axis + 1) for axis in range(3)], 2,
-        ),
-        _correction(
-            "object-affine", "an affine transformation of the ground coordinates",
-            SHIFTS + [(axis, by) for axis in range(3) for by in range(1, 4)], 4,
-        ),
-    )
-}  # fmt: skip
+OBJECT_SPACE = make_models(OBJECT_SPACE_TABLE, {"correction": _correction})

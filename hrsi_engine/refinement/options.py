@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 from ..foundation.options import option, options
+from .model_table import BLOCK_MODEL_NAMES, DIRECT_MODEL_NAMES
 
 #: Rules that choose a model from the GCPs (`selection.RULES`).
 RULE_NAMES = ("auto", "generic")
-#: Models for blocks and single images (`models.BLOCK_MODELS`).
-BLOCK_MODEL_NAMES = (
-    "none", "shift", "shift-drift", "conformal", "affine", "quadratic", "ground-linear", "ground-quadratic",
-    "object-shift", "object-scale-shift", "object-affine", "generic-position", "generic-shift", "generic-12",
-    "generic-affine", "generic-full",
-)  # fmt: skip
-#: Models for single images with GCPs (`direct_rpc.DIRECT`): new coefficients.
-DIRECT_MODEL_NAMES = ("direct", "bils", "idkf", "pg", "upoe", "slss")
 
 
 @options

@@ -39,6 +39,7 @@ from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import ground_area, px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
+from .model_table import PSEUDO_SENSOR_TABLE, make_models
 from .pseudo_rays import pseudo_rays, sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
@@ -199,11 +200,11 @@ def _derive_orientation(image: Image, priors: Priors) -> Orientation:
 
 
 def _variant(
-    name: str, title: str, quantities: tuple[int, ...], linear: bool, least_points: int, drift_factor: float = 1.0
+    name: str, title: str, quantities: tuple[str, ...], linear: bool, least_points: int, drift_factor: float = 1.0
 ) -> PseudoSensor:
     terms = [
         (quantity, term)
-        for quantity in quantities
+        for quantity in map(QUANTITIES.index, quantities)
         for term in range(3 if linear else 1)
         if (quantity, term) != (PSI_Z, 0)  # the constant of yaw does the same
     ]
@@ -211,14 +212,4 @@ def _variant(
     return PseudoSensor(name, title, names, np.array(terms), least_points, drift_factor)
 
 
-FOUR, ALL = (X, Y, PSI_X, PSI_Y), tuple(range(len(QUANTITIES)))
-PSEUDO_SENSOR = {
-    model.name: model
-    for model in (
-        _variant("generic-position", "sensor position, constant", (X, Y), False, 1),
-        _variant("generic-shift", "sensor position, roll and pitch, constant", FOUR, False, 1),
-        _variant("generic-12", "sensor position, roll and pitch, linear: the thesis's twelve", FOUR, True, 3),
-        _variant("generic-affine", "sensor position and attitude, linear in the image, drifts held", ALL, True, 3),
-        _variant("generic-full", "sensor position and attitude, linear, for many GCPs", ALL, True, 9, 10.0),
-    )
-}
+PSEUDO_SENSOR = make_models(PSEUDO_SENSOR_TABLE, {"pseudo-sensor": _variant})

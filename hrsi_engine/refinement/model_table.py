@@ -1,0 +1,102 @@
+"""The table of refinement models: one entry a model, from which it is made and from which declarations have its name.
+
+It imports no numerics, so that the command line knows the choices without loading them. The files of the
+families make the models (`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`, `direct_rpc`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+
+class ModelEntry(NamedTuple):
+    """A model before it is made.
+
+    Parameters
+    ----------
+    title : what it corrects, in a few words
+    maker : which of the family's makers makes it
+    settings : what the maker takes after name and title
+    """
+
+    title: str
+    maker: str
+    settings: tuple[Any, ...] = ()
+
+
+#: Polynomials of the image position: powers of (sample, line), the same in both coordinates.
+IMAGE_SPACE_TABLE = {
+    "none": ModelEntry("no correction: the RPCs as they are", "polynomial", ([],)),
+    "shift": ModelEntry("a constant in sample and in line", "polynomial", ([(0, 0)],)),
+    "shift-drift": ModelEntry("a constant and a drift along the lines", "polynomial", ([(0, 0), (0, 1)],)),
+    "conformal": ModelEntry("shift, scale and rotation in the image", "similarity"),
+    "affine": ModelEntry("an affine transformation of the image", "polynomial", ([(0, 0), (1, 0), (0, 1)],)),
+    "quadratic": ModelEntry(
+        "a polynomial of second degree in the image", "polynomial", ([(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2)],)
+    ),
+}
+#: Polynomials of the ground position, added in the image: their degree.
+OBJECT_COORDINATES_TABLE = {
+    "ground-linear": ModelEntry(
+        "a first-order polynomial of lon, lat and height, added in the image", "polynomial", (1,)
+    ),
+    "ground-quadratic": ModelEntry(
+        "a second-order polynomial of lon, lat and height, added in the image", "polynomial", (2,)
+    ),
+}
+_SHIFTS = [(axis, 0) for axis in range(3)]
+#: Corrections of the ground position: (axis, 0 for a constant or 1 + the axis it grows with), fewest GCPs.
+OBJECT_SPACE_TABLE = {
+    "object-shift": ModelEntry("a shift of the ground coordinates", "correction", (_SHIFTS, 1)),
+    "object-scale-shift": ModelEntry(
+        "a shift and a scale of each ground coordinate",
+        "correction",
+        (_SHIFTS + [(axis, axis + 1) for axis in range(3)], 2),
+    ),
+    "object-affine": ModelEntry(
+        "an affine transformation of the ground coordinates",
+        "correction",
+        (_SHIFTS + [(axis, by) for axis in range(3) for by in range(1, 4)], 4),
+    ),
+}
+_TILT, _ALL = ("xs", "ys", "psi_x", "psi_y"), ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
+#: Corrections of a pseudo sensor: quantities, whether linear in the image, fewest GCPs, factor of the drifts' sigmas.
+PSEUDO_SENSOR_TABLE = {
+    "generic-position": ModelEntry("sensor position, constant", "pseudo-sensor", (("xs", "ys"), False, 1)),
+    "generic-shift": ModelEntry("sensor position, roll and pitch, constant", "pseudo-sensor", (_TILT, False, 1)),
+    "generic-12": ModelEntry(
+        "sensor position, roll and pitch, linear: the thesis's twelve", "pseudo-sensor", (_TILT, True, 3)
+    ),
+    "generic-affine": ModelEntry(
+        "sensor position and attitude, linear in the image, drifts held", "pseudo-sensor", (_ALL, True, 3)
+    ),
+    "generic-full": ModelEntry(
+        "sensor position and attitude, linear, for many GCPs", "pseudo-sensor", (_ALL, True, 9, 10.0)
+    ),
+}
+_DIRECT_GRID, _PSEUDO_GRID = (10, 10, 5), (3, 3, 3)
+#: New coefficients, for single images with GCPs: nodes (samples, lines, heights) of the grid in place of the old ones.
+DIRECT_TABLE = {
+    "direct": ModelEntry("all coefficients again from the GCPs", "loose"),
+    "bils": ModelEntry("coefficients by batch least squares with their covariance", "grid", (_DIRECT_GRID,)),
+    "idkf": ModelEntry("coefficients by a Kalman filter, GCP by GCP", "grid", (_DIRECT_GRID,)),
+    "pg": ModelEntry("coefficients with pseudo GCPs of the old RPC", "grid", (_PSEUDO_GRID,)),
+    "upoe": ModelEntry("coefficients with the old ones as observations", "coefficients"),
+    "slss": ModelEntry("coefficients by one sequential update of the old solution", "grid", (_DIRECT_GRID,)),
+}
+
+#: Models for blocks and single images, and those for single images with GCPs only.
+BLOCK_MODEL_NAMES = (*IMAGE_SPACE_TABLE, *OBJECT_COORDINATES_TABLE, *OBJECT_SPACE_TABLE, *PSEUDO_SENSOR_TABLE)
+DIRECT_MODEL_NAMES = tuple(DIRECT_TABLE)
+
+Model = TypeVar("Model")
+
+
+def make_models(table: Mapping[str, ModelEntry], makers: Mapping[str, Callable[..., Model]]) -> dict[str, Model]:
+    """Return the models of a family's table, each made by the maker that its entry names."""
+    for name, entry in table.items():
+        if entry.maker not in makers:
+            known = ", ".join(makers)
+            raise LookupError(f"model {name!r}: its family has no maker {entry.maker!r}, only {known}: add it there")
+    return {name: makers[entry.maker](name, entry.title, *entry.settings) for name, entry in table.items()}
