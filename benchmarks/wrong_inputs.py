@@ -763,7 +763,7 @@ def run_checks(inputs: Inputs) -> Outcome:
     from hrsi.processing_algorithms.block_steps.inputs import read_block
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
     from hrsi.processing_algorithms.declarations.adjust import AdjustAlgorithmOptions
-    from hrsi.processing_algorithms.files.image_files import open_images
+    from hrsi.processing_algorithms.files.image_files import open_input_images
     from hrsi.processing_algorithms.interface.declare import Context, made_options
     from hrsi.processing_algorithms.interface.options import checked_options
 
@@ -771,7 +771,7 @@ def run_checks(inputs: Inputs) -> Outcome:
         try:
             given = checked_options(REGISTRY["adjust"], written(inputs, Path(name)))
             options = made_options(AdjustAlgorithmOptions, given)
-            images = open_images(options.images, Context(silent, lambda message: None))
+            images = open_input_images(options.images, Context(silent, lambda message: None))
             block, _ = read_block(images, options.points, options.dem, options.tie_points)
             reasons = input_reasons(block, options.points, options.dem)
         except HrsiError as error:

@@ -13,7 +13,7 @@ from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 
@@ -21,7 +21,7 @@ from .interface.declare import Context, Report
 def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     earlier = read_earlier(options.growth, images, options.tie_points)
     images = [*earlier.images, *images]
     block_inputs.tell_tiles(images, options.adjustment, context.log)

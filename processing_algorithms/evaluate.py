@@ -45,7 +45,7 @@ from .block_steps.outputs import Clock
 from .block_steps.summary import number
 from .block_steps.tie_search import count_pairs, find
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.result_folder import check_folder, plan_page, tell
 from .files.rpc_folders import rpcs_of_folder
 from .files.terrain import dem_surface
@@ -74,7 +74,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     clock = Clock()
     require_matches_used(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum)
     if context.dry_run:

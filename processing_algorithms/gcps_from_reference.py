@@ -12,7 +12,7 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
 from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.result_folder import check_folder, plan_folder, write_folder
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
@@ -23,7 +23,7 @@ REJECTED = "rejected"
 def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
     check_folder(options.folder, context)
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     if context.dry_run:
         reference_control.open_reference(options.reference.reference, options.reference.reference_band)
         dem_surface(options.dem, options.height_datum)

@@ -15,7 +15,7 @@ from ..hrsi_engine.io.position_tables import ImagePositions, read_image_position
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
-from .files.image_files import is_on_image, open_images
+from .files.image_files import is_on_image, open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -26,7 +26,7 @@ LOCALIZED_LINE = "sample line height"
 def run(options: LocalizeOptions, context: Context) -> Report:
     """Read image points from a file or standard input and follow their rays to the ground."""
     check_folder(options.folder, context)
-    images = open_images(options.images, context, always=False)
+    images = open_input_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
     ids = [image.id for image in images]
     points = read_image_positions(options.points, ids) if options.points else _from_lines(images)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from .declarations.orthorectify import OrthorectifyOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .interface.declare import Context, Report
 from .ortho_steps import inputs as ortho_inputs
 from .ortho_steps import jobs as ortho_jobs
@@ -15,7 +15,7 @@ from .ortho_steps import outputs as ortho_outputs
 def run(options: OrthorectifyOptions, context: Context) -> Report:
     """Plan the grids, make the orthoimages that are not there yet, write the report."""
     start = time.monotonic()
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     terrain = ortho_inputs.open_ortho_terrain(options)
     plan = ortho_inputs.plan_block(images, terrain, options)
     jobs = ortho_jobs.jobs_of(plan, options)

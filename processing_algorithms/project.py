@@ -15,7 +15,7 @@ from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .declarations.project import LAYERS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
-from .files.image_files import is_on_image, open_images
+from .files.image_files import is_on_image, open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -26,7 +26,7 @@ PROJECTED_LINE = "lon lat height"
 def run(options: ProjectOptions, context: Context) -> Report:
     """Read ground points from a file or standard input and project them into every image."""
     check_folder(options.folder, context)
-    images = open_images(options.images, context, always=False)
+    images = open_input_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
     ids, ground, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
     if context.dry_run:

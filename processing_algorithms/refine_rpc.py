@@ -24,7 +24,7 @@ from .block_steps.model_choice import choice_entry
 from .block_steps.summary import COLUMN_WIDTHS, number
 from .block_steps.summary import summarise as summarise_block
 from .declarations.refine_rpc import RefineAlgorithmOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .interface.declare import Context, Report
 
 #: Sigmas of shift (px) and drift where control may lie anywhere about: generic models are for orientations of any
@@ -35,7 +35,7 @@ ANY_ORIENTATION = (1e5, 0.1)
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")

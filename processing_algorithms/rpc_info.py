@@ -21,7 +21,7 @@ from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
@@ -30,7 +30,7 @@ from .interface.declare import Context, Report
 def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
     check_folder(options.folder, context)
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     surface, warnings = _surface(options, images)
     tell(warnings, context)
     views = [ViewDirection(image, surface) for image in images]

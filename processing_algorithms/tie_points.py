@@ -24,7 +24,7 @@ from .block_steps.outputs import Clock
 from .block_steps.tie_search import count_pairs, find, held_entries
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.dry_run import plan
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -35,7 +35,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
     check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
     clock = Clock()
-    new = open_images(options.images, context)
+    new = open_input_images(options.images, context)
     earlier = read_earlier_ties(options.add_to, new)
     images = [*earlier.images, *new]
     surface = open_terrain(options.terrain)

@@ -24,7 +24,7 @@ from .block_steps.reference_control import read_reference_block, reference_reaso
 from .block_steps.summary import summarise as summarise
 from .block_steps.tie_search import count_pairs, find, held_entries
 from .declarations.triangulate import TriangulateOptions
-from .files.image_files import open_images
+from .files.image_files import open_input_images
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 from .interface.option_groups import AUTOMATIC_TIES
@@ -37,7 +37,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
     block_inputs.require_matches_used(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
-    images = open_images(options.images, context)
+    images = open_input_images(options.images, context)
     automatic = options.tie_points == AUTOMATIC_TIES
     earlier = read_earlier(options.growth, images, None if automatic else options.tie_points)
     if options.reference.reference and earlier.images:

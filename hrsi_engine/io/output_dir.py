@@ -17,13 +17,12 @@ from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
 from ..foundation.interruption import holding_signals
-from .geopackage.layers import remove_old_journal
-from .opening.datasets import quiet, virtual_status
+from .opening.datasets import quiet
 from .opening.json_files import read_json
-from .opening.virtual_files import VIRTUAL, remove_virtual, write_virtual
+from .opening.virtual_files import VIRTUAL, remove_virtual, virtual_status, write_virtual
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.leftovers import temporary_folder
-from .safety.replacing import COPY_BYTES
+from .safety.replacing import COPY_BYTES, remove_write_ahead_log
 from .safety.transactions import Transaction, finish_interrupted
 
 _REPORT = "report.json"
@@ -165,7 +164,7 @@ def _move_into_place(
     for file in files:
         target = folder / file.name
         if file.suffix == ".gpkg":
-            remove_old_journal(str(target))
+            remove_write_ahead_log(str(target))
         keep_original(str(target), changes)
         changes.rename(str(file), str(target))
     changes.commit()

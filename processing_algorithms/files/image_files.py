@@ -2,48 +2,49 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters.images import open_image_and_source, pixel_doubt
-from ...hrsi_engine.io.safety.transactions import finish_interrupted
+from ...hrsi_engine.io.rasters.images import image_id, open_image_and_source, pixel_doubt
 from ..interface.declare import Context
 
 MOST_LINES = 20  # of a large block only the images with several RPCs are told
 
 
-def open_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
+def open_images(paths: Sequence[str], log: Callable[[str], None], always: bool = True) -> list[Image]:
     """Open images or RPC files alone; log the source of each RPC and the others that were not used.
 
-    What an interrupted run left of images that it wrote in place is finished first, but for a dry run. A filter stays
-    silent (not ``always``) unless there was a choice between several RPCs.
+    A filter stays silent (not ``always``) unless there was a choice between several RPCs.
     """
-    if not context.dry_run:
-        for notice in finish_interrupted({os.path.dirname(path) or "." for path in paths if os.path.exists(path)}):
-            context.log(notice)
+    require_ids(paths, [image_id(path) for path in paths])
     images = []
     for path in paths:
         image, found = open_image_and_source(path)
         if found.ignored or (always and len(paths) <= MOST_LINES):
-            context.log(f"{image.id}: {found.summary}")
+            log(f"{image.id}: {found.summary}")
+        images.append(image)
+    return images
+
+
+def open_input_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
+    """Open the images of an algorithm as `open_images` does, and warn of RPCs that may not be those of the pixels."""
+    images = open_images(paths, context.log, always)
+    for image in images:
         if doubt := pixel_doubt(image):
             context.log(f"warning: {image.id}: {doubt}")
-        images.append(image)
-    require_ids(paths, [image.id for image in images])
     return images
 
 
 def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
     """Raise `InputError` where two images have the same id."""
     named: dict[str, str] = {}
-    for path, image_id in zip(paths, ids, strict=True):
-        if image_id in named:
-            raise InputError(f"{named[image_id]} and {path} have the same id {image_id!r}: rename one")
-        named[image_id] = path
+    for path, name in zip(paths, ids, strict=True):
+        if name in named:
+            raise InputError(f"{named[name]} and {path} have the same id {name!r}: rename one")
+        named[name] = path
 
 
 def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
@@ -25,6 +26,7 @@ _DELIVERIES = f"{_ROOT}.hrsi_engine.io.catalogue.deliveries"
 _JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
 _FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.safety.folder_lock"
 _LINEAGE = f"{_ROOT}.hrsi_engine.io.catalogue.lineage"
+_TRANSACTIONS = f"{_ROOT}.hrsi_engine.io.safety.transactions"
 POSITIONS_CRS = "EPSG:4979"  #: of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: of reports
 
@@ -255,9 +257,9 @@ class Algorithm:
         Folders, archives and lists among the images are replaced by the images that they hold, folders of results
         among the points by their layers. All images are closed in the end: nothing stays open when the work is done.
         """
-        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE)
+        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE, _TRANSACTIONS)
         with quitting_on_signals():
-            work, rasters, values, lock, deliveries, lineage = map(import_module, modules)
+            work, rasters, values, lock, deliveries, lineage, transactions = map(import_module, modules)
         given = self.given(options)
         typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
         images = {key: deliveries.named_images(names, context.log) for key, names in typed.items() if names}
@@ -282,6 +284,10 @@ class Algorithm:
             if context.dry_run and options.get("output_dir"):
                 lock.require_writable(options["output_dir"])
             with lock.only_writer(None if context.dry_run else options.get("output_dir")):
+                if not context.dry_run:  # images may have been written in place by a run that was stopped
+                    files = [path for paths in images.values() for path in paths if os.path.exists(path)]
+                    for notice in transactions.finish_interrupted({os.path.dirname(path) or "." for path in files}):
+                        context.log(notice)
                 report: Report = values.json_ready(work.run(made, context))
             return report
         finally:

@@ -19,7 +19,8 @@ from osgeo import gdal, osr
 
 from ...foundation.dates import run_date
 from ...foundation.version import VERSION
-from ..opening.datasets import metadata_of, open_dataset, quiet, virtual_status
+from ..opening.datasets import metadata_of, open_dataset, quiet
+from ..opening.virtual_files import virtual_status
 from ..safety.content_marks import WHOLE_BYTES, places_of, read_places
 from .versions import versions
 

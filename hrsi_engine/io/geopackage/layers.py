@@ -29,7 +29,7 @@ from ...foundation.progress import Progress, advance, silent
 from ...ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
 from ..opening.datasets import config_option, gdal_messages, quiet
 from ..opening.sql import sql_text
-from ..safety.replacing import replacing
+from ..safety.replacing import remove_write_ahead_log, replacing
 from .layer_styles import Style, default_style
 from .layer_words import Column
 from .rtree import empty_rtree, fill_rtree, pack_rtree
@@ -165,7 +165,7 @@ def write_geopackage(
                 describe_fields(database, layers)
         except sqlite3.Error as error:
             raise OutputError(f"{path}: cannot be written ({error}): check free space and permissions") from None
-        remove_old_journal(path)
+        remove_write_ahead_log(path)
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
 
 
@@ -433,13 +433,3 @@ def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles:
             "UPDATE gpkg_ogr_contents SET feature_count = (SELECT count(*) FROM layer_styles)"
             " WHERE table_name = 'layer_styles'"
         )
-
-
-def remove_old_journal(path: str) -> None:
-    """Remove the write-ahead log of the file that is replaced: SQLite would play it into the new one.
-
-    QGIS leaves one beside every GeoPackage that it has open.
-    """
-    for suffix in ("-wal", "-shm"):
-        with contextlib.suppress(FileNotFoundError):
-            os.remove(path + suffix)

@@ -20,7 +20,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from .datasets import virtual_status
+from .virtual_files import virtual_status
 
 MIB = 2**20
 #: Bytes of files that are read as a whole, by what they hold.

@@ -100,14 +100,6 @@ def config_option(name: str, value: str) -> Iterator[None]:
         gdal.SetThreadLocalConfigOption(name, before)
 
 
-def virtual_status(path: str) -> Any | None:
-    """Return GDAL's status of a virtual path (``/vsizip/…``, ``/vsicurl/…``), None where nothing is there, quietly."""
-    try:
-        return quietly(gdal.VSIStatL, path)
-    except RuntimeError:  # GDAL with exceptions enabled
-        return None
-
-
 def open_dataset(path: str, flags: int = 0) -> tuple[gdal.Dataset | None, str]:
     """Return a raster dataset opened for reading (or with ``flags``) and GDAL's last message; None where it fails."""
     with quiet():

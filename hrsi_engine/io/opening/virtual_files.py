@@ -6,25 +6,41 @@ An object store takes a file whole or not at all, when it is closed; it has no f
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from osgeo import gdal
 
 from ...foundation.errors import OutputError
-from .datasets import gdal_messages, quiet, virtual_status
+from .datasets import gdal_messages, quiet
 
 VIRTUAL = "/vsi"
 
 
+def virtual_status(path: str) -> Any | None:
+    """Return GDAL's status of a virtual path (``/vsizip/…``, ``/vsicurl/…``), None where nothing is there, quietly."""
+    with quiet():
+        try:
+            return gdal.VSIStatL(path)
+        except RuntimeError:  # GDAL with exceptions enabled
+            return None
+
+
 def read_virtual(path: str, most: int | None = None) -> bytes | None:
     """Return a file's content, at ``most`` so many bytes from its beginning; None where it cannot be read."""
-    content = None
+    if most is None:
+        status = virtual_status(path)
+        if status is None:
+            return None
+        most = status.size
     with quiet():
-        status = virtual_status(path) if most is None else None
-        handle = None if most is None and status is None else _open(path, "rb")
-        if handle is not None:
-            count = most if status is None else status.size
-            content = bytes(gdal.VSIFReadL(1, count, handle) or b"")
-            gdal.VSIFCloseL(handle)
+        try:
+            handle = gdal.VSIFOpenL(path, "rb")
+        except RuntimeError:  # GDAL with exceptions enabled
+            return None
+        if handle is None:
+            return None
+        content = bytes(gdal.VSIFReadL(1, most, handle) or b"")
+        gdal.VSIFCloseL(handle)
     return content
 
 
@@ -54,10 +70,3 @@ def remove_virtual(folder: str) -> None:
     """Remove a folder with all that is in it; what cannot be removed stays."""
     with gdal_messages():
         gdal.RmdirRecursive(folder)
-
-
-def _open(path: str, mode: str) -> object | None:
-    try:
-        return gdal.VSIFOpenL(path, mode)
-    except RuntimeError:  # GDAL with exceptions enabled
-        return None

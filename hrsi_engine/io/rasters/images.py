@@ -17,9 +17,11 @@ from osgeo import gdal
 from ...block.block import Image
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
-from ..opening.datasets import gdal_messages, virtual_status
+from ..opening.datasets import gdal_messages
 from ..opening.item_images import item_of
-from ..rpc_files.find import open_raster, read_rpc_file, rpc_of_dataset
+from ..opening.raster_datasets import open_raster
+from ..opening.virtual_files import virtual_status
+from ..rpc_files.find import read_rpc_file, rpc_of_dataset
 from ..rpc_files.reading import FoundRpc
 from ..safety.content_marks import content_mark
 from .map_grid import map_grid_doubt

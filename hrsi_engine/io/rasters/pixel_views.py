@@ -10,7 +10,7 @@ from osgeo import gdal
 from ...block.block import Raster
 from ...foundation.errors import InputError
 from ..opening.datasets import gdal_messages
-from ..rpc_files.find import open_raster
+from ..opening.raster_datasets import open_raster
 
 _STRETCH_PERCENT = (1.0, 99.0)
 

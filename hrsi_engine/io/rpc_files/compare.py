@@ -8,8 +8,9 @@ from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import OutputError
 from ..opening.datasets import metadata_of
+from ..opening.raster_datasets import open_raster
 from .fields import ERRORS, POLYNOMIALS, SCALARS, numbers_of, rpc_from_gdal
-from .find import open_raster, read_rpc_file
+from .find import read_rpc_file
 
 GDAL_ROUNDING_PX = 1e-4
 

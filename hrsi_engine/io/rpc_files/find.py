@@ -10,8 +10,9 @@ applied. A source that would win but is damaged is an error, never skipped silen
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from osgeo import gdal
@@ -19,9 +20,9 @@ from osgeo import gdal
 from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..opening.budgets import require_raster
-from ..opening.datasets import check_advice, metadata_of, open_dataset
-from ..opening.item_images import item_of
+from ..opening.datasets import metadata_of, open_dataset
+from ..opening.item_images import StacItem, item_of
+from ..opening.raster_datasets import open_raster
 from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .content import read_head, siblings
 from .fields import STAC_NAMES, numbers_of, rpc_from_gdal, rpc_from_json
@@ -43,6 +44,7 @@ BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
 
 SAME_RPC_PX = 0.01  # what the digits of formats leave between two writings of one RPC
 
+#: What a log calls a source, and how its RPC is read: only the one that wins is.
 Source = tuple[str, Callable[[], FoundRpc]]
 
 
@@ -108,19 +110,6 @@ def product_reader_of(path: str) -> RpcReader | None:
     return reader if reader is not None and reader.is_product(head) else None
 
 
-def open_raster(path: str) -> gdal.Dataset:
-    """Return an image opened by GDAL; raise `InputError` where it is none."""
-    dataset, message = open_dataset(path)
-    if dataset is None and not path.startswith("/vsi") and ":" not in path and not os.path.exists(path):
-        raise InputError(f"{path}: no such file: check the path")
-    if dataset is None or dataset.RasterCount < 1:
-        reason = f" ({message})" if message else ""
-        advice = check_advice(path, "check the file")
-        raise InputError(f"{path}: neither an image nor an RPC file{reason}: {advice}")
-    require_raster(path, dataset)
-    return dataset
-
-
 def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return the RPC of an image that is already open; raise `InputError` where it has none."""
     sources = _sources(path, dataset)
@@ -180,7 +169,7 @@ def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
     title = f"{reader.title} {os.path.basename(rpc_path)}"
     if read_rpc_file(image_path) is not None:
         return FoundRpc(reader.read(rpc_path).rpc, title)
-    return _place(reader, rpc_path, title, image_path, open_raster(image_path))
+    return _read_beside(reader, rpc_path, title, image_path, open_raster(image_path))
 
 
 def side_files(path: str) -> dict[str, list[str]]:
@@ -211,13 +200,17 @@ def _of_item(path: str, dataset: gdal.Dataset) -> list[Source]:
     if item is None:
         return []
     if item.rpc_fields:
-        title, where = f"rpc: fields of the STAC item {item.id}", f"{item.source}, item {item.id!r}"
-        return [(title, lambda: FoundRpc(rpc_from_json(where, item.rpc_fields, STAC_NAMES), title))]
+        title = f"rpc: fields of the STAC item {item.id}"
+        return [(title, partial(_read_item_fields, item, title))]
     for file in item.rpc_files:
         reader, _head = _reader_by_head(file)
         if reader is not None:
             return [_side_source(reader, file, path, dataset)]
     return []
+
+
+def _read_item_fields(item: StacItem, title: str) -> FoundRpc:
+    return FoundRpc(rpc_from_json(f"{item.source}, item {item.id!r}", item.rpc_fields, STAC_NAMES), title)
 
 
 def _with_the_image(path: str, dataset: gdal.Dataset) -> list[Source]:
@@ -262,10 +255,10 @@ def _reads_as(reader: RpcReader, file: str, metadata: dict[str, str]) -> bool:
 
 def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset) -> Source:
     title = f"{reader.title} {os.path.basename(file)}"
-    return title, lambda: _place(reader, file, title, path, dataset)
+    return title, partial(_read_beside, reader, file, title, path, dataset)
 
 
-def _place(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
+def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
     reading: RpcReading = reader.read_for(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
@@ -291,28 +284,35 @@ def _inside(path: str, dataset: gdal.Dataset) -> list[Source]:
     name = os.path.basename(path)
     found: list[Source] = []
     if tiff_tag.has_tag(path):
-        found.append((f"GeoTIFF tag of {name}", lambda: _tag(path, f"GeoTIFF tag of {name}")))
+        title = f"GeoTIFF tag of {name}"
+        found.append((title, partial(_read_tag, path, title)))
     auxiliary = f"{path}.aux.xml"
     if os.path.isfile(auxiliary) and (kept := pam.read_domain(auxiliary, "RPC")):
         title = f"PAM {os.path.basename(auxiliary)}"
-        found.append((title, lambda: FoundRpc(rpc_from_gdal(auxiliary, kept), title)))
+        found.append((title, partial(_read_domain, auxiliary, kept, title)))
     if not found and (metadata := metadata_of(dataset, "RPC")):
-        driver = f"{dataset.GetDriver().ShortName} {name}"
-        found.append((driver, lambda: _from_gdal(path, dataset, metadata, driver)))
+        driver = dataset.GetDriver().ShortName
+        title = f"{driver} {name}"
+        if driver == "NITF":
+            found.append((title, partial(_read_nitf, path, metadata, title, metadata_of(dataset))))
+        else:
+            found.append((title, partial(_read_domain, path, metadata, title)))
     return found
 
 
-def _tag(path: str, title: str) -> FoundRpc:
+def _read_tag(path: str, title: str) -> FoundRpc:
     reading = tiff_tag.read(path)
     if reading is None:
         raise InputError(f"{path}: its RPC tag was there a moment ago: do not change the file meanwhile")
     return FoundRpc(reading.rpc, title)
 
 
-def _from_gdal(path: str, dataset: gdal.Dataset, metadata: dict[str, str], title: str) -> FoundRpc:
-    """Return what a GDAL driver says, with ICHIPB applied to NITF chips."""
-    rpc = rpc_from_gdal(path, metadata)
-    if dataset.GetDriver().ShortName == "NITF":
-        rpc, note = nitf.apply_ichipb(path, rpc, metadata_of(dataset))
-        title = f"{title}, {note}" if note else title
-    return FoundRpc(rpc, title)
+def _read_domain(path: str, metadata: Mapping[str, str], title: str) -> FoundRpc:
+    """Return the RPC that GDAL says in the metadata domain of that name."""
+    return FoundRpc(rpc_from_gdal(path, metadata), title)
+
+
+def _read_nitf(path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str]) -> FoundRpc:
+    """Return the RPC of a NITF file, with ICHIPB of its ``tags`` applied to a chip."""
+    rpc, note = nitf.apply_ichipb(path, rpc_from_gdal(path, metadata), tags)
+    return FoundRpc(rpc, f"{title}, {note}" if note else title)

@@ -15,13 +15,14 @@ from contextlib import contextmanager
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.progress import Progress, silent
+from ..opening.raster_datasets import open_raster
 from ..safety.replacing import copy_bytes, replacing
 from ..safety.transactions import Transaction
 from . import tiff_tag
 from .compare import require_same
 from .content import siblings
 from .fields import numbers_of
-from .find import RPC_READERS, open_raster, read_rpc, rpc_reader_of, side_files
+from .find import RPC_READERS, read_rpc, rpc_reader_of, side_files
 from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
 from .tiff_directory import read_directory
 from .write import UNTOLD, Lineage, write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json

@@ -13,12 +13,13 @@ from ...camera.rpc import RPC
 from ...foundation.errors import Cancelled, InputError, OutputError
 from ...foundation.progress import Progress, silent
 from ..opening.datasets import gdal_messages, metadata_of, open_dataset
+from ..opening.raster_datasets import open_raster
 from ..safety.replacing import copy_bytes, replacing
 from ..safety.transactions import Transaction
 from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
 from .compare import require_same
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
-from .find import open_raster, read_rpc
+from .find import read_rpc
 from .reading import RpcReading
 from .sidecars import free_the_way
 from .tiff_directory import read_directory

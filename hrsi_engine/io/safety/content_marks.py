@@ -16,7 +16,8 @@ from typing import BinaryIO
 
 from osgeo import gdal
 
-from ..opening.datasets import open_dataset, quietly, virtual_status
+from ..opening.datasets import open_dataset, quietly
+from ..opening.virtual_files import virtual_status
 
 WHOLE_BYTES = 64 * 2**20
 EDGE_BYTES = 2**20  # at both ends, of all files together

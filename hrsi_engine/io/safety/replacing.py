@@ -92,3 +92,13 @@ def _copy_part(source: int, target: int) -> int:
     while written < len(content):
         written += os.write(target, content[written:])
     return written
+
+
+def remove_write_ahead_log(path: str) -> None:
+    """Remove the write-ahead log of an SQLite file that is replaced: SQLite would play it into the new one.
+
+    QGIS leaves one beside every GeoPackage that it has open.
+    """
+    for suffix in ("-wal", "-shm"):
+        with contextlib.suppress(FileNotFoundError):
+            os.remove(path + suffix)
