@@ -19,7 +19,7 @@ from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasurement, measure_edges, measure_target
-from ..hrsi_engine.plausibility.places import EDGE_SLACK_PX
+from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
@@ -192,7 +192,9 @@ def _of_edges(
     # Without its image it is known of a point only that no image begins before its first pixel
     size = {image.id: image.raster.size for image in images}
     last = np.array([size.get(name, (np.inf, np.inf)) for name in points.image_ids.tolist()]).reshape(-1, 2)
-    outside = ~np.all((points.xy > -0.5 - EDGE_SLACK_PX) & (points.xy < last - 0.5 + EDGE_SLACK_PX), axis=1)
+    outside = ~np.all(
+        (points.xy > -0.5 - PLACEMENT.edge_slack_px) & (points.xy < last - 0.5 + PLACEMENT.edge_slack_px), axis=1
+    )
     if outside.any():
         ids = list_ids(np.unique(points.ids[outside]).tolist())
         warnings.append(f"{file}: {outside.sum()} edge points lie outside their image ({ids}): check sample and line")

@@ -21,13 +21,43 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.pointing import compute_gsds_m
+from ..foundation.thresholds import threshold, thresholds
 
-UNKNOWN_SIGMA_PX, UNKNOWN_SIGMA_M = 12.0, 15.0  # of a shift, where the product says nothing
-LEAST_SIGMA_PX, LEAST_SIGMA_M = 3.0, 2.0  # statements below are not believed
-LARGE_SIGMAS = 10.0  # a shift worth a look
-IMPOSSIBLE_SIGMAS, IMPOSSIBLE_M = 15.0, 500.0  # a shift that no RPC's error is: beyond both
-MISFIT_PX = 15.0  # of points of one image among each other, beyond the worst measuring and drift
-USUAL_DRIFT, MOST_DRIFT = 3e-4, 1e-3  # px/px: standard deviation of an RPC's error over its image, and the worst
+#: Where most thresholds of this room come from.
+SIMULATED_BLOCKS = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
+PUBLISHED_ACCURACIES = "describes the published accuracies of the module's table"
+
+
+@thresholds
+class AccuracyThresholds:
+    """Errors that RPCs of satellite images may have, and errors that no RPC has."""
+
+    unknown_sigma_px: float = threshold(
+        12.0, "px", "standard deviation of the shift where the product states no accuracy", PUBLISHED_ACCURACIES
+    )
+    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", PUBLISHED_ACCURACIES)
+    least_sigma_px: float = threshold(
+        3.0, "px", "a stated standard deviation of the shift (ERR_BIAS) below is raised to this", SIMULATED_BLOCKS
+    )
+    least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED_BLOCKS)
+    large_shift_sigmas: float = threshold(
+        10.0, "sigma", "a larger shift of an image is reported as control-far", SIMULATED_BLOCKS
+    )
+    impossible_shift_sigmas: float = threshold(
+        15.0, "sigma", "no RPC errs by more than this and `impossible_shift_m`: the image does not fit its points",
+        SIMULATED_BLOCKS,
+    )  # fmt: skip
+    impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED_BLOCKS)
+    misfit_px: float = threshold(
+        15.0, "px", "largest difference among the points of one image by measuring and drift", SIMULATED_BLOCKS
+    )
+    usual_drift: float = threshold(
+        3e-4, "px/px", "standard deviation of the change of an RPC's error over its image", SIMULATED_BLOCKS
+    )
+    largest_drift: float = threshold(1e-3, "px/px", "largest such change", SIMULATED_BLOCKS)
+
+
+ACCURACY = AccuracyThresholds()
 
 
 @dataclass(frozen=True)
@@ -60,12 +90,12 @@ def estimate_accuracies(
 def _accuracy(image: Image, gsd: float, sigma_shift_px: float, sigma_drift: float) -> ImageAccuracy:
     stated = image.rpc.err_bias
     if stated and stated > 0.0 and np.isfinite(stated):
-        sigma = max(float(stated), LEAST_SIGMA_M, LEAST_SIGMA_PX * gsd)
+        sigma = max(float(stated), ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
     else:
-        sigma = max(UNKNOWN_SIGMA_M, UNKNOWN_SIGMA_PX * gsd)
+        sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
     sigma = max(sigma, sigma_shift_px * gsd)
-    drift = max(MOST_DRIFT, LARGE_SIGMAS * sigma_drift)
+    drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
     return ImageAccuracy(
-        gsd, sigma, LARGE_SIGMAS * sigma, max(IMPOSSIBLE_SIGMAS * sigma, IMPOSSIBLE_M),
-        gsd * max(MISFIT_PX, drift * float(np.hypot(*image.half_size_px))), max(USUAL_DRIFT, sigma_drift),
+        gsd, sigma, ACCURACY.large_shift_sigmas * sigma, max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m),
+        gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px))), max(ACCURACY.usual_drift, sigma_drift),
     )  # fmt: skip

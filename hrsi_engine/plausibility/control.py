@@ -23,13 +23,36 @@ import numpy as np
 
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
-from .accuracy import ImageAccuracy
+from ..foundation.thresholds import threshold, thresholds
+from .accuracy import SIMULATED_BLOCKS, ImageAccuracy
 from .sightlines import Sightlines, compute_sightlines
 
-LEAST_NOISE_PX = 0.3  # nobody measures and surveys better
-BELONG = 0.7  # share of an image's points that must fit for the image to fit
-USUAL_SCATTER = 2.5  # of right blocks, in units of the expected misfit
-MOST_FREEDOM = 5  # points of an image that count as independent
+
+@thresholds
+class ControlFitThresholds:
+    """When surveyed points fit the images on which they are measured."""
+
+    least_noise_px: float = threshold(
+        0.3, "px", "standard deviations of measurements below are raised to this: nobody measures better"
+    )
+    agreeing_share: float = threshold(
+        0.7, "", "share of an image's points that must agree for the image to fit", SIMULATED_BLOCKS
+    )
+    usual_scatter: float = threshold(
+        2.5, "", "largest robust scatter of right blocks over the expected one", SIMULATED_BLOCKS
+    )
+    most_freedom: int = threshold(
+        5, "points", "misfits of one image that count as independent: a drift makes the others alike", SIMULATED_BLOCKS
+    )
+    agreeing_sigmas: float = threshold(
+        8.0, "sigma", "a point within this many expected misfits of its image agrees with it", SIMULATED_BLOCKS
+    )
+    linear_cost_sigmas: float = threshold(
+        10.0, "sigma", "beyond, the cost of a shift grows with its logarithm instead of its square", SIMULATED_BLOCKS
+    )
+
+
+CONTROL_FIT = ControlFitThresholds()
 MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its sigmas
 
 
@@ -98,7 +121,7 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
     seen = compute_sightlines(block.images, image, xy)
     gsd = np.array([accuracy.gsd_m for accuracy in accuracies])[image]
     noise = np.sqrt(
-        (gsd * np.maximum(measured.sigma_px[rows], LEAST_NOISE_PX)) ** 2
+        (gsd * np.maximum(measured.sigma_px[rows], CONTROL_FIT.least_noise_px)) ** 2
         + sigma[point, :2].max(axis=1) ** 2
         + np.nan_to_num(np.sum(seen.slope**2, axis=1)) * sigma[point, 2] ** 2
     )
@@ -131,7 +154,10 @@ class ControlFit:
     @cached_property
     def belongs(self) -> np.ndarray:
         """Which measurements fit their image, up to the worst measuring and drift, ``(n,)``."""
-        limit = np.maximum(self.control.get_figures("misfit_m")[self.control.image], 8.0 * self.control.expected_m)
+        limit = np.maximum(
+            self.control.get_figures("misfit_m")[self.control.image],
+            CONTROL_FIT.agreeing_sigmas * self.control.expected_m,
+        )
         return np.asarray(np.hypot(*self.misfit_m.T) <= limit)
 
     @cached_property
@@ -141,7 +167,7 @@ class ControlFit:
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
         near = np.hypot(*np.nan_to_num(self.shift_m).T) <= control.get_figures("far_m")
-        return np.asarray((agree >= np.where(count < 4, count, BELONG * count)) & near)
+        return np.asarray((agree >= np.where(count < 4, count, CONTROL_FIT.agreeing_share * count)) & near)
 
     @property
     def fits(self) -> bool:
@@ -153,10 +179,11 @@ class ControlFit:
         """Minus twice the logarithm of the likelihood."""
         control = self.control
         count = np.bincount(control.image, minlength=len(self.scatter))
-        freedom = np.clip(count - 1, 0, MOST_FREEDOM)
+        freedom = np.clip(count - 1, 0, CONTROL_FIT.most_freedom)
         sigmas = np.minimum(self.shift_sigmas[control.images], 1e9)
-        by_shift = np.where(sigmas < 10.0, sigmas**2, 100.0 + 20.0 * np.log(np.maximum(sigmas, 10.0) / 10.0))
-        by_scatter = 4.0 * freedom * np.log(np.maximum(self.scatter, USUAL_SCATTER))
+        knee = CONTROL_FIT.linear_cost_sigmas
+        by_shift = np.where(sigmas < knee, sigmas**2, knee**2 + 2.0 * knee * np.log(np.maximum(sigmas, knee) / knee))
+        by_scatter = 4.0 * freedom * np.log(np.maximum(self.scatter, CONTROL_FIT.usual_scatter))
         return float(by_scatter.sum() + by_shift.sum())
 
 

@@ -14,19 +14,55 @@ import numpy as np
 from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
-from .control import BELONG, USUAL_SCATTER, ControlFit, ControlMeasurements, fit_control
+from ..foundation.thresholds import threshold, thresholds
+from .accuracy import SIMULATED_BLOCKS
+from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
 from .sightlines import compute_sightlines
 from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
-SURE = 50.0  # cost that a slip saves from which on the input is wrong beyond doubt
-WORTH = 22.0  # cost that a slip saves to be named at all: a chance of one in ten thousand among all slips
-CLEARER = 6.0  # than every other slip
-SUSPICIOUS_SIGMAS = 3.5
-EXPLAINED_SIGMAS, EXPLAINED_SCATTER = 4.5, 12.0  # what a right block shows at most
-WRONG_SHARE = 0.25  # of the surveyed points, from which on nobody should trust the set
-LIFT_SIGMAS = 6.0
+
+@thresholds
+class SlipThresholds:
+    """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
+
+    certain_cost: float = threshold(
+        50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED_BLOCKS
+    )
+    least_cost: float = threshold(
+        22.0, "",
+        "a slip that lowers the cost by less is not named: by chance 1 in 10 000 among all slips",
+        "theory: logarithm of the likelihood ratio",
+    )  # fmt: skip
+    least_lead: float = threshold(
+        6.0, "", "cost by which the named slip must be better than every other", SIMULATED_BLOCKS
+    )
+    suspicious_sigmas: float = threshold(
+        3.5, "sigma", "shifts or a common height beyond make slips worth a try", SIMULATED_BLOCKS
+    )
+    explained_shift_sigmas: float = threshold(
+        4.5, "sigma", "largest shift of a right block: what a slip may leave", SIMULATED_BLOCKS
+    )
+    explained_scatter: float = threshold(
+        12.0, "", "largest scatter of a right block over the expected one: what a slip may leave", SIMULATED_BLOCKS
+    )
+    explained_share: float = threshold(
+        0.02, "", "or this share of the shift or scatter before the slip was undone", SIMULATED_BLOCKS
+    )
+    wrong_share: float = threshold(
+        0.25, "", "share of the GCPs, or of all points, that makes a set of surveys unusable when wrong"
+    )
+    height_sigmas: float = threshold(
+        6.0, "sigma", "a common height offset of the surveys beyond is reported", SIMULATED_BLOCKS
+    )
+    few_points_gain: float = threshold(
+        3.0, "", "a slip of a few points only is named where it improves the median misfit by this factor",
+        SIMULATED_BLOCKS,
+    )  # fmt: skip
+
+
+SLIP = SlipThresholds()
 OF_HEIGHTS = {"height-unit", "height-offset", "height-datum"}  #: they ask for the same look: the likeliest is named
 #: Slips that a few points alone do not tell: other wrong heights look the same.
 UNTOLD_OF_FEW = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
@@ -68,9 +104,9 @@ def _is_suspicious(given: ControlFit) -> bool:
     """Whether a slip is worth looking for: a right block hardly ever is."""
     return (
         not given.fits
-        or bool((given.scatter > USUAL_SCATTER).any())
-        or bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
-        or abs(_compute_lift_sigmas(given)) > SUSPICIOUS_SIGMAS
+        or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
+        or bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
+        or abs(_compute_lift_sigmas(given)) > SLIP.suspicious_sigmas
     )
 
 
@@ -87,13 +123,13 @@ def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypo
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
         saved = given.cost - reading.cost
-        if saved > WORTH and _is_explanation(reading.fit, given):
+        if saved > SLIP.least_cost and _is_explanation(reading.fit, given):
             code = reading.slip.code
             if code not in best or reading.cost < best[code].cost:
                 best[code] = reading
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
     rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= OF_HEIGHTS]
-    if not ranked or (rivals and rivals[0].cost - ranked[0].cost < CLEARER):
+    if not ranked or (rivals and rivals[0].cost - ranked[0].cost < SLIP.least_lead):
         return None
     return ranked[0]
 
@@ -101,14 +137,14 @@ def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypo
 def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
     """Whether everything fits as a right block does, and what was wrong has become clearly less."""
     largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
-    good_shift = largest < max(EXPLAINED_SIGMAS, 0.02 * before)
-    good_scatter = read.scatter.max() < max(EXPLAINED_SCATTER, 0.02 * given.scatter.max())
+    good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
+    good_scatter = read.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
     return read.fits and good_shift and bool(good_scatter)
 
 
 def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
     """Yield every slip, undone; those of image coordinates on all images, or on those that do not fit alone."""
-    far = bool((given.shift_sigmas > SUSPICIOUS_SIGMAS).any())
+    far = bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
     for slip, ground in iterate_ground_slips(control, given.shift_m, far):
         yield SlipHypothesis(slip, fit_control(control, ground))
     wrong = control.images[~given.fitting[control.images]]
@@ -170,7 +206,7 @@ def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
 
 
 def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: SlipHypothesis) -> Reason:
-    sure = not given.fits or given.cost - found.cost > SURE
+    sure = not given.fits or given.cost - found.cost > SLIP.certain_cost
     points = control.points if found.points is None else found.points
     images = control.images if found.images is None else found.images
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
@@ -201,9 +237,14 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
     shift = fit_control(rest).shift_m
-    limit = np.maximum(control.get_figures("misfit_m")[control.image], 8.0 * control.expected_m)[rows] / 3.0
+    limit = (
+        np.maximum(control.get_figures("misfit_m")[control.image], CONTROL_FIT.agreeing_sigmas * control.expected_m)[
+            rows
+        ]
+        / SLIP.few_points_gain
+    )
     before = np.hypot(*(given.distance_m - shift[control.image])[rows].T)
-    if np.median(before / limit) < 3.0:
+    if np.median(before / limit) < SLIP.few_points_gain:
         return None
     fitting: dict[str, Slip] = {}
     owners = find_point_permutation(control.select(rows))
@@ -239,8 +280,8 @@ def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
     """A few wrong points are left out or outvoted; a quarter of the GCPs, or of all, is too much to trust any."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
-    of_gcps = wrong.sum() > 1 and wrong.sum() >= WRONG_SHARE * len(gcps)
-    of_all = len(points) > 1 and len(points) >= WRONG_SHARE * len(control.points)
+    of_gcps = wrong.sum() > 1 and wrong.sum() >= SLIP.wrong_share * len(gcps)
+    of_all = len(points) > 1 and len(points) >= SLIP.wrong_share * len(control.points)
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
 
@@ -278,7 +319,7 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
         f"the ground points lie {_format_median_distance(given)} from where the RPCs of "
         f"{list_ids(control.image_ids(wrong))} put them, which no error of these RPCs explains "
         f"(about {sigma:.3g} m); none of the usual slips does either"
-        + (f" (all alike: {_format_shifts(control, wrong)})" if given.belongs[rows].mean() > BELONG else ""),
+        + (f" (all alike: {_format_shifts(control, wrong)})" if given.belongs[rows].mean() > CONTROL_FIT.agreeing_share else ""),
         "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
         "crop and its whole scene have different ones",
         control.image_ids(wrong), control.point_ids(points),
@@ -317,7 +358,7 @@ def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
 
 def _find_common_height_offset(control: ControlMeasurements, given: ControlFit) -> list[Reason]:
     lift, sigma = estimate_common_lift(control, given.shift_m)
-    if sigma <= 0.0 or abs(lift) < LIFT_SIGMAS * sigma:
+    if sigma <= 0.0 or abs(lift) < SLIP.height_sigmas * sigma:
         return []
     return [
         Reason(

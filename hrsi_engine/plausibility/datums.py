@@ -13,9 +13,19 @@ from pyproj.enums import PJType
 
 from ..foundation.errors import InputError
 from ..ground.crs_operations import operations_of
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
-LEAST_DATUM_M = 3.0  # datums nearer to WGS84 are not told apart from it
+
+@thresholds
+class DatumThresholds:
+    """Which horizontal datums are told apart from WGS84."""
+
+    least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not told apart from it")
+    largest_shift_m: float = threshold(5e3, "m", "datums farther off are none of the area")
+
+
+DATUM = DatumThresholds()
 
 
 class DatumShift(NamedTuple):
@@ -43,6 +53,6 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
                 float(wrap_degrees(np.array(lon - lon_deg)) * factors[0]),
                 float((lat - lat_deg) * factors[1]),
             )
-            if LEAST_DATUM_M < np.hypot(shift.east_m, shift.north_m) < 5e3:
+            if DATUM.least_shift_m < np.hypot(shift.east_m, shift.north_m) < DATUM.largest_shift_m:
                 found.append(shift)
     return tuple(found)

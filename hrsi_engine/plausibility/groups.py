@@ -10,13 +10,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .control import LEAST_NOISE_PX, MEDIAN_LENGTH, ControlFit
+from ..foundation.thresholds import threshold, thresholds
+from .accuracy import SIMULATED_BLOCKS
+from .control import CONTROL_FIT, MEDIAN_LENGTH, ControlFit
 
-HEAPS_APART = 8.0  # gap between two groups, and distance of a single point, over the spread within
-LEAST_APART_SIGMAS = 8.0  # of the expected misfit
-LEAST_GAP_PX = 2.0
-LEAST_SURVEYS = 4
-TRIED_DIRECTIONS = 12
+
+@thresholds
+class GroupThresholds:
+    """When surveyed points disagree with the others: single ones, or two clusters of misfits."""
+
+    gap_ratio: float = threshold(
+        8.0, "", "gap between two clusters, or distance of one point, over the spread within", SIMULATED_BLOCKS
+    )
+    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED_BLOCKS)
+    least_gap_px: float = threshold(2.0, "px", "smallest gap, in pixels on the ground", SIMULATED_BLOCKS)
+    fewest_points: int = threshold(4, "points", "fewer cannot be told apart")
+    directions: int = threshold(12, "directions", "horizontal directions along which clusters are sought")
+    least_lean: float = threshold(0.02, "m/m", "rays that lean less from the others' mean tell no height")
+
+
+GROUP = GroupThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +50,10 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
     """Return the smaller part of the surveyed points that disagrees with the larger; None where all agree."""
     control = given.control
     points = control.points
-    if len(points) < LEAST_SURVEYS:
+    if len(points) < GROUP.fewest_points:
         return None
     vector, expected = compute_point_misfits(given)
-    least = np.maximum(LEAST_APART_SIGMAS * expected, LEAST_GAP_PX * _compute_median_gsd(given))
+    least = np.maximum(GROUP.least_gap_sigmas * expected, GROUP.least_gap_px * _compute_median_gsd(given))
     two = _find_two_clusters(vector, expected, float(least.max()))
     if two is not None:
         smaller, gap = two
@@ -48,7 +61,7 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
     middle = np.median(vector, axis=0)
     away = np.abs(vector - middle).max(axis=1)
     spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
-    off = (away > HEAPS_APART * spread) & (away > least)
+    off = (away > GROUP.gap_ratio * spread) & (away > least)
     if not off.any() or off.sum() > len(points) / 2:
         return None
     return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
@@ -69,10 +82,12 @@ def compute_point_misfits(given: ControlFit) -> tuple[np.ndarray, np.ndarray]:
     )
     length = np.hypot(*lean.T)
     along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
-    along[length < 0.02] = 0.0
+    along[length < GROUP.least_lean] = 0.0
     parallax = np.bincount(place, along) / count
     expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
-    return np.column_stack([mean, parallax]), np.maximum(expected, LEAST_NOISE_PX * _compute_median_gsd(given))
+    return np.column_stack([mean, parallax]), np.maximum(
+        expected, CONTROL_FIT.least_noise_px * _compute_median_gsd(given)
+    )
 
 
 def _compute_median_gsd(given: ControlFit) -> float:
@@ -83,9 +98,9 @@ def _compute_median_gsd(given: ControlFit) -> float:
 def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
     """Return the smaller of two heaps of points (mask), and the gap between them over their spread."""
     best: tuple[np.ndarray, float] | None = None
-    angles = np.pi * np.arange(TRIED_DIRECTIONS) / TRIED_DIRECTIONS
+    angles = np.pi * np.arange(GROUP.directions) / GROUP.directions
     directions = np.vstack(
-        [np.column_stack([np.cos(angles), np.sin(angles), np.zeros(TRIED_DIRECTIONS)]), [[0.0, 0.0, 1.0]]]
+        [np.column_stack([np.cos(angles), np.sin(angles), np.zeros(GROUP.directions)]), [[0.0, 0.0, 1.0]]]
     )
     count = len(vector)
     for direction in directions:
@@ -101,7 +116,7 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
             _compute_cluster_width(along[low]), _compute_cluster_width(along[high]), float(np.median(expected))
         )
         gap = float(step[cut] / within)
-        if gap > HEAPS_APART and (best is None or gap > best[1]):
+        if gap > GROUP.gap_ratio and (best is None or gap > best[1]):
             smaller = np.zeros(count, dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
@@ -122,5 +137,5 @@ def _describe_disagreement(
     place = np.searchsorted(points, control.point)
     lean = np.hypot(*(control.sights.slope - np.median(control.sights.slope, axis=0)).T)[off[place]]
     typical = float(np.median(lean)) if len(lean) else 0.0
-    height = -step[2] / typical if typical > 0.02 else np.nan
+    height = -step[2] / typical if typical > GROUP.least_lean else np.nan
     return Disagreement(points[off], np.array([step[0], step[1], height]), gap, group)

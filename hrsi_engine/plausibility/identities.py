@@ -16,14 +16,25 @@ from ..block.points import GroundPoints, Role
 from ..block.similar_ids import find_similar_ids
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
+from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ImageAccuracy
 from .control import ControlMeasurements
 from .sightlines import Sightlines, compute_sightlines
 
-MOST_PERMUTED_POINTS = 400  # the costs grow with their square
-MOST_PERMUTED_IMAGES = 12
-TRIED_PER_IMAGE = 12
-AT_ITS_PLACE_SIGMAS = 5.0  # of the RPC's shift: what is measured so near to where a survey lies may be that point
+
+@thresholds
+class IdentityThresholds:
+    """When measurements may belong to other points or images than their ids say."""
+
+    most_points: int = threshold(400, "points", "permutations of more are not tried: the costs grow with the square")
+    most_images: int = threshold(12, "images", "permutations of more are not tried")
+    sampled_points: int = threshold(12, "points", "of each image, that judge a permutation of images")
+    position_sigmas: float = threshold(
+        5.0, "sigma", "a measurement within this many standard deviations of the RPC may be of the survey there"
+    )
+
+
+IDENTITY = IdentityThresholds()
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
@@ -74,7 +85,7 @@ def _match_spellings_by_position(
     image = block.measurements.image[first]
     seen = compute_sightlines(block.images, image, block.measurements.xy[first])
     away = np.hypot(*seen.distance_m(surveyed.ground[[row[name] for name in alike]]).T)
-    near = away < AT_ITS_PLACE_SIGMAS * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
+    near = away < IDENTITY.position_sigmas * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
     if 2 * near.sum() < len(near):
         return {}
     return {name: others[0] for (name, others), there in zip(alike.items(), near, strict=True) if there}
@@ -85,13 +96,13 @@ def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> t
 
     ``wrong`` are the images that do not fit; only these are exchanged. None where they stay as they are.
     """
-    if not 2 <= len(wrong) <= MOST_PERMUTED_IMAGES:
+    if not 2 <= len(wrong) <= IDENTITY.most_images:
         return None
     images = control.block.images
     cost = np.empty((len(wrong), len(wrong)))
     for row, label in enumerate(wrong):
         some = np.flatnonzero(control.image == label)
-        some = some[:: max(1, len(some) // TRIED_PER_IMAGE)]
+        some = some[:: max(1, len(some) // IDENTITY.sampled_points)]
         for column, owner in enumerate(wrong):
             seen = compute_sightlines(images, np.full(len(some), owner), control.xy[some])
             away = np.hypot(*seen.distance_m(control.ground[some]).T) / control.accuracies[owner].sigma_m
@@ -111,7 +122,7 @@ def find_point_permutation(control: ControlMeasurements) -> np.ndarray | None:
     None for a single point, for too many, and where every point fits its own survey best.
     """
     points = control.points
-    if not 2 <= len(points) <= MOST_PERMUTED_POINTS:
+    if not 2 <= len(points) <= IDENTITY.most_points:
         return None
     survey = control.block.points.ground[points]
     place = np.searchsorted(points, control.point)

@@ -15,11 +15,28 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.laser import LaserPoints
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
-TRACK_NEIGHBOURS, NEIGHBOUR_REACH_M = 8, 150.0
-STEEP_ANYWAY = 0.3  # height per distance that neighbours may differ by without being suspected
-STANDING_OUT = 5.0  # standard deviations
+
+@thresholds
+class LaserThresholds:
+    """When a laser point is left out before the adjustment. What is kept is weighted by how well it fits."""
+
+    sigma_m: float = threshold(1.0, "m", "largest standard deviation that its file states")
+    misfit_m: float = threshold(1.0, "m", "largest spread of its photons about the fitted segment")
+    photons: float = threshold(10.0, "photons", "fewest photons of a segment")
+    slope: float = threshold(
+        0.3, "m/m", "steepest ground along the track: the plan position is known to some metres only"
+    )
+    canopy_m: float = threshold(3.0, "m", "highest vegetation: below, an image still shows the ground between it")
+    neighbours: int = threshold(8, "points", "neighbours on the track with which a point is compared")
+    neighbour_reach_m: float = threshold(150.0, "m", "farthest of them")
+    neighbour_slope: float = threshold(0.3, "m/m", "height per distance by which neighbours may differ")
+    neighbour_sigmas: float = threshold(5.0, "sigma", "beyond, a point is an outlier of its track")
+
+
+LASER = LaserThresholds()
 
 
 @dataclass(frozen=True)
@@ -106,8 +123,8 @@ def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     away = ground[:, :2] - ground[0, :2]
     away[:, 0] = wrap_degrees(away[:, 0])
     metres = away * metres_per_degree(ground[:1])[:, :2]
-    count = min(TRACK_NEIGHBOURS, len(ground) - 1)
-    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=NEIGHBOUR_REACH_M)
+    count = min(LASER.neighbours, len(ground) - 1)
+    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=LASER.neighbour_reach_m)
     distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
     there = np.isfinite(distance)
     height = np.where(there, np.append(ground[:, 2], np.nan)[near], np.nan)
@@ -117,5 +134,5 @@ def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     off[enough] = np.abs(ground[enough, 2] - middle)
     spread[enough] = 1.4826 * np.nanmedian(np.abs(height[enough] - middle[:, None]), axis=1)
     reach[enough] = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
-    allowed = STEEP_ANYWAY * reach + STANDING_OUT * np.hypot(spread, np.nan_to_num(sigma_m))
+    allowed = LASER.neighbour_slope * reach + LASER.neighbour_sigmas * np.hypot(spread, np.nan_to_num(sigma_m))
     return np.asarray(enough & (off > allowed))

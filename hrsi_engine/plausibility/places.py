@@ -12,22 +12,34 @@ from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
+from ..foundation.thresholds import threshold, thresholds
 from ..ground import height_datum
 from ..surface.dem import HeightSurface, surface_heights
 from .slips import FEET_M, find_undulations
 
-FAR_OUTSIDE = 0.5  # of an image's size: a point so far outside was not measured on it
-EDGE_SLACK_PX = 1.5  # an edge, and a count from 1
-MANY_OUTSIDE, SEVERAL_POINTS = 0.5, 4
-RANGE_SHARE, RANGE_SLACK_M = (
-    0.1,
-    50.0,
-)  # of the RPC's heights, and metres, beyond which a height is no longer in their range
-MOST_HEIGHTS = 0.7  # share of the heights outside their range from which on their unit is asked for
-COVERED = 0.8  # share of the block that a DEM should cover
-COVERAGE_GRID = 5
-TAKEN_FROM_DEM_M = 1e-3
-DEM_DIFFERENCE_M = 20.0  # trees, houses and a coarse DEM do less
+
+@thresholds
+class PlacementThresholds:
+    """When points, heights or a DEM are not where the images are."""
+
+    far_outside: float = threshold(0.5, "", "share of the image's size by which a point outside was not measured on it")
+    edge_slack_px: float = threshold(1.5, "px", "slack at the edge, for images whose pixels count from 1")
+    many_outside: float = threshold(0.5, "", "share of an image's points outside it that is reported")
+    several_points: int = threshold(4, "points", "fewer are no pattern")
+    range_slack: float = threshold(0.1, "", "share of the RPC's height range that heights may lie beyond it")
+    range_slack_m: float = threshold(50.0, "m", "the same in metres; the larger of both counts")
+    height_unit_share: float = threshold(
+        0.7, "", "share of heights outside the range from which their unit is in question"
+    )
+    covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM should cover")
+    coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
+    copied_height_m: float = threshold(
+        1e-3, "m", "surveyed heights this near to the DEM were read from it and tell nothing"
+    )
+    dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
+
+
+PLACEMENT = PlacementThresholds()
 
 
 def find_points_outside(block: Block) -> list[Reason]:
@@ -40,10 +52,12 @@ def find_points_outside(block: Block) -> list[Reason]:
     middle = np.array([image.centre_px for image in block.images])[measured.image]
     half = np.array([image.half_size_px + 0.5 for image in block.images])[measured.image]
     beyond = np.abs(measured.xy - middle) - half
-    far = (beyond > FAR_OUTSIDE * 2.0 * half).any(axis=1) & known[measured.image]
-    outside = (beyond > EDGE_SLACK_PX).any(axis=1) & known[measured.image]
+    far = (beyond > PLACEMENT.far_outside * 2.0 * half).any(axis=1) & known[measured.image]
+    outside = (beyond > PLACEMENT.edge_slack_px).any(axis=1) & known[measured.image]
     count = np.bincount(measured.image, minlength=len(known))
-    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(MANY_OUTSIDE * count, SEVERAL_POINTS)
+    many = np.bincount(measured.image[outside], minlength=len(known)) > np.maximum(
+        PLACEMENT.many_outside * count, PLACEMENT.several_points
+    )
     wrong = far | (outside & many[measured.image])
     for index in np.unique(measured.image[wrong]):
         rows = wrong & (measured.image == index)
@@ -85,7 +99,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
     if not len(rows):
         return []
     ranges = np.array([image.rpc.height_range for image in block.images])[measured.image[rows]]
-    slack = np.maximum(RANGE_SHARE * (ranges[:, 1] - ranges[:, 0]), RANGE_SLACK_M)
+    slack = np.maximum(PLACEMENT.range_slack * (ranges[:, 1] - ranges[:, 0]), PLACEMENT.range_slack_m)
     height = points.ground[measured.point[rows], 2]
     wrong = _is_outside_range(height, ranges, slack)
     reasons = []
@@ -98,7 +112,9 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
             f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) is "
             f"outside the {low:.0f} to {high:.0f} m that the RPCs were made for"
         )
-        in_feet = wrong.mean() > MOST_HEIGHTS and not _is_outside_range(height * FEET_M, ranges, slack).any()
+        in_feet = (
+            wrong.mean() > PLACEMENT.height_unit_share and not _is_outside_range(height * FEET_M, ranges, slack).any()
+        )
         reasons.append(
             Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they lie within", "give metres", images, ids)
             if in_feet
@@ -109,7 +125,7 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
         )  # fmt: skip
     which = np.unique(measured.point[rows])
     heights = points.ground[which, 2]
-    if len(which) >= SEVERAL_POINTS and np.ptp(heights) == 0.0:
+    if len(which) >= PLACEMENT.several_points and np.ptp(heights) == 0.0:
         reasons.append(
             Reason(
                 "heights-alike", Level.UNUSABLE if contradicted else Level.DOUBTFUL,
@@ -129,8 +145,10 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return whether a DEM leaves out a part of the block, and whether its heights and the surveyed ones disagree."""
     reasons = []
     covered = np.array([_compute_coverage(image, block, surface) for image in block.images])
-    if covered.mean() < COVERED:
-        ids = tuple(image.id for image, share in zip(block.images, covered, strict=True) if share < COVERED)
+    if covered.mean() < PLACEMENT.covered_share:
+        ids = tuple(
+            image.id for image, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share
+        )
         reasons.append(
             Reason(
                 "dem-coverage", Level.DOUBTFUL,
@@ -142,7 +160,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     known = block.known & finite_rows(block.points.ground)
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
-    of_dem[np.abs(ground[:, 2] - of_dem) < TAKEN_FROM_DEM_M] = np.nan  # they tell nothing
+    of_dem[np.abs(ground[:, 2] - of_dem) < PLACEMENT.copied_height_m] = np.nan  # they tell nothing
     geoid = find_undulations(ground)
     found = height_datum.height_difference(
         ground[:, 2], of_dem, np.full(len(ground), np.nan) if geoid is None else geoid[1]
@@ -165,7 +183,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
                 f"say what the heights of both refer to ({argument})", (), ids,
             )
         )  # fmt: skip
-    elif abs(found.median_m) > DEM_DIFFERENCE_M:
+    elif abs(found.median_m) > PLACEMENT.dem_difference_m:
         reasons.append(
             Reason(
                 "height-offset", Level.DOUBTFUL, text,
@@ -181,7 +199,7 @@ def _compute_coverage(image: Image, block: Block, surface: HeightSurface) -> flo
     height = float(np.median(known)) if len(known) else image.middle_height_m
     low, high = image.rpc.height_range
     ground = image.rpc.localize(
-        image.grid_px(COVERAGE_GRID, COVERAGE_GRID, margin=-0.05), float(np.clip(height, low, high))
+        image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid, margin=-0.05), float(np.clip(height, low, high))
     ).ground
     return float(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
 
@@ -198,7 +216,7 @@ def find_duplicate_images(block: Block) -> list[Reason]:
     same = np.all(measured.xy[first] == measured.xy[first + 1], axis=1)
     for pair in np.unique(key[same]):
         rows = key == pair
-        if rows.sum() >= SEVERAL_POINTS and same[rows].mean() > 0.5:
+        if rows.sum() >= PLACEMENT.several_points and same[rows].mean() > 0.5:
             twins.add((int(pair) // len(block.images), int(pair) % len(block.images)))
     return [
         Reason(

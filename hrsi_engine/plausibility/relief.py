@@ -15,20 +15,42 @@ import numpy as np
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree
 from ..surface.dem import HeightSurface, cell_size_m, surface_heights
+from .accuracy import SIMULATED_BLOCKS
 
-LEAST_COMPARED = 30
-UNLIKE_M, UNLIKE_SHARE = 15.0, 0.5  # scatter of the differences: metres, and share of the relief's own
-UNLIKE_SIGMAS = 5.0  # of the points' heights
-FAR_OFF_M = 50.0  # of a DEM's height: no tree, house or change of the ground
-FAR_OFF_POINTS, FAR_OFF_SHARE = 5, 0.01  # from which on it is no matter of a few wrong tie points
-SAME_VALUE_M = 2.0  # within which undulations spread one value over a block
-LEAST_CELLS, LEAST_SIGMAS = 2.0, 5.0  # of a displacement: cells of the DEM, sigmas of the block's place
-MOST_LEFT, MOST_UNLIKE = 0.5, 0.2  # of the scatter, and of the relief, without the displacement
-MOST_BEYOND = 0.3  # of the points may be beyond the DEM when it is moved
-MOST_COMPARED = 20_000
-MOST_STEPS = 12
+
+@thresholds
+class ReliefThresholds:
+    """When a DEM does not show the ground of the adjusted tie points."""
+
+    fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height tell nothing")
+    most_points: int = threshold(20_000, "points", "of more a sample is compared")
+    unlike_m: float = threshold(
+        15.0, "m", "scatter of the differences that is reported, where it exceeds the two below too", SIMULATED_BLOCKS
+    )
+    unlike_share: float = threshold(0.5, "", "the same as a share of the relief's own scatter", SIMULATED_BLOCKS)
+    unlike_sigmas: float = threshold(
+        5.0, "sigma", "the same in standard deviations of the points' heights", SIMULATED_BLOCKS
+    )
+    far_off_m: float = threshold(50.0, "m", "a difference beyond is no tree, house or change of the ground")
+    far_off_points: int = threshold(5, "points", "so many such differences are no matter of a few wrong tie points")
+    far_off_share: float = threshold(0.01, "", "or this share of all")
+    same_value_m: float = threshold(2.0, "m", "spread of an undeclared nodata value by undulations over a block")
+    displacement_cells: float = threshold(
+        2.0, "cells", "smallest displacement of a DEM that is reported, in its cells", SIMULATED_BLOCKS
+    )
+    displacement_sigmas: float = threshold(
+        5.0, "sigma", "the same in standard deviations of the block's position", SIMULATED_BLOCKS
+    )
+    left_of_scatter: float = threshold(0.5, "", "share of the scatter that a displacement may leave", SIMULATED_BLOCKS)
+    left_of_relief: float = threshold(0.2, "", "share of the relief that a displacement may leave", SIMULATED_BLOCKS)
+    beyond_share: float = threshold(0.3, "", "share of the points that may lie beyond the moved DEM")
+    most_steps: int = threshold(12, "steps", "iterations for the displacement")
+
+
+RELIEF = ReliefThresholds()
 
 
 def find_relief_reasons(
@@ -58,20 +80,20 @@ def find_relief_reasons(
     list of Reason
         One at most; none where too few points have a height in the DEM.
     """
-    ground = ground[:: 1 + len(ground) // MOST_COMPARED]
+    ground = ground[:: 1 + len(ground) // RELIEF.most_points]
     of_dem = surface_heights(surface, ground[:, :2])
     inside = np.isfinite(of_dem)
     ground, of_dem = ground[inside], of_dem[inside]
-    if len(ground) < LEAST_COMPARED:
+    if len(ground) < RELIEF.fewest_points:
         return []
     miss = ground[:, 2] - of_dem
-    far = np.abs(miss - np.median(miss)) > FAR_OFF_M
-    if max(FAR_OFF_POINTS, FAR_OFF_SHARE * len(far)) <= far.sum() < len(far):
+    far = np.abs(miss - np.median(miss)) > RELIEF.far_off_m
+    if max(RELIEF.far_off_points, RELIEF.far_off_share * len(far)) <= far.sum() < len(far):
         low, value, high = np.percentile(of_dem[far], [20.0, 50.0, 80.0])
-        alone = abs(value - np.median(of_dem[~far])) > FAR_OFF_M
+        alone = abs(value - np.median(of_dem[~far])) > RELIEF.far_off_m
     else:
         low, value, high, alone = 0.0, 0.0, 0.0, False
-    if alone and high - low < SAME_VALUE_M:
+    if alone and high - low < RELIEF.same_value_m:
         return [
             Reason(
                 "dem-nodata", Level.DOUBTFUL,
@@ -83,8 +105,8 @@ def find_relief_reasons(
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
     east, north, left = _estimate_displacement(ground, surface)
     away = float(np.hypot(east, north))
-    if left < min(MOST_LEFT * scatter, MOST_UNLIKE * relief) and away > max(
-        LEAST_CELLS * cell_size_m(surface, ground[0]), LEAST_SIGMAS * sigma_plan_m
+    if left < min(RELIEF.left_of_scatter * scatter, RELIEF.left_of_relief * relief) and away > max(
+        RELIEF.displacement_cells * cell_size_m(surface, ground[0]), RELIEF.displacement_sigmas * sigma_plan_m
     ):
         return [
             Reason(
@@ -95,7 +117,7 @@ def find_relief_reasons(
                 "check the DEM's georeference and CRS, and those of the ground points",
             )
         ]  # fmt: skip
-    if scatter > max(UNLIKE_M, UNLIKE_SHARE * relief, UNLIKE_SIGMAS * sigma_h_m):
+    if scatter > max(RELIEF.unlike_m, RELIEF.unlike_share * relief, RELIEF.unlike_sigmas * sigma_h_m):
         return [
             Reason(
                 "dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL,
@@ -113,7 +135,7 @@ def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[
     degrees = 1.0 / metres_per_degree(ground)[:, :2]
     shift, step = np.zeros(2), 2.0 * cell
     best = (0.0, 0.0, np.inf)
-    for _ in range(MOST_STEPS):
+    for _ in range(RELIEF.most_steps):
         at = ground[:, :2] + shift * degrees
         middle = surface_heights(surface, at)
         sides = [
@@ -123,7 +145,7 @@ def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[
         gradient = np.column_stack([(high - low) / (2.0 * step) for low, high in sides])
         miss = ground[:, 2] - middle
         known = np.isfinite(miss) & finite_rows(gradient)
-        if known.sum() < max(LEAST_COMPARED, (1.0 - MOST_BEYOND) * len(known)):
+        if known.sum() < max(RELIEF.fewest_points, (1.0 - RELIEF.beyond_share) * len(known)):
             break
         miss = miss[known] - np.median(miss[known])
         scatter = float(robust_sigma(miss))

@@ -12,15 +12,30 @@ from ..block.points import Role, are_apart
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from .accuracy import ImageAccuracy
 
-COARSE_DECIMALS = 5  # of a degree: 1.1 m; what is rounded to less harms no satellite image
-DECIMAL_SLACK = 1e-6  # of the last decimal: what reading, writing and a turn of 360 degrees leave
-LEAST_SURVEYED = 4  # from which on no survey has only round numbers by chance
-HARMFUL_PX = 0.5
-COPIED_SHARE = 0.5  # of the check points measured where GCPs are, from which on they are copies
-TARGETS_APART_PX = 1.5  # between two measurements of one target; two targets are farther apart
+
+@thresholds
+class SurveyThresholds:
+    """When surveyed coordinates were rounded, or check points are copies of GCPs."""
+
+    coarse_decimals: int = threshold(
+        5, "decimals", "of a degree (1.1 m); more decimals harm no satellite image", "theory: 1e-5 degrees are 1.1 m"
+    )
+    decimal_slack: float = threshold(
+        1e-6, "", "of the last decimal: what reading, writing and a turn of 360 degrees leave"
+    )
+    fewest_points: int = threshold(4, "points", "from which on not all coordinates are round by chance")
+    harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
+    copied_share: float = threshold(
+        0.5, "", "share of the check points measured where GCPs are, from which on they are copies"
+    )
+    same_target_px: float = threshold(1.5, "px", "measurements nearer than this may be of one target")
+
+
+SURVEY = SurveyThresholds()
 
 
 def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
@@ -31,18 +46,18 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
-    if len(points) < LEAST_SURVEYED or not np.isfinite(ground[:, :2]).all():
+    if len(points) < SURVEY.fewest_points or not np.isfinite(ground[:, :2]).all():
         return []
-    for decimals in range(COARSE_DECIMALS + 1):
+    for decimals in range(SURVEY.coarse_decimals + 1):
         scaled = ground[:, :2] * 10.0**decimals
-        if (np.abs(scaled - np.rint(scaled)) < DECIMAL_SLACK).all():
+        if (np.abs(scaled - np.rint(scaled)) < SURVEY.decimal_slack).all():
             break
     else:
         return []
     step_m = float(metres_per_degree(ground)[:, :2].max()) * 10.0**-decimals
     sigma = step_m / np.sqrt(12.0)
     stated = float(np.median(np.nan_to_num(block.points.sigma_m[points, 0], posinf=np.inf)))
-    if sigma < max(stated, HARMFUL_PX * min(accuracy.gsd_m for accuracy in accuracies)):
+    if sigma < max(stated, SURVEY.harmful_px * min(accuracy.gsd_m for accuracy in accuracies)):
         return []
     ids = tuple(block.points.ids[points].tolist())
     return [
@@ -71,7 +86,7 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
     _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
     same = ~are_apart(ground[checks], ground[gcps[nearest]])
     alike = _are_copies(block, checks, gcps[nearest])
-    if alike.mean() > COPIED_SHARE:  # a few may stand beside a GCP by chance
+    if alike.mean() > SURVEY.copied_share:  # a few may stand beside a GCP by chance
         same |= alike
     if not same.any():
         return []
@@ -100,5 +115,5 @@ def _are_copies(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndar
     for number, (one, other) in enumerate(zip(points.tolist(), others.tolist(), strict=True)):
         here, there = at[one], at[other]
         apart = [float(np.hypot(*(rows.xy[here[k]] - rows.xy[there[k]]))) for k in here.keys() & there.keys()]
-        alike[number] = bool(apart) and max(apart) < TARGETS_APART_PX
+        alike[number] = bool(apart) and max(apart) < SURVEY.same_target_px
     return alike

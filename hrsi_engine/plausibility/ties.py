@@ -19,32 +19,64 @@ from ..block.block import Block, Role
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import moved_ground
-from .accuracy import ImageAccuracy
+from .accuracy import SIMULATED_BLOCKS, ImageAccuracy
 from .sightlines import Sightlines, compute_sightlines
 from .slips import PIXEL_SLIPS, Slip
 
-SAMPLE_PER_PAIR = 60  # points looked at
-MOST_SAMPLED = 20_000
-LEAST_OF_PAIR = 8  # points of a pair that tell something
-#: Difference of the slopes of two rays below which they tell no height: 500 m of relief part them by 2.5 m, within
-#: `MISS_PX`. At 0.02 every twentieth pair of right blocks had a third of its points missing one another.
-WEAK_SLOPE = 0.005
-MISS_PX, MISS_SIGMAS, MISS_DRIFT = 4.0, 6.0, 3e-4
-MOST_RELATIVE_DRIFT = 4e-3  # px/px, of two RPCs against each other
-FEW_OFF = 0.05  # share of a pair's points beyond its bulk that asks for a drift, and that a drift may leave
-DRIFT_STEPS = 6
-MODE_SHARE = 0.15  # of a pair's points, whose narrowest interval is where the bulk is
-MANY_WRONG, MOST_WRONG = 0.15, 0.37  # share of wrong measurements that is worth a look, and that nobody should trust
-JOINED = 0.5  # share of a pair's points that must agree for the pair to fit
-CURED, CURED_BY = 0.15, 3.0  # share of wrong points that a named slip leaves, and how many times fewer
+
+@thresholds
+class TieThresholds:
+    """When tie points do not join the images on which they are measured."""
+
+    sample_per_pair: int = threshold(60, "points", "of each pair of images that are judged")
+    most_sampled: int = threshold(20_000, "points", "of the block that are judged")
+    fewest_of_pair: int = threshold(8, "points", "a pair with fewer tells nothing")
+    least_slope: float = threshold(
+        0.005, "m/m",
+        "rays whose slopes differ by less tell no height: 500 m of relief part them by 2.5 m; at 0.02 every "
+        "twentieth pair of right blocks failed", "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
+    )  # fmt: skip
+    miss_px: float = threshold(
+        4.0, "px", "rays of a right point pass each other by less than this, or the two below", SIMULATED_BLOCKS
+    )
+    miss_sigmas: float = threshold(6.0, "sigma", "the same in standard deviations of the measurement", SIMULATED_BLOCKS)
+    miss_drift: float = threshold(3e-4, "px/px", "the same by the RPCs' drift over half an image", SIMULATED_BLOCKS)
+    largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED_BLOCKS)
+    off_share: float = threshold(
+        0.05, "", "share of a pair's points beyond its bulk that asks for a drift, and that a drift may leave",
+        SIMULATED_BLOCKS,
+    )  # fmt: skip
+    drift_steps: int = threshold(6, "steps", "iterations for the drift of a pair")
+    bulk_share: float = threshold(0.15, "", "share of a pair's points whose narrowest interval holds the bulk")
+    bulk_sigmas: float = threshold(
+        8.0, "sigma", "a bulk farther from zero is beyond the errors of the RPCs", SIMULATED_BLOCKS
+    )
+    doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED_BLOCKS)
+    unusable_share: float = threshold(
+        0.37, "", "share of wrong measurements that makes the ties unusable", SIMULATED_BLOCKS
+    )
+    agreeing_share: float = threshold(
+        0.5, "", "share of a pair's points that must agree for the pair to fit", SIMULATED_BLOCKS
+    )
+    broken_share: float = threshold(
+        0.25, "", "a pair with a smaller share of agreeing points makes the ties unusable", SIMULATED_BLOCKS
+    )
+    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named slip leaves", SIMULATED_BLOCKS)
+    cured_ratio: float = threshold(
+        3.0, "", "smallest ratio of wrong points before and after a named slip is undone", SIMULATED_BLOCKS
+    )
+    fewest_cured: int = threshold(12, "points", "that a named slip must make join", SIMULATED_BLOCKS)
+    most_suspects: int = threshold(6, "images", "of which slips of single images are tried")
+
+
+TIES = TieThresholds()
 #: Slips that make images and their mirror images, which meet alike where all views are of one strip; likelier first.
 ALIKE_FOR_TIES = (
     ("sample-line-swapped", "image-turned"),
     ("lines-from-below", "samples-from-right", "image-turned"),
 )
-LEAST_CURED = 12  # points that a named slip makes join
-MOST_SUSPECTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +122,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     first = np.flatnonzero(
         tie[:-1] & (measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1])
     )
-    if len(first) < LEAST_OF_PAIR:
+    if len(first) < TIES.fewest_of_pair:
         return None
     key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
     order = np.argsort(key, kind="stable")
@@ -98,7 +130,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
-    per_pair = max(LEAST_OF_PAIR, min(SAMPLE_PER_PAIR, MOST_SAMPLED // len(starts)))
+    per_pair = max(TIES.fewest_of_pair, min(TIES.sample_per_pair, TIES.most_sampled // len(starts)))
     # every k-th point of a pair: the rank within the pair, stretched, steps by one
     rank = np.arange(len(key)) - starts[pair]
     wanted = np.minimum(sizes, per_pair)[pair]
@@ -145,30 +177,36 @@ def judge_pairs(
     starts = pairs.starts
     sizes = np.diff(np.r_[starts, len(pairs.pair)])
     # all points of a pair alike, so that what they miss by is of one direction
-    weak = np.repeat(~(np.fmin.reduceat(length, starts) > WEAK_SLOPE), sizes) if len(starts) else length > WEAK_SLOPE
-    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, WEAK_SLOPE)[:, None])
+    weak = (
+        np.repeat(~(np.fmin.reduceat(length, starts) > TIES.least_slope), sizes)
+        if len(starts)
+        else length > TIES.least_slope
+    )
+    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, TIES.least_slope)[:, None])
     across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
-    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, WEAK_SLOPE))
+    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, TIES.least_slope))
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
     tolerance = (
-        min(stretch, 1.0) * gsd * np.maximum(MISS_PX, np.maximum(MISS_SIGMAS * pairs.sigma_px, MISS_DRIFT * reach))
+        min(stretch, 1.0)
+        * gsd
+        * np.maximum(TIES.miss_px, np.maximum(TIES.miss_sigmas * pairs.sigma_px, TIES.miss_drift * reach))
     )
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
-    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, WEAK_SLOPE)
+    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, TIES.least_slope)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
     bulk = _compute_modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
-    for start, size in zip(*(column[off / sizes > FEW_OFF].tolist() for column in (starts, sizes)), strict=True):
+    for start, size in zip(*(column[off / sizes > TIES.off_share].tolist() for column in (starts, sizes)), strict=True):
         rows = slice(start, start + size)
-        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], MOST_RELATIVE_DRIFT * gsd[start])
+        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIES.largest_drift * gsd[start])
     wrong |= np.abs(away) > tolerance
-    wrong |= np.repeat(np.abs(bulk) > 8.0 * sigma[starts], sizes)
+    wrong |= np.repeat(np.abs(bulk) > TIES.bulk_sigmas * sigma[starts], sizes)
     share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
-    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= LEAST_OF_PAIR, 1.0 - share, np.nan))
+    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= TIES.fewest_of_pair, 1.0 - share, np.nan))
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
@@ -178,15 +216,15 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
-    for _ in range(DRIFT_STEPS):
-        if fits.sum() < LEAST_OF_PAIR:
+    for _ in range(TIES.drift_steps):
+        if fits.sum() < TIES.fewest_of_pair:
             return away_m
         solved, _, rank, _ = np.linalg.lstsq(design[fits], away_m[fits], rcond=None)
         if rank < design.shape[1] or np.hypot(*solved[1:]) > most:
             return away_m
         left = away_m - design @ solved
         fits = np.abs(left) <= tolerance_m
-    return left if fits.mean() >= 1.0 - FEW_OFF else away_m
+    return left if fits.mean() >= 1.0 - TIES.off_share else away_m
 
 
 def _swap_pairs(ground: np.ndarray) -> np.ndarray:
@@ -219,7 +257,7 @@ def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) ->
 
 def _compute_bulk_size(size: int) -> int:
     """Return how many of so many numbers are their bulk."""
-    return min(max(5, round(MODE_SHARE * size)), size)
+    return min(max(5, round(TIES.bulk_share * size)), size)
 
 
 def _compute_mode(values: np.ndarray) -> float:
@@ -240,9 +278,9 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if pairs is None:
         return []
     given = judge_pairs(pairs)
-    failing = np.flatnonzero(given.good < JOINED)
+    failing = np.flatnonzero(given.good < TIES.agreeing_share)
     share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
-    if not len(failing) and (share < MANY_WRONG or given.wrong.sum() < LEAST_CURED):
+    if not len(failing) and (share < TIES.doubtful_share or given.wrong.sum() < TIES.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
     found = _find_best_slip(pairs, given, suspects)
@@ -262,7 +300,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         ]  # fmt: skip
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
-    unusable = share >= MOST_WRONG or bool((given.good < 0.25).any())
+    unusable = share >= TIES.unusable_share or bool((given.good < TIES.broken_share).any())
     return [
         Reason(
             "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
@@ -295,7 +333,7 @@ def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndar
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
     bad = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
-    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][:MOST_SUSPECTS]
+    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][: TIES.most_suspects]
 
 
 def _find_best_slip(
@@ -307,8 +345,8 @@ def _find_best_slip(
     """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
-        cured = (given.share - share) * len(pairs.pair) >= LEAST_CURED and share * CURED_BY < given.share
-        if share < CURED and cured and (slip.code not in best or share < best[slip.code][0]):
+        cured = (given.share - share) * len(pairs.pair) >= TIES.fewest_cured and share * TIES.cured_ratio < given.share
+        if share < TIES.cured_share and cured and (slip.code not in best or share < best[slip.code][0]):
             best[slip.code] = share, slip, images
     if not best:
         return None
@@ -329,7 +367,7 @@ def _iterate_hypotheses(
 
     A slip on all images makes many pairs fail; one on a few images is undone in the pairs that they are in.
     """
-    if given.share >= MANY_WRONG:
+    if given.share >= TIES.doubtful_share:
         every = np.arange(len(pairs.block.images))
         for slip, undo in PIXEL_SLIPS:
             yield slip, every, judge_pairs(pairs, xy=_undo_pixel_slip(pairs, undo, every), stretch=slip.length).share
