@@ -1,4 +1,4 @@
-"""Could the inputs be what they claim? Checks of a block before its adjustment, and the slips that explain a misfit."""
+"""Plausibility of the inputs: checks of a block before its adjustment, and the mistakes that explain a misfit."""
 
 from .block_check import check_block
 

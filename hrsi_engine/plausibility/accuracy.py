@@ -1,9 +1,9 @@
-"""What a right block shows: how far an RPC may be off, and how much of that is alike for all points of an image.
+"""A priori accuracy of each image's RPC: standard deviation of its shift, its drift, and limits that no RPC exceeds.
 
-An RPC is wrong by metres to hundreds of metres, which is what this program is for: that is a shift of the whole image
-with little drift. What an RPC's error cannot be is a misfit that changes from point to point, or a shift beyond
-anything that its sensor does. ERR_BIAS says how large the shift usually is; where a product gives none, the ground
-sample distance tells the class of the sensor:
+The error of an RPC is metres to hundreds of metres, nearly the same for all points of an image: a shift with a small
+drift. A misfit that changes from point to point, or a shift beyond the sensor's pointing error, has another cause.
+ERR_BIAS states the standard deviation of the shift; where a product gives none, the ground sample distance tells the
+class of the sensor:
 
     GSD below 1 m   5 to 25 m (CE90) for IKONOS, QuickBird, GeoEye, WorldView, Pleiades, KOMPSAT
     GSD 1.5 to 4 m  30 to 250 m for SPOT 5-7, ALOS, ZY-3, GF-1, Cartosat-1
@@ -62,11 +62,11 @@ ACCURACY = AccuracyThresholds()
 
 @dataclass(frozen=True)
 class ImageAccuracy:
-    """What can be expected of an image.
+    """A priori accuracy of an image's RPC.
 
-    gsd_m : length of a pixel on the ground; sigma_m : standard deviation of each axis of its RPC's shift
-    large_m, far_m : shifts that are worth a look, and that no RPC's error is
-    misfit_m : what points of one image may differ from each other; drift : standard deviation, px/px
+    gsd_m : ground sample distance; sigma_m : standard deviation of each horizontal coordinate of the shift
+    large_m : a larger shift is reported; far_m : a larger shift is no error of an RPC
+    misfit_m : largest difference between the misfits of two points; drift : standard deviation, px/px
     """
 
     gsd_m: float
@@ -80,22 +80,18 @@ class ImageAccuracy:
 def estimate_accuracies(
     images: Sequence[Image], sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
 ) -> list[ImageAccuracy]:
-    """Return what can be expected of images, by RPCs' ERR_BIAS or their resolution, or what the user expects."""
-    return [
-        _accuracy(image, gsd, sigma_shift_px, sigma_drift)
-        for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True)
-    ]
-
-
-def _accuracy(image: Image, gsd: float, sigma_shift_px: float, sigma_drift: float) -> ImageAccuracy:
-    stated = image.rpc.err_bias
-    if stated and stated > 0.0 and np.isfinite(stated):
-        sigma = max(float(stated), ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
-    else:
-        sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
-    sigma = max(sigma, sigma_shift_px * gsd)
-    drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
-    return ImageAccuracy(
-        gsd, sigma, ACCURACY.large_shift_sigmas * sigma, max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m),
-        gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px))), max(ACCURACY.usual_drift, sigma_drift),
-    )  # fmt: skip
+    """Return the accuracy of each image, from ERR_BIAS or its resolution, or larger as the user states it."""
+    found = []
+    for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True):
+        stated = image.rpc.err_bias
+        if stated and stated > 0.0 and np.isfinite(stated):
+            sigma = max(float(stated), ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
+        else:
+            sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
+        sigma = max(sigma, sigma_shift_px * gsd)
+        far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m)
+        drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
+        misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
+        large_m = ACCURACY.large_shift_sigmas * sigma
+        found.append(ImageAccuracy(gsd, sigma, large_m, far_m, misfit_m, max(ACCURACY.usual_drift, sigma_drift)))
+    return found

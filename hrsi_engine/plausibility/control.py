@@ -1,16 +1,16 @@
-"""How well surveyed points fit the images they are measured on, when each image's RPC may be shifted.
+"""Fit of surveyed points to the images on which they are measured, with a free shift of each image's RPC.
 
-    e = place on the ray at the surveyed height - survey = shift of the image + misfit of the point   (m east, north)
+    e = position on the ray at the surveyed height - survey = shift of the image + misfit of the point (m east, north)
 
-The shift of an image is the median over its points. A set of surveys is judged by the size of the shifts against what
-the RPCs' errors are, and by the robust scatter of the misfits against what measuring and surveying explain. Two
-readings of the same numbers are compared by the logarithm of their likelihoods::
+The shift of an image is the median over its points. The shifts are compared with the a priori accuracy of the RPCs, the
+robust scatter of the misfits with the noise of measurement and survey. Two hypotheses about the same numbers (as given,
+and with a mistake undone) are compared by minus twice the logarithm of their likelihoods::
 
     cost = sum over images of 4 f ln(s) + rho(shift / sigma)        f: points less the one that the shift takes
 
-with the scatter ``s`` of both coordinates, never below what right blocks show, and squares ``rho`` that grow slowly
-beyond ten sigmas. A difference of 25 is what five sigmas of one shift make. Misfits of one image are alike where its
-RPC drifts: more than five of them are not taken for independent.
+with the scatter ``s`` of both coordinates, at least that of right blocks, and ``rho`` the square up to ten sigmas and a
+logarithm beyond. Five sigmas of one shift cost 25. A drift of the RPC correlates the misfits of an image: at most five
+count as independent.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ class ControlFitThresholds:
 
 
 CONTROL_FIT = ControlFitThresholds()
-MEDIAN_LENGTH = 1.1774  # median length of a normal vector in the plane, in its sigmas
+MEDIAN_LENGTH = 1.1774  # sqrt(2 ln 2): median length of a normal vector in the plane, in its sigmas
 
 
 @dataclass(frozen=True, eq=False)
 class ControlMeasurements:
-    """Measurements of surveyed points.
+    """Measurements of surveyed points (GCPs and check points).
 
     point, image : (n,) indices into the block's points and images
-    xy : (n, 2); ground : (n, 3); sights : their rays
-    noise_m : (n,) what measuring and surveying explain of a misfit; expected_m : (n,) the same with the RPC's drift
-    accuracies : one of each image of the block
+    xy : (n, 2) sample, line; ground : (n, 3) surveyed lon, lat, height; sights : rays of the measurements
+    noise_m : (n,) standard deviation of a misfit by measurement and survey; expected_m : (n,) with the RPC's drift
+    accuracies : of every image of the block
     """
 
     block: Block
@@ -90,7 +90,7 @@ class ControlMeasurements:
         return np.unique(self.point)
 
     def get_figures(self, name: str) -> np.ndarray:
-        """Return a figure of every image of the block, ``(images,)``."""
+        """Return a field of `ImageAccuracy` of every image of the block, ``(images,)``."""
         return np.array([getattr(accuracy, name) for accuracy in self.accuracies])
 
     def select(self, rows: np.ndarray) -> ControlMeasurements:
@@ -133,11 +133,11 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
 
 @dataclass(frozen=True, eq=False)
 class ControlFit:
-    """Surveyed points under one reading of the numbers.
+    """Fit of the surveyed points under one hypothesis about the numbers.
 
-    distance_m : (n, 2) east, north; shift_m : (images, 2) of each image, NaN without points
-    misfit_m : (n, 2) what is left
-    scatter : (images,) robust sigma of a misfit, in units of the expected one; 0 for fewer than two points
+    distance_m : (n, 2) east, north from the survey to the ray; shift_m : (images, 2) median of it, NaN without points
+    misfit_m : (n, 2) distance without the shift
+    scatter : (images,) robust sigma of the misfits over the expected one; 0 for fewer than two points
     """
 
     control: ControlMeasurements
@@ -148,12 +148,12 @@ class ControlFit:
 
     @cached_property
     def shift_sigmas(self) -> np.ndarray:
-        """Size of each image's shift in sigmas of its RPC ``(images,)``, 0 without points."""
+        """Length of each image's shift in standard deviations of its RPC ``(images,)``, 0 without points."""
         return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T) / self.control.get_figures("sigma_m"))
 
     @cached_property
     def belongs(self) -> np.ndarray:
-        """Which measurements fit their image, up to the worst measuring and drift, ``(n,)``."""
+        """Which measurements agree with the shift of their image, up to the largest drift, ``(n,)`` bool."""
         limit = np.maximum(
             self.control.get_figures("misfit_m")[self.control.image],
             CONTROL_FIT.agreeing_sigmas * self.control.expected_m,
@@ -162,7 +162,7 @@ class ControlFit:
 
     @cached_property
     def fitting(self) -> np.ndarray:
-        """Which images fit their points: shift within what an RPC does, and most points agree; ``(images,)``."""
+        """Which images fit: a shift that an RPC may have, and most points agree with it; ``(images,)`` bool."""
         control = self.control
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
@@ -171,7 +171,7 @@ class ControlFit:
 
     @property
     def fits(self) -> bool:
-        """Whether all images fit their points."""
+        """True if all images fit their points."""
         return bool(self.fitting[self.control.images].all())
 
     @cached_property
@@ -190,7 +190,7 @@ class ControlFit:
 def fit_control(
     control: ControlMeasurements, ground: np.ndarray | None = None, seen: Sightlines | None = None
 ) -> ControlFit:
-    """Return how surveys ``ground (n, 3)`` fit rays, by default both as they are given."""
+    """Return the fit of surveys ``ground (n, 3)`` to rays ``seen``, by default both as given."""
     surveyed = control.ground if ground is None else ground
     distance = (control.sights if seen is None else seen).distance_m(surveyed)
     shift = np.full((len(control.accuracies), 2), np.nan)

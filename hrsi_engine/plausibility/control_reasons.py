@@ -1,7 +1,7 @@
-"""From surveyed points that do not fit their images to a reason that names the slip, where one explains them.
+"""Reasons for surveyed points that do not fit their images: the mistake that explains the misfit, where there is one.
 
-A slip is named where, undone, everything fits, and clearly better than with every other slip. Else the reason says
-that the points do not fit, and makes no guess.
+Each typical mistake (`slips`) is undone and the points are fitted again. It is named where everything fits then, and
+clearly better than without every other mistake. Else the reason states the misfit without a cause.
 """
 
 from __future__ import annotations
@@ -63,14 +63,18 @@ class SlipThresholds:
 
 
 SLIP = SlipThresholds()
-OF_HEIGHTS = {"height-unit", "height-offset", "height-datum"}  #: they ask for the same look: the likeliest is named
-#: Slips that a few points alone do not tell: other wrong heights look the same.
-UNTOLD_OF_FEW = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
+#: Mistakes of heights, which the data hardly tell apart: only the likeliest is named.
+HEIGHT_CODES = {"height-unit", "height-offset", "height-datum"}
+#: Mistakes that a few points alone do not prove: other wrong heights look the same.
+UNPROVABLE_CODES = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
 
 
 @dataclass(frozen=True, eq=False)
 class SlipHypothesis:
-    """A slip undone: how everything fits then; ``points``, ``images`` (indices) that it concerns, None for all."""
+    """A mistake that may have been made, and the fit when it is undone.
+
+    points, images : indices of those that have it, None for all
+    """
 
     slip: Slip
     fit: ControlFit
@@ -79,12 +83,12 @@ class SlipHypothesis:
 
     @property
     def cost(self) -> float:
-        """Cost of the numbers read this way."""
+        """Cost of the fit, with the burden of what the mistake fits itself to."""
         return self.fit.cost + self.slip.burden
 
 
 def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
-    """Return what is wrong with the surveyed points of a block, nothing where they fit."""
+    """Return what is wrong with the surveyed points of a block; empty where they fit."""
     given = fit_control(control)
     apart = find_disagreement(given)
     if not _is_suspicious(given) and apart is None:
@@ -101,7 +105,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
 
 
 def _is_suspicious(given: ControlFit) -> bool:
-    """Whether a slip is worth looking for: a right block hardly ever is."""
+    """Return whether mistakes are worth a try: a right block hardly ever is suspicious."""
     return (
         not given.fits
         or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
@@ -115,11 +119,11 @@ def _compute_lift_sigmas(given: ControlFit) -> float:
     return lift / sigma if sigma > 0.0 else 0.0
 
 
-# ---- the slip that explains ----------------------------------------------------------------------------------------
+# ---- the mistake that explains -------------------------------------------------------------------------------------
 
 
 def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypothesis | None:
-    """Return the slip that explains the misfit, clearly better than every other; None without."""
+    """Return the mistake that explains the misfit clearly better than every other; None where there is none."""
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
         saved = given.cost - reading.cost
@@ -128,14 +132,14 @@ def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypo
             if code not in best or reading.cost < best[code].cost:
                 best[code] = reading
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
-    rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= OF_HEIGHTS]
+    rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= HEIGHT_CODES]
     if not ranked or (rivals and rivals[0].cost - ranked[0].cost < SLIP.least_lead):
         return None
     return ranked[0]
 
 
 def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
-    """Whether everything fits as a right block does, and what was wrong has become clearly less."""
+    """Return whether everything fits as a right block does, and the misfit has become clearly smaller."""
     largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
     good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
     good_scatter = read.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
@@ -143,7 +147,7 @@ def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
 
 
 def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
-    """Yield every slip, undone; those of image coordinates on all images, or on those that do not fit alone."""
+    """Yield every mistake, undone; of image coordinates on all images, or only on those that do not fit."""
     far = bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
     for slip, ground in iterate_ground_slips(control, given.shift_m, far):
         yield SlipHypothesis(slip, fit_control(control, ground))
@@ -222,7 +226,7 @@ def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: Sl
 
 
 def _format_median_distance(read: ControlFit) -> str:
-    """Return the median distance of points from their places, ``1.2 km (2400 px)``."""
+    """Return the median distance of points from their rays as text, ``1.2 km (2400 px)``."""
     away = np.hypot(*read.distance_m.T)
     pixels = away / read.control.get_figures("gsd_m")[read.control.image]
     return f"{_format_distance(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
@@ -233,7 +237,7 @@ def _format_distance(distance: float) -> str:
 
 
 def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason | None:
-    """Return the slip of the points that disagree, where they alone have one."""
+    """Return the reason for the points that disagree with the others, where one mistake explains them."""
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
     shift = fit_control(rest).shift_m
@@ -260,7 +264,7 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
             )
     for slip, ground in iterate_ground_slips(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
-        if (away < limit).all() and slip.code not in UNTOLD_OF_FEW:
+        if (away < limit).all() and slip.code not in UNPROVABLE_CODES:
             fitting.setdefault(slip.code, slip)
     for slip, undo in PIXEL_SLIPS:
         read = _fit_without_pixel_slip(control, undo, None)
@@ -277,7 +281,7 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
 
 
 def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
-    """A few wrong points are left out or outvoted; a quarter of the GCPs, or of all, is too much to trust any."""
+    """Return doubtful for a few wrong points, unusable for a quarter of the GCPs or of all points."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
     of_gcps = wrong.sum() > 1 and wrong.sum() >= SLIP.wrong_share * len(gcps)
@@ -314,12 +318,13 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
     rows = np.isin(control.image, wrong)
     far = (np.hypot(*np.nan_to_num(given.shift_m).T) > control.get_figures("far_m"))[control.image]
     points = np.unique(control.point[rows & (far | ~given.belongs)])
+    alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
     return Reason(
         "control-implausible", Level.UNUSABLE,
         f"the ground points lie {_format_median_distance(given)} from where the RPCs of "
         f"{list_ids(control.image_ids(wrong))} put them, which no error of these RPCs explains "
         f"(about {sigma:.3g} m); none of the usual slips does either"
-        + (f" (all alike: {_format_shifts(control, wrong)})" if given.belongs[rows].mean() > CONTROL_FIT.agreeing_share else ""),
+        + (f" (all alike: {_format_shifts(control, wrong)})" if alike else ""),
         "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
         "crop and its whole scene have different ones",
         control.image_ids(wrong), control.point_ids(points),
@@ -346,7 +351,7 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit) -> list[
 
 
 def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
-    """Return shifts of images in words, ``-200 px in sample, 300 px in line on img``: what a crop's origin would be."""
+    """Return shifts of images as text, ``-200 px in sample, 300 px in line on img``: the origin of a crop."""
     told = []
     for index in images[:3].tolist():
         rows = control.image == index

@@ -1,4 +1,4 @@
-"""Horizontal datums of an area: by how much coordinates move when one of them is taken for WGS84."""
+"""Horizontal datums in use at a place, and the error of coordinates of each that are taken for WGS84."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DATUM = DatumThresholds()
 
 
 class DatumShift(NamedTuple):
-    """Metres east and north from coordinates of a datum taken for WGS84 to where the point really is."""
+    """Metres east and north from the coordinates taken for WGS84 to the true position."""
 
     name: str
     east_m: float
@@ -38,7 +38,7 @@ class DatumShift(NamedTuple):
 
 @lru_cache(maxsize=16)
 def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
-    """Return the datums in use at a place that PROJ can transform and that are not WGS84 in disguise."""
+    """Return the datums in use at a place that PROJ can transform and that differ from WGS84 (`DATUM`)."""
     area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
     known = pyproj.database.query_crs_info(
         auth_name="EPSG", pj_types=PJType.GEOGRAPHIC_2D_CRS, area_of_interest=area, contains=True

@@ -1,7 +1,7 @@
-"""Surveyed points that disagree with the others: single ones, and a group that is moved against the rest.
+"""Surveyed points that disagree with the others: single points, or a group with a common offset.
 
-Each point has one vector: the mean over its images of the misfit on the ground. Where they fall into two heaps, one
-as tight as the measuring and the other apart from it by several times that, two surveys were mixed.
+Each point has one vector: the mean over its images of its misfit on the ground. Two clusters of these vectors, whose
+gap is several times their spread, show that two surveys were mixed.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ GROUP = GroupThresholds()
 
 @dataclass(frozen=True, eq=False)
 class Disagreement:
-    """Points (indices into the block's) that disagree with the rest.
+    """Points that disagree with the rest.
 
-    step_m : (3,) east, north, height by which they are off on the median; NaN height where it cannot be told
-    gap : distance over the spread within; group : whether they are off by the same step
+    points : (k,) indices into the block's points
+    step_m : (3,) their median offset east, north, up; NaN height where the rays do not determine it
+    gap : distance over the spread within; group : True if they have the same offset
     """
 
     points: np.ndarray
@@ -47,7 +48,7 @@ class Disagreement:
 
 
 def find_disagreement(given: ControlFit) -> Disagreement | None:
-    """Return the smaller part of the surveyed points that disagrees with the larger; None where all agree."""
+    """Return the smaller part of the surveyed points that disagrees with the rest; None where all agree."""
     control = given.control
     points = control.points
     if len(points) < GROUP.fewest_points:
@@ -68,10 +69,10 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
 
 
 def compute_point_misfits(given: ControlFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return each point's mean misfit and its difference between rays from both sides ``(p, 3)``, and its noise.
+    """Return each point's mean misfit east and north and its parallax ``(p, 3)`` m, and their noise ``(p,)`` m.
 
-    The third column is in metres on the ground too: the misfit of an image times the direction in which its rays lean,
-    from the mean of the point's images. It tells a wrong height, which moves the images against each other.
+    The parallax is the mean over the images of the misfit along the direction in which the image's ray leans from the
+    point's mean ray. It shows a wrong height, which moves images of different directions against each other.
     """
     control = given.control
     place = np.searchsorted(control.points, control.point)
@@ -96,7 +97,7 @@ def _compute_median_gsd(given: ControlFit) -> float:
 
 
 def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
-    """Return the smaller of two heaps of points (mask), and the gap between them over their spread."""
+    """Return the smaller of two clusters of points (mask), and the gap between them over their spread."""
     best: tuple[np.ndarray, float] | None = None
     angles = np.pi * np.arange(GROUP.directions) / GROUP.directions
     directions = np.vstack(
@@ -107,7 +108,7 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
         along = vector @ direction
         order = np.argsort(along)
         step = np.diff(along[order])
-        step[[0, -1]] = 0.0  # a heap has two points at least
+        step[[0, -1]] = 0.0  # a cluster has at least two points
         cut = int(np.argmax(step))
         if step[cut] < least_m:
             continue
@@ -124,7 +125,7 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
 
 
 def _compute_cluster_width(along: np.ndarray) -> float:
-    """Return the standard deviation within a heap; of two or three points their range says little: it is doubled."""
+    """Return the standard deviation within a cluster, doubled for two or three points, whose range says little."""
     spread = float(np.std(along, ddof=1))
     return 2.0 * spread if len(along) < 4 else spread
 

@@ -1,7 +1,7 @@
-"""Ids that were mixed up: which image or which ground point the measurements really belong to, and ids spelt apart.
+"""Permuted ids of images or ground points, and ids that differ in spelling only.
 
-Every label is tried with every owner, and the best assignment of all is taken (Kuhn 1955). A right assignment needs no
-guess of the images' shifts: these are small against the distances between points, or the assignment fits nothing.
+The cost of every id with every image (or survey) is computed, and the best assignment is found by the Hungarian method
+(Kuhn 1955). Shifts of the images need not be known: they are small against the distances between points.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ IDENTITY = IdentityThresholds()
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
-    """Return whether surveyed points take no part because their ids are spelt otherwise where they are measured.
+    """Return the reason for surveyed points that are measured under another spelling of their id, or not at all.
 
-    Likeness alone tells nothing: tie points are numbered too. The look-alikes must also be measured where the surveys
-    lie, up to the errors of the RPCs, half of them at least. Where no GCP at all is measured, that is a reason too.
+    Similar ids alone prove nothing, because tie points are numbered too: at least half of them must also be measured
+    where the surveys lie, up to the errors of the RPCs. A block none of whose GCPs is measured is reported as well.
     """
     meant = block.unmeasured.select(block.unmeasured.role != Role.TIE)
     gcps = int((meant.role == Role.GCP).sum())
@@ -74,7 +74,7 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
 def _match_spellings_by_position(
     block: Block, accuracies: Sequence[ImageAccuracy], surveyed: GroundPoints
 ) -> dict[str, str]:
-    """Return which surveyed points are measured under a like id where they lie; nothing where most are elsewhere."""
+    """Return similar ids by surveyed id, of points measured where they were surveyed; empty where most are not."""
     alike = find_similar_ids(surveyed.ids, block.points.ids[~block.known])
     alike = {name: others for name, others in alike.items() if len(others) == 1}
     if not alike:
@@ -92,9 +92,9 @@ def _match_spellings_by_position(
 
 
 def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> tuple[np.ndarray, Sightlines] | None:
-    """Return the image that each measurement was really made on ``(n,)``, and its rays.
+    """Return the image of each measurement ``(n,)`` by the best permutation of the ``wrong`` images, and its rays.
 
-    ``wrong`` are the images that do not fit; only these are exchanged. None where they stay as they are.
+    None where no permutation is better than the ids as given, and for a single image or too many.
     """
     if not 2 <= len(wrong) <= IDENTITY.most_images:
         return None

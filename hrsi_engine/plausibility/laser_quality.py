@@ -1,15 +1,11 @@
-"""Which laser points say anything of the ground's height: what their files tell, and their neighbours on the track.
+"""Quality of laser points before the adjustment: flags and statistics of their files, and neighbours on the track.
 
-Photons come back from clouds, fog, treetops and water too. What gives such points away before any image is looked at:
-the product's own flags, a large standard deviation, a wide spread of the photons about the fitted segment, few of
-them, a steep slope (a laser point's place is known to some metres, which a slope turns into height), vegetation, and a
-height that no neighbour on the track shares. The limits leave out what would have hardly a weight; the adjustment
-weights the rest by how well it fits.
+Photons are also reflected by clouds, fog, treetops and water. Such points show by the product's flags, a large standard
+deviation, a wide spread of the photons about the fitted segment, few photons, a steep slope (the plan position is known
+to some metres, which a slope turns into height), vegetation, and a height unlike that of their neighbours on the track.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -39,54 +35,26 @@ class LaserThresholds:
 LASER = LaserThresholds()
 
 
-@dataclass(frozen=True)
-class LaserLimits:
-    """Beyond what a laser point is left out before the adjustment.
-
-    Parameters
-    ----------
-    sigma_m : float
-        Standard deviation that its file states.
-    misfit_m : float
-        Spread of its photons about the fitted segment.
-    photons : float
-        Fewest of them.
-    slope : float
-        Steepest ground along the track.
-    canopy_m : float
-        Highest vegetation: below, what an image shows is still the ground between it.
-    """
-
-    sigma_m: float = 1.0
-    misfit_m: float = 1.0
-    photons: float = 10.0
-    slope: float = 0.3
-    canopy_m: float = 3.0
-
-
-def find_laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -> np.ndarray:
+def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     """Return why each laser point is left out.
 
     Parameters
     ----------
     points : LaserPoints
         The points.
-    limits : LaserLimits, optional
-        Beyond what they are left out.
 
     Returns
     -------
     (n,) ndarray of str
         Empty where nothing speaks against a point.
     """
-    limits = limits or LaserLimits()
     with np.errstate(invalid="ignore"):
         tests = (
-            (points.sigma_m > limits.sigma_m, f"standard deviation above {limits.sigma_m:g} m"),
-            (points.misfit_m > limits.misfit_m, f"photons spread by more than {limits.misfit_m:g} m"),
-            (points.photons < limits.photons, f"fewer than {limits.photons:g} photons"),
-            (np.abs(points.slope) > limits.slope, f"slope above {100.0 * limits.slope:g} %"),
-            (points.canopy_m > limits.canopy_m, f"vegetation above {limits.canopy_m:g} m"),
+            (points.sigma_m > LASER.sigma_m, f"standard deviation above {LASER.sigma_m:g} m"),
+            (points.misfit_m > LASER.misfit_m, f"photons spread by more than {LASER.misfit_m:g} m"),
+            (points.photons < LASER.photons, f"fewer than {LASER.photons:g} photons"),
+            (np.abs(points.slope) > LASER.slope, f"slope above {100.0 * LASER.slope:g} %"),
+            (points.canopy_m > LASER.canopy_m, f"vegetation above {LASER.canopy_m:g} m"),
         )
     reason = points.doubt.astype("U64")
     for wrong, why in tests:
@@ -98,7 +66,7 @@ def find_laser_reasons(points: LaserPoints, limits: LaserLimits | None = None) -
 
 
 def find_track_outliers(points: LaserPoints) -> np.ndarray:
-    """Tell which points lie off the middle of their neighbours on the same track, by more than slopes explain.
+    """Return which points differ from the median height of their neighbours on the track by more than slopes explain.
 
     Parameters
     ----------
@@ -108,7 +76,7 @@ def find_track_outliers(points: LaserPoints) -> np.ndarray:
     Returns
     -------
     (n,) ndarray
-        Bool; False where a point has too few neighbours.
+        True for outliers; False where a point has too few neighbours.
     """
     result = np.zeros(len(points), dtype=bool)
     order = np.argsort(points.track, kind="stable")

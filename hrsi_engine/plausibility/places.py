@@ -1,4 +1,4 @@
-"""Where things lie: points outside their images, heights outside a range, a DEM beside the block, an image twice."""
+"""Points outside their images, heights outside the RPCs' range, a DEM off the block, crops, duplicate images."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def find_points_outside(block: Block) -> list[Reason]:
 
 
 def find_crops(block: Block) -> list[Reason]:
-    """Return images that are much smaller than the scene of their RPC, which begins at 0: crops of unknown origin."""
+    """Return crops of unknown origin: images much smaller than the extent of their RPC, which begins at pixel 0."""
     ids = tuple(image.id for image in block.images if is_crop(image))
     if not ids:
         return []
@@ -90,9 +90,9 @@ def find_crops(block: Block) -> list[Reason]:
 
 
 def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
-    """Return surveyed heights that no image of the point was made for, and heights that are all the same.
+    """Return surveyed heights outside the range of the RPCs of their images, and heights that are all equal.
 
-    ``contradicted`` tells whether the images contradict the survey: then heights that are all the same were lost.
+    ``contradicted`` : the images contradict the survey, so that equal heights make it unusable.
     """
     measured, points = block.measurements, block.points
     rows = np.flatnonzero(block.known[measured.point])
@@ -142,7 +142,7 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
 
 
 def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
-    """Return whether a DEM leaves out a part of the block, and whether its heights and the surveyed ones disagree."""
+    """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed ones."""
     reasons = []
     covered = np.array([_compute_coverage(image, block, surface) for image in block.images])
     if covered.mean() < PLACEMENT.covered_share:
@@ -194,7 +194,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
 
 
 def _compute_coverage(image: Image, block: Block, surface: HeightSurface) -> float:
-    """Return the share of an image's ground at which a DEM has a height."""
+    """Return the share of an image's ground grid at which the DEM has a height."""
     known = block.points.ground[block.known, 2]
     height = float(np.median(known)) if len(known) else image.middle_height_m
     low, high = image.rpc.height_range
@@ -205,7 +205,7 @@ def _compute_coverage(image: Image, block: Block, surface: HeightSurface) -> flo
 
 
 def find_duplicate_images(block: Block) -> list[Reason]:
-    """Return images that are the same scene under two names: one RPC, or the same pixels measured everywhere."""
+    """Return pairs of images that are one scene under two ids: equal RPCs, or equal pixels of most common points."""
     groups: dict[RPC, list[int]] = {}
     for index, image in enumerate(block.images):
         groups.setdefault(image.rpc, []).append(index)

@@ -1,9 +1,9 @@
-"""Does a DEM show the ground that the images show? Its relief against that of the adjusted tie points.
+"""Comparison of a DEM with the heights of the adjusted tie points: another relief, a displacement, undeclared nodata.
 
-A right DEM differs from the tie points by its errors, trees and roofs, and by one height where their datums differ:
-metres, however steep the ground is. A DEM that is displaced, mirrored, of another quantity or full of a value that
-means no data differs by the relief itself. The displacement d of a DEM follows from the differences of the heights
-(Nuth and Kääb, 2011), which grow with the slope::
+A right DEM differs from the tie points by its errors, trees and roofs, and by a constant where the height datums
+differ: metres, however steep the ground is. A DEM that is displaced, mirrored, of another quantity or filled with an
+undeclared nodata value differs by the relief itself. The displacement d of a DEM follows from the height differences,
+which grow with the slope (Nuth and Kääb, 2011)::
 
     height of the point - height of the DEM = c + d · gradient of the DEM
 """
@@ -60,7 +60,7 @@ def find_relief_reasons(
     sigma_h_m: float = 0.0,
     holds: bool = False,
 ) -> list[Reason]:
-    """Return what says that a DEM does not show the ground of a block.
+    """Return the reason why a DEM does not show the ground of a block.
 
     Parameters
     ----------
@@ -69,16 +69,16 @@ def find_relief_reasons(
     surface : HeightSurface
         The DEM.
     sigma_plan_m : float
-        Standard deviation of the block's place: 0 where GCPs hold it.
+        Standard deviation of the block's position in plan: 0 where GCPs determine it.
     sigma_h_m : float
-        Standard deviation of the difference that points and DEM may have.
+        Standard deviation of the height difference between points and DEM.
     holds : bool
-        Whether the DEM alone holds the block's height.
+        True if only the DEM determines the block's height.
 
     Returns
     -------
     list of Reason
-        One at most; none where too few points have a height in the DEM.
+        At most one; empty where too few points have a height in the DEM.
     """
     ground = ground[:: 1 + len(ground) // RELIEF.most_points]
     of_dem = surface_heights(surface, ground[:, :2])
@@ -130,7 +130,7 @@ def find_relief_reasons(
 
 
 def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, float, float]:
-    """Return metres by which a DEM lies too far east and north, and the scatter of the differences without that."""
+    """Return the displacement of a DEM east and north, and the robust scatter of the differences without it, m."""
     cell = cell_size_m(surface, ground[0])
     degrees = 1.0 / metres_per_degree(ground)[:, :2]
     shift, step = np.zeros(2), 2.0 * cell

@@ -1,8 +1,7 @@
-"""Lines of sight: where image points lie on the ground, as straight lines over the height.
+"""Rays of image points as straight lines: a ground point, and the slope east and north per metre of height.
 
-A point is judged on the ground, not on the image: an RPC carries an image point to the ground wherever its survey is,
-but far outside its domain it projects nonsense. East and north of a ray are linear in its height, so that a survey
-with other heights needs no new ray.
+Surveys are compared with rays on the ground, not in the image: localisation works wherever the survey lies, while
+projection is meaningless far outside the RPC's domain. A survey with another height needs no new ray.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ from ..block.stack import stack_of
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 
-NOWHERE_M = 2e7  # distance of a point without a ray
+NOWHERE_M = 2e7  # distance of a point without a ray: half round the Earth
 
 
 @dataclass(frozen=True, eq=False)
 class Sightlines:
-    """Rays of image points: ``ground (n, 3)`` on them, and metres east and north per metre of height ``(n, 2)``."""
+    """Rays: a point ``ground (n, 3)`` of each, and ``slope (n, 2)`` in metres east, north per metre up."""
 
     ground: np.ndarray
     slope: np.ndarray
 
     def distance_m(self, surveyed: np.ndarray) -> np.ndarray:
-        """Return metres east and north ``(n, 2)`` from surveyed points to where their rays are at that height."""
+        """Return metres east and north ``(n, 2)`` from surveyed points to their rays at the surveyed height."""
         difference = self.ground[:, :2] - surveyed[:, :2]
         difference[:, 0] = wrap_degrees(difference[:, 0])
         across = difference * metres_per_degree(self.ground)[:, :2]
@@ -49,7 +48,7 @@ class Sightlines:
 
 
 def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sightlines:
-    """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, through the heights of each RPC."""
+    """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, over the RPC's height range."""
     if not len(xy):
         return Sightlines(np.empty((0, 3)), np.empty((0, 2)))
     rpcs = [one.rpc for one in images]

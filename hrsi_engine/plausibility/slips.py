@@ -1,7 +1,7 @@
-"""Likely slips: what the numbers would be if somebody had made one, and the sentence that names it.
+"""Typical mistakes (slips) in coordinates and datums: how each is undone, its message and its advice.
 
-A slip is undone, and the result is fitted again: the slip explains the misfit where everything then fits. Slips of
-image coordinates may concern some images only, those that do not fit.
+A slip is undone and the result is fitted again: it explains the misfit where everything fits then. Slips of image
+coordinates may concern only the images that do not fit.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
 
 @dataclass(frozen=True)
 class Slip:
-    """A reading of the numbers: a code, what is wrong, and what to do.
+    """A typical mistake: the code of its reason, what is wrong, and what to do.
 
-    burden : cost of a slip that fits itself to the data, so that one without does not lose against it
-    length : of the image coordinates that it makes, over those given: shorter ones fit more easily
+    burden : cost added for a slip with parameters estimated from the data, against one without
+    length : scale of the image coordinates when it is undone: shorter ones fit more easily
     """
 
     code: str
@@ -71,7 +71,7 @@ SCALES = (
     (1.0 / 3.0, "a third as large"), (0.25, "a quarter as large"),
 )  # fmt: skip
 
-#: How measured image points are to be read, by slip; each takes ``xy (n, 2)`` of an image and undoes the slip.
+#: Slips of image coordinates; each has a function that undoes it for ``xy (n, 2)`` of an image.
 PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     (
         Slip("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
@@ -120,10 +120,9 @@ GroundHypothesis = tuple[Slip, np.ndarray]
 def iterate_ground_slips(
     control: ControlMeasurements, shift_m: np.ndarray, suspicious_shift: bool
 ) -> Iterator[GroundHypothesis]:
-    """Yield the slips of ground coordinates with the points ``(n, 3)`` as they would be without.
+    """Yield the slips of ground coordinates, with the points ``(n, 3)`` when each is undone.
 
-    ``shift_m (images, 2)`` are the shifts of the numbers as given. Datums are looked up only where the shifts are
-    suspicious.
+    ``shift_m (images, 2)`` are the shifts with the coordinates as given. Datums are tried only for suspicious shifts.
     """
     ground = control.ground
     near = np.nanmedian(control.sights.ground, axis=0)
@@ -158,7 +157,7 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
 
 
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Coordinates of a zone read in another one: the zones are alike, so that only the longitude changes."""
+    """Yield UTM or 3 degree zones read as another one: zones are congruent, so that only the longitude changes."""
     away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
     for width, code, what in ((6.0, "utm-zone", "UTM zone"), (3.0, "utm-zone", "3 degree zone")):
         zones = round(away / width)
@@ -176,7 +175,7 @@ def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypot
 
 
 def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Northings of one hemisphere read as those of the other, perhaps in another zone too."""
+    """Yield northings of one hemisphere read as those of the other, with the zone wrong too or not."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
     own = utm_zone(float(near[0]), float(near[1]))
@@ -198,7 +197,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Numbers of one kind of CRS read in another: Web Mercator, as web maps show it, UTM, and degrees."""
+    """Yield coordinates read in another CRS than their own: Web Mercator (of web maps), UTM, and degrees."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
     utm = map_epsg(float(near[0]), float(near[1]))
@@ -217,7 +216,7 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
-    """Return points ``(n, 3)`` whose coordinates were read in one CRS (EPSG) and meant in another, or None."""
+    """Return points ``(n, 3)`` whose coordinates belong to CRS ``meant`` (EPSG) but were read in ``read``, or None."""
     try:
         there = operations_of(f"EPSG:{read}").from_wgs84(ground)
         if meant == DEGREES and not (np.abs(there) <= [180.0, 90.0]).all():
@@ -269,10 +268,10 @@ def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> 
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
-    """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation.
+    """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation, m.
 
-    A survey too high by h moves every image by h times the slope of its rays. The images' own errors, of their sigma
-    each and as much for all together (images of one pass are wrong together), hide it.
+    A survey too high by h shifts every image by h times the slope of its rays. The RPCs' errors are modelled as one
+    standard deviation for each image and as much for all in common (images of one pass have common errors).
     """
     rows, right, sigma = [], [], []
     for index in control.images:
@@ -295,7 +294,7 @@ def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> t
 
 
 def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
-    """Return a model of the geoid whose grid is installed, and its heights (m) at points; None where there is none."""
+    """Return the name of an installed geoid model and its undulations (m) at points; None where none is installed."""
     if not len(ground) or not (np.abs(ground[:, 1]) <= 90.0).all():
         return None
     for name in GEOID_GRIDS:

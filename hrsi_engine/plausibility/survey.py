@@ -1,4 +1,4 @@
-"""What the surveyed coordinates tell by themselves: decimals that were lost, check points that are control."""
+"""Checks of the surveyed coordinates alone: rounded coordinates, and check points that are copies of GCPs."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ SURVEY = SurveyThresholds()
 
 
 def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
-    """Return whether longitudes and latitudes were cut to few decimals: worse than their sigmas and half a pixel.
+    """Return the reason for longitudes and latitudes rounded more coarsely than their sigmas and half a pixel.
 
-    An error that is uniform within one step of the last decimal has a standard deviation of step / sqrt(12).
+    A rounding error is uniform over one step of the last decimal: its standard deviation is step / sqrt(12).
     ``level`` is that of the reason.
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
@@ -72,9 +72,9 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
 
 
 def find_dependent_check_points(block: Block) -> list[Reason]:
-    """Return whether check points lie where GCPs lie, on the ground or on the images: they tell nothing then.
+    """Return the reason for check points at the places of GCPs, on the ground or in the images: they check nothing.
 
-    Copies of GCPs, with a little noise or surveyed again, are measured at the same pixels of every image, most of them.
+    Copies of GCPs, with a little noise or surveyed again, are mostly measured at the same pixels of every image.
     """
     points = np.unique(block.measurements.point)
     known = points[finite_rows(block.points.ground[points])]
@@ -103,7 +103,7 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
 
 
 def _are_copies(block: Block, points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Tell of pairs of points whether they are measured at the same pixels of every image that has both."""
+    """Return which pairs of points are measured at the same pixels of every image that has both, ``(k,)`` bool."""
     rows = block.measurements
     compared = np.flatnonzero(np.isin(rows.point, np.concatenate([points, others])))  # not the ties, which are many
     at: dict[int, dict[int, int]] = {}  # of each point, by image

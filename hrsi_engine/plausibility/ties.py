@@ -1,9 +1,9 @@
-"""Do the tie points join the images that they are measured on?
+"""Consistency of the tie points: do the two rays of each point intersect, pair of images by pair of images?
 
-Two rays of one point miss each other across the plane in which they converge by what the two RPCs are wrong there,
-which is alike for all points of a pair; where along that plane they meet is the point's height. Points that miss by
-another amount than the bulk of their pair, or meet at no height of this earth, are wrong. Each pair is judged on a
-sample of its points.
+Across their epipolar plane the two rays of a point miss each other by the difference of the RPCs' errors, which is
+nearly equal for all points of a pair (y-parallax); along the plane they intersect at the point's height. Points whose
+miss differs from the mode of their pair, or whose height is outside the RPCs' range, are wrong. Each pair is judged on
+a sample of its points.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class TieThresholds:
 
 
 TIES = TieThresholds()
-#: Slips that make images and their mirror images, which meet alike where all views are of one strip; likelier first.
-ALIKE_FOR_TIES = (
+#: Slips that ties of one strip cannot tell apart (an image and its mirror image); the likelier first.
+INDISTINGUISHABLE_SLIPS = (
     ("sample-line-swapped", "image-turned"),
     ("lines-from-below", "samples-from-right", "image-turned"),
 )
@@ -106,7 +106,7 @@ class PairSample:
         return self.image[self.starts]
 
     def select(self, some: np.ndarray) -> PairSample:
-        """Return some pairs (mask), numbered anew."""
+        """Return the pairs of a mask, renumbered."""
         rows = some[self.pair]
         number = np.cumsum(some) - 1
         return replace(
@@ -148,8 +148,11 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
 
 @dataclass(frozen=True, eq=False)
 class PairConsistency:
-    """How well pairs meet: ``wrong (n,)`` which points do not; ``share`` of them over all pairs that tell something;
-    ``good (pairs,)`` share of each pair's points that agree, NaN where they are too few to tell."""
+    """Result for a sample of pairs.
+
+    wrong : (n,) which points do not intersect; share : of them among pairs with enough points
+    good : (pairs,) share of each pair's points that agree, NaN for pairs with too few points
+    """
 
     wrong: np.ndarray
     share: float
@@ -157,7 +160,7 @@ class PairConsistency:
 
     @classmethod
     def from_points(cls, pairs: PairSample, wrong: np.ndarray, good: np.ndarray) -> PairConsistency:
-        """Return it from what is known of each point and of each pair."""
+        """Return the result from the masks of points and the shares of pairs."""
         telling = np.isfinite(good)[pairs.pair]
         return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
 
@@ -165,7 +168,10 @@ class PairConsistency:
 def judge_pairs(
     pairs: PairSample, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
 ) -> PairConsistency:
-    """Return how well the pairs meet, with their own or other images and coordinates, stretched by a slip."""
+    """Judge the intersection of the pairs, with their own or other images and coordinates.
+
+    ``stretch`` is the scale of the coordinates when a slip is undone: it scales the tolerance where below 1.
+    """
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
     images = pairs.block.images
@@ -210,9 +216,9 @@ def judge_pairs(
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
-    """Return misses of a pair's points ``(n,)`` without the drift of its RPCs, where that explains nearly all of them.
+    """Return the misses of a pair's points ``(n,)`` without the drift of its RPCs, where it explains nearly all.
 
-    A drift is linear in the position ``xy (n, 2)``, by ``most`` (m/px) at the utmost. Wrong points follow none.
+    A drift is linear in the position ``xy (n, 2)``, at most by ``most`` (m/px). Wrong points follow none.
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
@@ -233,14 +239,14 @@ def _swap_pairs(ground: np.ndarray) -> np.ndarray:
 
 
 def _move_to_height(flat: Sightlines, height_m: float) -> Sightlines:
-    """Return the rays with their points at one height."""
+    """Return the rays with their ground points moved to one height."""
     climb = height_m - flat.ground[:, 2]
     step = np.column_stack([flat.slope * climb[:, None], climb])
     return Sightlines(moved_ground(flat.ground, step), flat.slope)
 
 
 def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return `_compute_mode` of each pair's numbers, which begin at ``starts``; pairs of equal size together."""
+    """Return `_compute_mode` of each pair's values, which begin at ``starts``; pairs of equal size at once."""
     modes = np.empty(len(starts))
     for size in np.unique(sizes).tolist():
         same = np.flatnonzero(sizes == size)
@@ -256,12 +262,12 @@ def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) ->
 
 
 def _compute_bulk_size(size: int) -> int:
-    """Return how many of so many numbers are their bulk."""
+    """Return how many of ``size`` values are their bulk."""
     return min(max(5, round(TIES.bulk_share * size)), size)
 
 
 def _compute_mode(values: np.ndarray) -> float:
-    """Return the middle of the narrowest interval that holds a share of the numbers: where their bulk is."""
+    """Return the median of the narrowest interval that holds `bulk_share` of the values: a robust mode."""
     ordered = np.sort(values[np.isfinite(values)])
     if not len(ordered):
         return 0.0
@@ -273,7 +279,7 @@ def _compute_mode(values: np.ndarray) -> float:
 
 
 def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
-    """Return what is wrong with a block's tie points; nothing where most of them join their images."""
+    """Return what is wrong with a block's tie points; empty where most of them intersect."""
     pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
@@ -313,7 +319,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
 
 
 def _select_common_images(ends: np.ndarray) -> list[int]:
-    """Return few images that failing pairs ``(k, 2)`` have in common; both of a pair that shares none with others."""
+    """Return the fewest images common to failing pairs ``(k, 2)``; both of a pair that shares none with others."""
     blamed: list[int] = []
     ends = np.unique(np.sort(ends, axis=1), axis=0)
     while len(ends):
@@ -327,7 +333,7 @@ def _select_common_images(ends: np.ndarray) -> list[int]:
 
 
 def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndarray) -> np.ndarray:
-    """Return the images most of whose pairs fail, those with most failures first."""
+    """Return the images most of whose pairs fail, the worst first."""
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(given.good)
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
@@ -339,9 +345,9 @@ def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndar
 def _find_best_slip(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
 ) -> tuple[list[Slip], np.ndarray, float] | None:
-    """Return the slip that makes the pairs meet, the images that have it, and the share of points still wrong.
+    """Return the slip that explains the failing pairs, its images, and the share of points still wrong without it.
 
-    Behind the slip stand those of `ALIKE_FOR_TIES` that do it as well.
+    Behind the slip are those of `INDISTINGUISHABLE_SLIPS` that explain them equally well.
     """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
@@ -352,7 +358,7 @@ def _find_best_slip(
         return None
     least = min(share for share, _, _ in best.values())
     good = {code: entry for code, entry in best.items() if entry[0] < 2.0 * least + 0.03}
-    family = next((codes for codes in ALIKE_FOR_TIES if good.keys() <= set(codes)), None)
+    family = next((codes for codes in INDISTINGUISHABLE_SLIPS if good.keys() <= set(codes)), None)
     if family is None and len(good) > 1:
         return None
     likely, *others = (good[code] for code in family or good if code in good)
@@ -363,9 +369,9 @@ def _find_best_slip(
 def _iterate_hypotheses(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
 ) -> Iterator[tuple[Slip, np.ndarray, float]]:  # fmt: skip
-    """Yield every slip undone, on all images or a suspected one, with the images and the share of points wrong.
+    """Yield every slip, undone on all images or on suspected ones, with the images and the share of wrong points.
 
-    A slip on all images makes many pairs fail; one on a few images is undone in the pairs that they are in.
+    A slip on all images makes many pairs fail; one on few images is judged in the pairs of these images only.
     """
     if given.share >= TIES.doubtful_share:
         every = np.arange(len(pairs.block.images))
@@ -396,14 +402,14 @@ def _iterate_hypotheses(
 
 
 def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndarray, read: PairConsistency) -> float:
-    """Return the share of points wrong where some pairs (mask) meet otherwise, the rest as they were."""
+    """Return the share of wrong points where the pairs of a mask have the result ``read``, the rest that as given."""
     wrong, good = given.wrong.copy(), given.good.copy()
     wrong[some[pairs.pair]], good[some] = read.wrong, read.good
     return PairConsistency.from_points(pairs, wrong, good).share
 
 
 def _undo_pixel_slip(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
-    """Return the coordinates as they would be without a slip on some images."""
+    """Return the coordinates with a slip on some images undone."""
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))
     index = pairs.image.ravel()[rows]
