@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
-from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATE_MAX_ITERATIONS, Control, estimate
+from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "convergence.md"
 TIGHT = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13, "x_scale": "jac", "max_nfev": 80}  # of the reference
@@ -251,7 +251,7 @@ def _each(models: dict, run: Callable[[str], Run], points: int | None) -> tuple[
 HEAD = ("model", "steps", "status", "cost", "away, sigma", "check RMSE")
 INTRODUCTION = f"""# Does every model reach its minimum?
 
-Printed by `python benchmarks/convergence.py --docs`: every model on every real set, {ESTIMATE_MAX_ITERATIONS} steps at
+Printed by `python benchmarks/convergence.py --docs`: every model on every real set, {ESTIMATION.most_steps} steps at
 most.
 *Away* is the distance from the minimum that SciPy's `least_squares` finds (from the vendor's RPCs and from where the
 engine ended, tolerances of 1e-13, residuals by the corrected camera itself), in standard deviations; 0 where the engine

@@ -15,13 +15,24 @@ import numpy as np
 from ..block.block import Image
 from ..foundation.errors import InputError, list_ids
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m, ground_difference_m
 from .estimate import Control
 from .ground_area import ground_area
 
-FARTHEST_M = 300e3  # ground points farther from an image: no attitude error (0.1 rad from 800 km: 120 km) explains it
-SAME_PLACE_M = 0.05
-NARROW = 0.03  # spread across the line over spread along it
+
+@thresholds
+class ControlThresholds:
+    """When GCPs of an image cannot be right, or do not determine it."""
+
+    farthest_m: float = threshold(
+        300e3, "m", "from an image: attitude errors of 0.1 rad move it by 120 km at most", "theory: 0.1 rad from 800 km"
+    )
+    same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
+    least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
+
+
+CONTROL = ControlThresholds()
 
 
 def check_control(image: Image, control: Control) -> list[str]:
@@ -65,7 +76,7 @@ def _require_near(image: Image, control: Control) -> None:
             f"{image.id}: longitude and latitude of GCP {list_ids(control.ids[swapped])} are swapped: exchange them"
         )
     distance = _compute_distance_m(image, control.ground)
-    far = distance > FARTHEST_M
+    far = distance > CONTROL.farthest_m
     if far.any():
         raise InputError(
             f"{image.id}: GCP {list_ids(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: "
@@ -80,8 +91,8 @@ def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
 
 def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
     """Return which points come to the image when longitude and latitude are exchanged, and are far off without."""
-    return (_compute_distance_m(image, ground) > FARTHEST_M) & (
-        _compute_distance_m(image, ground[:, [1, 0, 2]]) < FARTHEST_M
+    return (_compute_distance_m(image, ground) > CONTROL.farthest_m) & (
+        _compute_distance_m(image, ground[:, [1, 0, 2]]) < CONTROL.farthest_m
     )
 
 
@@ -90,7 +101,7 @@ def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
 
 def _warn_of_same_place(image: Image, control: Control) -> list[str]:
     first, second = np.triu_indices(len(control), 1)
-    near = distances_m(control.ground[first], control.ground[second]) < SAME_PLACE_M
+    near = distances_m(control.ground[first], control.ground[second]) < CONTROL.same_place_m
     pairs = zip(first[near], second[near], strict=True)
     return [
         f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
@@ -102,9 +113,9 @@ def _warn_of_alignment(image: Image, control: Control) -> list[str]:
     if len(control) < 3:
         return []
     along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
-    if across > NARROW * along:
+    if across > CONTROL.least_width * along:
         return []
-    where = "at one place" if along < NARROW * float(np.hypot(*image.half_size_px)) else "on a line"
+    where = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
     return [
         f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they tell nothing of the rest of the image; "
         "spread them, or trust a shift only"

@@ -1,4 +1,4 @@
-"""Parameters of one image's refinement from ground control alone.
+"""Estimation of the parameters of one image from its GCPs.
 
 Observation equations of the GCPs, linearised by the model (v = observed - computed, A by values, B by ground)::
 
@@ -6,8 +6,8 @@ Observation equations of the GCPs, linearised by the model (v = observed - compu
     minimise  sum_i v_i' P_i v_i + sum_k (a_k / s_k)²               with the priors s_k of the parameters
 
 Unknowns are scaled to their priors, a_k = s_k w_k, and the stacked equations are solved by QR, so that nearly
-collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0. P changes with B a
-little: it stays while there is a minimum to find, and the minimum is found again with the P that belongs to it.
+collinear parameters (position and attitude) do no harm. A parameter with prior 0 stays 0. P depends weakly on the
+values through B: it is kept during an iteration, which is repeated with the P of its solution.
 """
 
 from __future__ import annotations
@@ -23,18 +23,42 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
+from ..foundation.thresholds import threshold, thresholds
 from .direct_rpc import DirectRPC
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
-ESTIMATE_MAX_ITERATIONS = 30
+
+@thresholds
+class EstimationThresholds:
+    """How the parameters of one image are iterated."""
+
+    most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
+    scaled_steps: int = threshold(
+        4, "steps",
+        "at most with the observations weighted as they fit, while residuals are large",
+        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
+    )  # fmt: skip
+    large_residual: float = threshold(
+        100.0, "sigma",
+        "RMS residual beyond which the first steps are weighted so",
+        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
+    )  # fmt: skip
+    gauss_newton_steps: int = threshold(
+        8, "steps",
+        "of Gauss-Newton before the second derivatives are used",
+        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
+    )  # fmt: skip
+    difference_sigmas: float = threshold(0.1, "sigma", "step of the numeric second derivatives, of each parameter")
+    least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
+    unsettled_ratio: float = threshold(
+        2.0, "", "growth of the cost by recomputed weights from which on there is no common minimum"
+    )
+    weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
+
+
+ESTIMATION = EstimationThresholds()
 LINEAR_STEPS = 3  # of the direct methods, before any other
-FROM_AFAR, AFAR = 4, 100.0  # steps at most, while residuals are so many sigmas
-SLOPES_ONLY = 8  # steps without the model's curvature
-CURVATURE_REACH = 0.1  # differences for it, in sigmas of a parameter
-LEAST_BEND = 1e-2
 HARMLESS = 0.1  # distance from the minimum, in sigmas, of methods that are not iterated
-UNSETTLED = 2.0  # how much more the cost may be with the weights that belong to a minimum
-WEIGHED = 3  # times that the weights are computed, the start's included
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
 CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
@@ -109,10 +133,9 @@ class Estimate:
 
     values : (p,); covariance : (p, p) of them, sigma0 included
     residual_px : (n, 2) observed - computed
-    left_out_px : (n, 2) what the residual of each point would be had it been left out (exact for linear models)
-    roots : (n, 2, 2) whose product R'R is P; share : (n, 2, 2) how much a point decides its own residual (leverage), in
-        whitened coordinates
-    sigma0 : posterior standard deviation of unit weight; 1 where nothing is redundant
+    left_out_px : (n, 2) leave-one-out residuals (exact for linear models)
+    roots : (n, 2, 2) R with R'R = P; share : (n, 2, 2) leverage of each point on its own normalised residual
+    sigma0 : a posteriori standard deviation of unit weight; 1 without redundancy
     """
 
     values: np.ndarray
@@ -139,10 +162,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class _WeightedEquations:
-    """Equations at one state.
+    """Weighted observation equations, linearised at ``values``.
 
-    values : (p,); roots : (n, 2, 2) of P; matrix : (2n, p) by scaled parameters; right : (2n,); residual : (n, 2) px
-    cost : half the weighted sum of squares, priors included
+    values : (p,); roots : (n, 2, 2) R with R'R = P; matrix : (2n, p) R A by scaled parameters; right : (2n,) R v
+    residual : (n, 2) v, px; cost : half the weighted sum of squares, priors included
     """
 
     values: np.ndarray
@@ -169,7 +192,7 @@ class _Equations:
         return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
 
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> _WeightedEquations:
-        """Return the linearised equations in units of sigmas; ``roots`` of P are those of the state if not given."""
+        """Return the weighted equations at ``values``; the ``roots`` of P are those of the values if not given."""
         control = self.control
         at = self.linearise(values, control.ground)
         residual = control.xy - at.computed
@@ -192,21 +215,20 @@ class _Equations:
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
     def gradient(self, at: _WeightedEquations) -> np.ndarray:
-        """Return the downward slope of the cost by the scaled parameters, ``(p,)``."""
+        """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
 
     def compute_hessian(self, at: _WeightedEquations) -> np.ndarray:
-        """Return the second derivatives ``(p, p)`` of the cost by the scaled parameters, made positive.
+        """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.
 
-        With A the matrix and r the residuals they are ``A' A + I - sum_i r_i (second derivatives of i)``; the sum by
-        differences of A along each parameter. Directions along which the cost is bent downwards count as bent upwards
-        as much, and none as less than `LEAST_BEND` of ``A' A + I``: so every step leads down at first (Dauphin et al.
-        2014, saddle-free Newton).
+        With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
+        parameter. Its eigenvalues relative to ``A' A + I`` are replaced by their absolute values, at least
+        `ESTIMATION.least_curvature`, so that every step descends (saddle-free Newton, Dauphin et al. 2014).
         """
         p = len(self.sigmas)
         normal = at.matrix.T @ at.matrix + np.eye(p)
         second = np.empty((p, p))
-        for k, reach in enumerate(CURVATURE_REACH / np.sqrt(normal.diagonal())):
+        for k, reach in enumerate(ESTIMATION.difference_sigmas / np.sqrt(normal.diagonal())):
             change = np.zeros(p)
             change[k] = reach * self.sigmas[k]
             ahead, behind = (self.linearise(at.values + to, self.control.ground).by_values for to in (change, -change))
@@ -215,11 +237,11 @@ class _Equations:
         inverse = np.linalg.inv(half)
         bends, vectors = np.linalg.eigh(np.eye(p) - inverse @ (0.5 * (second + second.T)) @ inverse.T)
         axes = half @ vectors
-        return np.asarray((axes * np.maximum(np.abs(bends), LEAST_BEND)) @ axes.T)
+        return np.asarray((axes * np.maximum(np.abs(bends), ESTIMATION.least_curvature)) @ axes.T)
 
 
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
-    """Return the parameters of a model that fit the control points best.
+    """Return the least-squares estimate of a model's parameters from control points.
 
     Raises `SolveError` where the iteration leaves the domain of the RPC.
     """
@@ -232,14 +254,12 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
 def iterate_least_squares(
     equations: _Equations, values: np.ndarray | None = None, steps: int = 0
 ) -> tuple[np.ndarray, int, str]:
-    """Batch iterative least squares, damped where a step makes the fit worse; return values, steps and status.
+    """Iterate damped least squares (Levenberg-Marquardt) over all points; return values, steps and status.
 
-    ``values`` are where to begin, after so many ``steps``; by default those of the vendor.
-
-    From afar (0.1 rad are tens of thousands of pixels) the first steps take the observations for as bad as they fit, so
-    that the priors hold what a few pixels cannot tell apart there. The steps of Gauss and Newton end most problems.
-    Where large residuals meet a curved model they converge slowly or not at all; after `SLOPES_ONLY` of them the
-    equations have the curvature of the model too.
+    Begins with ``values`` (zero by default), after ``steps`` steps taken before. While residuals are very large (0.1 rad
+    are tens of thousands of pixels) the first steps scale the observations' weights to the fit, so that the priors keep
+    collinear parameters apart. Gauss-Newton steps solve most problems; where large residuals meet a curved model they
+    converge slowly or not at all, and after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
     """
     sigmas = equations.sigmas
     lost: list[SolveError] = []
@@ -267,24 +287,27 @@ def iterate_least_squares(
 
     at = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
     first = steps
-    while steps < first + FROM_AFAR and (misfit := float(np.sqrt(np.mean(at.right**2)))) > AFAR:
+    while (
+        steps < first + ESTIMATION.scaled_steps
+        and (misfit := float(np.sqrt(np.mean(at.right**2)))) > ESTIMATION.large_residual
+    ):
         nearer = try_step(at, _solve(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
         steps += 1
         if not nearer.cost < at.cost:
             break
         at = nearer
     values, slopes_do, settled = at.values, True, np.inf
-    for _ in range(WEIGHED):
+    for _ in range(ESTIMATION.weightings):
         at = equations.linearise_at(values)
-        unsettled = at.cost > UNSETTLED * settled
+        unsettled = at.cost > ESTIMATION.unsettled_ratio * settled
         if slopes_do:
-            ended = descend(at, by_slopes, variance, min(SLOPES_ONLY, ESTIMATE_MAX_ITERATIONS - steps))
+            ended = descend(at, by_slopes, variance, min(ESTIMATION.gauss_newton_steps, ESTIMATION.most_steps - steps))
             at, steps, slopes_do = ended.at, steps + ended.steps, ended.converged
-        if not slopes_do and steps < ESTIMATE_MAX_ITERATIONS:
-            ended = descend(at, by_curvature, variance, ESTIMATE_MAX_ITERATIONS - steps)
+        if not slopes_do and steps < ESTIMATION.most_steps:
+            ended = descend(at, by_curvature, variance, ESTIMATION.most_steps - steps)
             at, steps = ended.at, steps + ended.steps
         values, settled = at.values, at.cost
-        if not ended.converged or steps >= ESTIMATE_MAX_ITERATIONS:
+        if not ended.converged or steps >= ESTIMATION.most_steps:
             break
     if lost and not ended.converged:
         raise lost[0]
@@ -346,7 +369,7 @@ UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, str]]] = {
 
 
 def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """Return values in units of their priors, 0 for fixed ones."""
+    """Return values in units of their prior standard deviations, 0 for fixed ones."""
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
 
 
@@ -358,7 +381,7 @@ def _diagonal(matrix: np.ndarray) -> np.ndarray:
 def _solve(
     matrix: np.ndarray, right: np.ndarray, values: np.ndarray, sigmas: np.ndarray, damping: float = 0.0
 ) -> np.ndarray:
-    """Return the step of the scaled parameters, their priors (towards zero values) included."""
+    """Return the step of the scaled parameters ``(p,)``, with their priors (values of zero) and the damping."""
     p = len(sigmas)
     if not p:
         return np.zeros(0)
@@ -378,7 +401,7 @@ def _compute_estimate(at: _WeightedEquations, sigmas: np.ndarray, iterations: in
     whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
     redundancy = float(2 * count - np.einsum("nii->", share))
     sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
-    # Symmetric matrices whose eigenvalues are at least ``least``: a point that alone decides has none
+    # I minus leverage, with eigenvalues of at least 1e-9: a point that alone determines its residual has 0
     eigenvalues, vectors = np.linalg.eigh(np.eye(2) - share)
     not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
     left_out = np.linalg.solve(not_below, whitened[:, :, None])

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..block.block import Image
+from ..foundation.thresholds import threshold, thresholds
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
@@ -27,10 +28,21 @@ from .refit import refit_camera
 
 GROUND_AXES = ("east", "north", "up")
 UP = 2
-#: Prior sigmas of corrections in height over those in position, where both have all terms. An image sees only
-#: what lies across its rays, so height does there what position does too; left free, both grow along the rays for
-#: what little their directions differ, to where the RPC describes nothing.
-UP_SHARE = 0.1
+
+
+@thresholds
+class ObjectSpaceThresholds:
+    """Priors of corrections in object space."""
+
+    height_share: float = threshold(
+        0.1, "",
+        "prior standard deviation of corrections in height over those in position: an image sees only what "
+        "lies across its rays, and left free both grow along the rays to where the RPC describes nothing",
+        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
+    )  # fmt: skip
+
+
+OBJECT_SPACE_PRIORS = ObjectSpaceThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +70,7 @@ class GroundCorrection:
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
         up = self.entries[:, 0] == UP
         plan_does_it = {by for axis, by in self.entries.tolist() if axis != UP} >= set(self.entries[up, 1].tolist())
-        return np.where(up & plan_does_it, UP_SHARE * sigma, sigma)
+        return np.where(up & plan_does_it, OBJECT_SPACE_PRIORS.height_share * sigma, sigma)
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""

@@ -25,16 +25,34 @@ import numpy as np
 from ..block.block import Image
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
+from ..foundation.thresholds import threshold, thresholds
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
 from .model import ALL_ROWS, RowIndex
 
-#: Height of the pseudo sensor (m) where the rays of a line do not meet at any believable one: nearly parallel rays.
-USUAL_SENSOR_HEIGHT_M = 600e3
-BELIEVABLE_HEIGHTS_M = (1e3, 2e6)  # from aircraft to the highest mapping satellites
-MOST_CLIMB = 0.02  # of the sensor's height over half an image; more is noise of nearly parallel rays
-SMALLEST_RANGE_M = 100.0  # apart of the two heights of a ray, where an RPC states less
+
+@thresholds
+class SensorThresholds:
+    """Which pseudo sensors are plausible, and how exactly rays are followed."""
+
+    usual_height_m: float = threshold(
+        600e3, "m", "height of the pseudo sensor where the rays of a line are nearly parallel", "thesis, section 4.3"
+    )
+    least_height_m: float = threshold(1e3, "m", "lowest plausible height: an aircraft")
+    largest_height_m: float = threshold(2e6, "m", "highest plausible height: above the highest mapping satellites")
+    largest_climb: float = threshold(
+        0.02, "", "change of the height over half an image, relative; more is noise of nearly parallel rays"
+    )
+    least_range_m: float = threshold(100.0, "m", "between the two heights of a ray, where the RPC's range is smaller")
+    closure_px: float = threshold(1e-9, "px", "step of the projection at which its iteration ends")
+    height_closure_m: float = threshold(
+        1e-6, "m", "height error of a grid of corrected rays at which its iteration ends"
+    )
+    most_steps: int = threshold(20, "steps", "of both iterations")
+
+
+SENSOR = SensorThresholds()
 
 
 @dataclass(frozen=True)
@@ -49,7 +67,7 @@ class SensorFrame:
     azimuth_rad: float
     centre_px: np.ndarray
     half_size_px: np.ndarray
-    heights_m: tuple[float, float, float] = (USUAL_SENSOR_HEIGHT_M,) * 3
+    heights_m: tuple[float, float, float] = (SENSOR.usual_height_m,) * 3
 
     @cached_property
     def constants(self) -> np.ndarray:
@@ -113,17 +131,16 @@ def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
         first, middle, last = rays[::2, SENSOR_HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
-    low, high = BELIEVABLE_HEIGHTS_M
-    if not low <= middle <= high:
-        return (USUAL_SENSOR_HEIGHT_M,) * 3
-    if not max(abs(first - middle), abs(last - middle)) <= MOST_CLIMB * middle:
+    if not SENSOR.least_height_m <= middle <= SENSOR.largest_height_m:
+        return (SENSOR.usual_height_m,) * 3
+    if not max(abs(first - middle), abs(last - middle)) <= SENSOR.largest_climb * middle:
         return (float(middle),) * 3
     return float(first), float(middle), float(last)
 
 
 def ray_heights(rpc: RPC) -> tuple[float, float]:
     """Return the two ellipsoidal heights (m) that rays go through."""
-    reach = max(abs(rpc.height_scale), SMALLEST_RANGE_M / 2.0)
+    reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
     return rpc.height_off - reach, rpc.height_off + reach
 
 

@@ -40,14 +40,11 @@ from .corrected_rays import intersect_frame_height, linearise_by_rays
 from .ground_area import ground_area, px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
-from .pseudo_rays import pseudo_rays, sensor_frame
+from .pseudo_rays import SENSOR, pseudo_rays, sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
 X, Y, H, PSI_X, PSI_Y, YAW, PSI_Z = range(7)
-RAY_CLOSURE_PX = 1e-9
-MAX_STEPS = 20
-HEIGHT_CLOSURE_M = 1e-6
 
 
 class RayIntersection(NamedTuple):
@@ -138,7 +135,7 @@ class PseudoSensor:
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         place = frame.from_ground(ground)
         position = np.tile(image.camera_centre_px, (len(ground), 1))
-        for _ in range(MAX_STEPS):
+        for _ in range(SENSOR.most_steps):
             rays = pseudo_rays(image.rpc, frame, position)
             hit = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already
@@ -146,9 +143,9 @@ class PseudoSensor:
             regular = np.where(bad[:, None, None], np.eye(2), hit.by_image)
             step = np.linalg.solve(regular, (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
             position = position + step
-            if not np.nanmax(np.abs(step), initial=0.0) > RAY_CLOSURE_PX:
+            if not np.nanmax(np.abs(step), initial=0.0) > SENSOR.closure_px:
                 break
-        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * RAY_CLOSURE_PX)] = np.nan
+        position[~(np.abs(step).max(axis=1, initial=0.0) <= 1e3 * SENSOR.closure_px)] = np.nan
         return position
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
@@ -172,11 +169,12 @@ class PseudoSensor:
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         rays = pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
-        for _ in range(MAX_STEPS):  # the Earth curves away under the frame: find the frame height of each height
+        # The Earth curves away under the frame: iterate the frame height of each ellipsoidal height
+        for _ in range(SENSOR.most_steps):
             xy = self._intersect(constants, coefficients, rays, position, z).xy
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]
-            if not np.nanmax(np.abs(heights - ground[:, 2])) > HEIGHT_CLOSURE_M:
+            if not np.nanmax(np.abs(heights - ground[:, 2])) > SENSOR.height_closure_m:
                 break
         known = finite_rows(ground)
         return ground[known], position[known]

@@ -14,6 +14,7 @@ from ..block.default_sigmas import DefaultSigmas
 from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, SolveError
+from ..foundation.thresholds import threshold, thresholds
 from ..plausibility import check_block
 from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
@@ -22,8 +23,16 @@ from .models import MODELS
 from .options import RefineOptions
 from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
 
-UNCERTAIN_PX = 10.0  # standard deviation of the corrected image at its edges beyond which a warning says so
-UNDETERMINED_PX = 1e3  # beyond which the control determines nothing there
+
+@thresholds
+class UncertaintyThresholds:
+    """When the GCPs of an image do not determine its model."""
+
+    warned_px: float = threshold(10.0, "px", "standard deviation at the image's corners beyond which a warning says so")
+    undetermined_px: float = threshold(1e3, "px", "standard deviation beyond which nothing is determined there")
+
+
+UNCERTAINTY = UncertaintyThresholds()
 
 
 class HasRpc(Protocol):
@@ -170,7 +179,7 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
             f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are so far from where "
             "the RPC sees the ground that it says nothing of them: check their coordinates and ids"
         ) from error
-    if edge_sigma_px(model, image, found) > UNDETERMINED_PX:
+    if edge_sigma_px(model, image, found) > UNCERTAINTY.undetermined_px:
         raise SolveError(
             f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
             "choose a simpler `model`"
@@ -210,7 +219,7 @@ def _warn_of_uncertainty(model: RefinementModel, image: Image, found: Estimate) 
     if not found.converged:
         said.append(f"{image.id}: model {model.name} {found.status}: its parameters are not to be trusted")
     edge = edge_sigma_px(model, image, found)
-    if edge > UNCERTAIN_PX:
+    if edge > UNCERTAINTY.warned_px:
         said.append(
             f"{image.id}: model {model.name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
             "or choose a simpler `model`"

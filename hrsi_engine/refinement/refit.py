@@ -8,11 +8,21 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc_fit import image_grid, refit_rpc
+from ..foundation.thresholds import threshold, thresholds
 from .model import RefitRPC
 
 Project = Callable[[np.ndarray], np.ndarray]
-PASSES = 6
-REFIT_SETTLED_PX = 0.1
+
+
+@thresholds
+class RefitThresholds:
+    """How the area of a refit is found."""
+
+    passes: int = threshold(6, "", "iterations for the corrected image area")
+    settled_px: float = threshold(0.1, "px", "movement of the area at which they end")
+
+
+REFIT = RefitThresholds()
 
 
 def refit_camera(image: Image, project: Project) -> RefitRPC:
@@ -34,12 +44,12 @@ def _find_vendor_area(image: Image, project: Project) -> tuple[float, float, flo
     """
     wanted = image_grid(image.domain_px, (3, 3))
     vendors = wanted
-    for _ in range(PASSES):
+    for _ in range(REFIT.passes):
         away = wanted - project(image.rpc.localize(vendors, image.rpc.height_off).ground)
         if not np.isfinite(away).all():
             return image.domain_px
         vendors = vendors + away
-        if np.abs(away).max() < REFIT_SETTLED_PX:
+        if np.abs(away).max() < REFIT.settled_px:
             break
     low, high = vendors.min(axis=0), vendors.max(axis=0)
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])

@@ -1,23 +1,22 @@
-"""Which model the ground control supports, and which GCPs disagree with the rest.
+"""Selection of the refinement model that the GCPs support, and detection of GCPs that are blunders.
 
-**Model.** Every candidate is judged by prediction: each GCP is left out in turn and its image position computed from
-the others. The simplest candidate counts whose mean squared prediction error is not significantly worse than the best
-one's: a paired t-test of the points' errors, one-sided at `PARSIMONY` (in the spirit of the "one standard error" rule;
-Breiman et al. 1984, CART, section 3.4.3).
-More parameters follow the control points closer and predict others worse; this sees it without check points. A
-candidate is judged where an image has twice the GCPs that it needs, the generic method only where the others do not
-predict within `AS_STATED` sigmas. Where nothing that can be judged predicts within
-`DISAGREEMENT` sigmas, the generic method takes over from 3 GCPs, its priors being those of a satellite, if it then
-predicts them better: GCPs that are worse than they were said to be agree with no model.
+**Model (rule auto).** Each candidate is judged by leave-one-out prediction: every GCP is predicted from the others. The
+simplest candidate is taken whose mean squared prediction error is not significantly larger than the smallest one, by a
+one-sided paired t-test of the points' errors at `SELECTION.significance` (in the spirit of the "one standard error"
+rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs closer but may predict worse,
+which shows without check points. A candidate is judged where each image has twice the GCPs that it needs; the generic
+method only where no other one predicts within `SELECTION.expected_error` sigmas. Where no judged model predicts within
+`SELECTION.large_error` sigmas, the generic method is taken from 3 GCPs on if it predicts better, its priors being those
+of a satellite.
 
-**The thesis's rule** for the generic method (section 4.3) goes by the number of GCPs: constants below 3, linear from 3,
-everything from 50. From 4 GCPs it is an upper limit here: constants serve where they predict as well.
+**Rule generic** is the thesis's (section 4.3): by the number of GCPs, constants below 3, linear terms from 3, all terms
+from 50. From 4 GCPs it is an upper limit here: constants are kept where they predict as well.
 
-**Blunders.** Per model the worst GCP is taken out again and again, and tested each time against the scatter of the
-others: with q the squared prediction error in units of its own sigma, q / 2 over the variance of unit weight without
-it has Fisher's F distribution. All GCPs up to the last one that fails count as blunders (Rosner 1983, Technometrics
-25(2): two blunders do not hide each other). A GCP is suspect only if *every* model that has enough redundancy says so:
-what a shift finds strange may be a drift.
+**Blunders.** For each model the worst GCP is removed again and again, each time tested against the others: with q the
+squared prediction error normalised by its covariance, q / 2 over the variance of unit weight without the point follows
+Fisher's F distribution. All GCPs up to the last significant one count as blunders (Rosner 1983, Technometrics 25(2): two
+blunders do not mask each other). A GCP is suspect only if *every* model with enough redundancy finds it, because what is
+an outlier for a shift may be a drift.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from scipy import special  # not scipy.stats, which takes a quarter of a second 
 from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from .estimate import Control, Estimate, estimate
 from .models import BLOCK_MODELS
 
@@ -41,26 +41,46 @@ CANDIDATE_MODELS = ("shift", "shift-drift", "affine", "generic-affine")
 GENERIC_CANDIDATES = ("generic-position", "generic-shift", "generic-affine")
 #: Models that test for blunders.
 JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
-PARSIMONY = 0.05  # significance that a more complex model's better prediction must have
-SIGNIFICANCE = 1e-3  # of the worst of all GCPs
-LEAST_REDUNDANCY_LEFT = 4.0  # left after a GCP is taken out, for a model to judge it
-LEAST_DEVIATION = 4.0  # in sigmas of the GCP; smaller ones do no harm
-AS_STATED = 2.0  # root mean square prediction error in sigmas (2D: 1.4 where all is well) that demands no other model
-DISAGREEMENT = 5.0  # in sigmas, beyond which too few GCPs are said to disagree
+
+
+@thresholds
+class SelectionThresholds:
+    """Which model GCPs support, and which GCPs are blunders."""
+
+    significance: float = threshold(
+        0.05, "",
+        "significance that the better prediction of a richer model must have",
+        "Breiman et al. 1984, one standard error rule",
+    )  # fmt: skip
+    blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst of all GCPs", "Rosner 1983")
+    least_redundancy: float = threshold(4.0, "", "left without a GCP, for a model to judge it")
+    least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP do no harm")
+    expected_error: float = threshold(
+        2.0, "sigma",
+        "RMS prediction error (2D: 1.4 where all is well) that demands no richer model",
+        "real GCPs, 2026-11-22 (docs/accuracy_blunders.md)",
+    )  # fmt: skip
+    large_error: float = threshold(5.0, "sigma", "beyond, too few GCPs are said to disagree")
+    drift_measurements: int = threshold(
+        25_000, "measurements",
+        "an image up to which the size of a block's drift is estimated: of more, taken as independent, the "
+        "smallest common errors count as drift (115 109 ties tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22",
+    )  # fmt: skip
+    drift_points: int = threshold(6, "points", "on each image from which on its drift shows")
+    few_gcps: int = threshold(3, "GCPs", "from which on the generic method has linear terms", "thesis, section 4.3")
+    many_gcps: int = threshold(50, "GCPs", "from which on the generic method has all terms", "thesis, section 4.3")
+
+
+SELECTION = SelectionThresholds()
 WITHOUT_CONTROL = "shift"
 DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
-#: Models that `DRIFTING` contains: where the size of the drift is estimated with the block (`adjustment.drift_prior`),
-#: it is each of them where that is right, and none has to be chosen.
-FOLLOWED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
-#: Measurements an image up to which the size of a block's drift is estimated. Of more, taken as independent, the
-#: smallest errors that an image's have in common count as drift: SPOT 7's 115 109 ties tilt the pair by 60 m in height.
-DRIFTS_ESTIMATED = 25_000
-LEAST_ON_IMAGE = 6  # points, for an image's drift to show
-FEW, MANY = 3, 50  # GCPs; the thesis's rule (section 4.3)
+#: Models nested in `DRIFTING`: with the standard deviation of the drift estimated from the block
+#: (`adjustment.drift_prior`), `DRIFTING` stands for each of them and no choice is needed.
+NESTED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
 
 
 class SuspectGcp(NamedTuple):
-    """A GCP that disagrees with the others: by how many px, and its test value over the critical one."""
+    """A GCP that disagrees with the others: prediction error in px, and its test statistic over the critical value."""
 
     id: str
     image: str
@@ -70,10 +90,10 @@ class SuspectGcp(NamedTuple):
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """A model and why.
+    """A selected model and the reason for it.
 
-    scores : root mean square prediction error of each candidate (px, 2D), None where it could not be judged
-    drift_unknown : the GCPs show no drift; how much there is the adjustment finds, beginning with what is usual
+    scores : RMS leave-one-out prediction error of each candidate (px, 2D), None where it could not be judged
+    drift_unknown : the GCPs show no drift; the adjustment estimates its size from the sensor's prior on
     """
 
     model: str
@@ -88,7 +108,7 @@ Controls = Sequence[tuple[Image, Control]]
 
 
 def collect_controls(block: Block) -> list[tuple[Image, Control]]:
-    """Return the images of a block that have GCPs, with these; GCPs of height or of position only say too little."""
+    """Return the images of a block that have GCPs, with these; GCPs of height or of position only are left out."""
     rows, points = block.measurements, block.points
     located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]
     with_gcps = np.unique(rows.image[located])
@@ -97,7 +117,7 @@ def collect_controls(block: Block) -> list[tuple[Image, Control]]:
 
 
 def select_control(block: Block, image: int, role: Role) -> Control:
-    """Return the points of a role that were measured on an image (index)."""
+    """Return the points of a role that were measured on an image (by index)."""
     rows, points = block.measurements, block.points
     here = np.flatnonzero((points.role[rows.point] == role) & (rows.image == image))
     point = rows.point[here]
@@ -105,36 +125,36 @@ def select_control(block: Block, image: int, role: Role) -> Control:
 
 
 def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> ModelChoice:
-    """Return the model for a block; a shift where no GCP tells more.
+    """Return the model for a block; a shift where the GCPs support no other.
 
     Parameters
     ----------
     block : Block
-        The block; its GCPs judge.
+        The block with its GCPs.
     rule : str
         One of `RULES`.
     drift_held : bool
-        Whether the adjustment estimates or knows how much the images drift, and holds them so.
+        True if the adjustment estimates or knows the standard deviation of the drift and weights it so.
 
     Returns
     -------
     ModelChoice
-        The model, and what spoke for it.
+        The model, the reason for it and the suspected GCPs.
     """
     choice = RULES[rule](collect_controls(block))
-    if drift_held and rule == "auto" and choice.model in FOLLOWED and _can_follow_drift(block):
+    if drift_held and rule == "auto" and choice.model in NESTED and _can_follow_drift(block):
         reason = f"how much the images drift is estimated with the block, and followed so far; {choice.reason}"
         return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
     return choice
 
 
 def can_estimate_drift(measurements: int, images: int) -> bool:
-    """Return whether the size of the images' drift is estimated; with more an image it would be overrated."""
-    return measurements <= DRIFTS_ESTIMATED * images
+    """Return whether the standard deviation of the drift is estimated; with more measurements it is overestimated."""
+    return measurements <= SELECTION.drift_measurements * images
 
 
 def _can_follow_drift(block: Block) -> bool:
-    """Return whether a block has points enough for its images' drift, and not so many that its size is not asked."""
+    """Return whether the block's points determine the drift of its images (`can_estimate_drift`, redundancy)."""
     rows = block.measurements
     rays, known = block.rays_per_point(), block.points.role == Role.GCP
     holds = ((rays >= 2) & (block.points.role == Role.TIE)) | (known & (rays >= 1))
@@ -142,19 +162,19 @@ def _can_follow_drift(block: Block) -> bool:
     per_image = np.bincount(rows.image[used], minlength=len(block.images))
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
     unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
-    enough = (per_image >= LEAST_ON_IMAGE).all() and observed >= unknown
+    enough = (per_image >= SELECTION.drift_points).all() and observed >= unknown
     return bool(enough and can_estimate_drift(len(rows), len(block.images)))
 
 
 def choose_by_number(controls: Controls) -> ModelChoice:
-    """Rule ``generic``: by the number of GCPs on the image that has fewest, simpler where they predict better so."""
+    """Rule ``generic``: by the number of GCPs on the image with fewest, simpler where that predicts as well."""
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min((len(control) for _, control in clean), default=0)
-    if count < FEW:
-        reason = f"{_count_gcps(count)}: below {FEW} only constants of position, roll and pitch"
+    if count < SELECTION.few_gcps:
+        reason = f"{_count_gcps(count)}: below {SELECTION.few_gcps} only constants of position, roll and pitch"
         return ModelChoice("generic-shift", reason, {}, suspects, warnings)
-    most = "generic-affine" if count < MANY else "generic-full"
-    reason = f"{_count_gcps(count)}: from {FEW if count < MANY else MANY} corrections linear in the image"
+    most = "generic-affine" if count < SELECTION.many_gcps else "generic-full"
+    reason = f"{_count_gcps(count)}: from {SELECTION.few_gcps if count < SELECTION.many_gcps else SELECTION.many_gcps} corrections linear in the image"
     errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
     if errors[most] is None:
         return ModelChoice(most, reason, {}, suspects, warnings)
@@ -170,10 +190,10 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
     count = min(len(control) for _, control in clean)
     found: dict[str, Prediction] = {}
     for name in CANDIDATE_MODELS:
-        enough = name == DISTORTED and any(one.sigmas < AS_STATED for one in found.values())
-        found[name] = (
-            Prediction(None) if enough else _predict_if_redundant(name, clean, BLOCK_MODELS[name].least_points)
-        )
+        if name == DISTORTED and any(one.sigmas < SELECTION.expected_error for one in found.values()):
+            found[name] = Prediction(None)
+        else:
+            found[name] = _predict_if_redundant(name, clean, BLOCK_MODELS[name].least_points)
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
         reason = f"{_count_gcps(count)} on an image: too few to tell more than a shift"
@@ -184,7 +204,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
     sigmas = found[model].sigmas
     # Only what could not be judged for want of GCPs may be taken unjudged, not what has no minimum.
     unjudged = errors[DISTORTED] is None and not found[DISTORTED].refused
-    if unjudged and count >= FEW and sigmas > DISAGREEMENT:
+    if unjudged and count >= SELECTION.few_gcps and sigmas > SELECTION.large_error:
         distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
         if distorted is not None and simple is not None and distorted.sum() < simple.sum():
             reason = (
@@ -220,9 +240,10 @@ RULES: dict[str, Callable[[Controls], ModelChoice]] = {"auto": choose_by_predict
 
 
 class Prediction(NamedTuple):
-    """How a model predicts all GCPs: squared errors (px²), None where it was not judged, or ``refused`` for a reason.
+    """Leave-one-out prediction of all GCPs by a model.
 
-    ``sigmas`` is the root mean square error (2D) in standard deviations.
+    squared : (n,) squared errors in px², None where the model was not judged; refused : why it has no solution
+    sigmas : RMS error (2D) in standard deviations
     """
 
     squared: np.ndarray | None
@@ -231,7 +252,7 @@ class Prediction(NamedTuple):
 
 
 def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Prediction:
-    """Return how a model predicts each GCP; it is not judged with fewer than ``spare`` GCPs more than it needs."""
+    """Return the prediction by a model; none with fewer than ``spare`` GCPs more than it needs."""
     least = BLOCK_MODELS[name].least_points + max(spare, 1)
     if any(len(control) < least for _, control in controls):
         return Prediction(None)
@@ -239,7 +260,7 @@ def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Predicti
 
 
 def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
-    """Return how a model predicts each GCP from the others, and its priors where these are too few."""
+    """Return the prediction of each GCP from the others (and from the priors, where these are too few)."""
     errors, in_sigmas = [], []
     for image, control in controls:
         try:
@@ -254,13 +275,13 @@ def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
 
 
 def _select_simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
-    """Return the simplest model that predicts as well as the best, and why it was taken."""
+    """Return the simplest model that predicts as well as the best one, and the reason as text."""
     judged = {name: e for name, e in errors.items() if e is not None}
     best = min(judged, key=lambda name: float(np.mean(judged[name])))
     for name, squared in judged.items():
         excess = squared - judged[best]
         standard_error = float(np.std(excess, ddof=1) / np.sqrt(len(excess))) if len(excess) > 1 else 0.0
-        allowed = standard_error * float(-special.stdtrit(max(len(excess) - 1, 1), PARSIMONY))
+        allowed = standard_error * float(-special.stdtrit(max(len(excess) - 1, 1), SELECTION.significance))
         if float(np.mean(excess)) <= allowed:
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
             said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
@@ -280,7 +301,7 @@ def _count_gcps(count: int) -> str:
 
 
 def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
-    """Return the GCPs of an image that every model with enough redundancy takes for blunders, worst first."""
+    """Return the GCPs of an image that every model with enough redundancy finds to be blunders, worst first."""
     verdicts = []
     for name in JUDGES:
         found = _find_outliers(name, image, control)
@@ -306,12 +327,12 @@ def _find_outliers(name: str, image: Image, control: Control) -> dict[int, tuple
     failed = 0
     for _ in range(max(1, (len(control) - 1) // 3)):
         found = _estimate_or_none(name, image, control.select(left))
-        if found is None or found.redundancy - 2.0 < LEAST_REDUNDANCY_LEFT:
+        if found is None or found.redundancy - 2.0 < SELECTION.least_redundancy:
             break
         worst, ratio = _find_worst(found, len(control))
         deviation = float(np.linalg.norm(found.left_out_px[worst]))
         removed.append((int(left[worst]), (deviation, ratio)))
-        if ratio > 1.0 and _normalize_errors(found)[worst] > LEAST_DEVIATION:
+        if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
             failed = len(removed)
         left = np.delete(left, worst)
     return dict(removed[:failed]) if removed else None
@@ -328,12 +349,12 @@ def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | N
 
 
 def _find_worst(found: Estimate, tests: int) -> tuple[int, float]:
-    """Return the GCP with the largest F statistic, and that over its critical value."""
+    """Return the GCP with the largest F statistic, and the statistic over its critical value."""
     whitened = np.einsum("nij,nj->ni", found.roots, found.residual_px)
     predicted = np.einsum("nij,nj->ni", found.roots, found.left_out_px)
     q = np.sum(whitened * predicted, axis=1)
     rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / (found.redundancy - 2.0)
-    critical = 1.0 / special.fdtri(found.redundancy - 2.0, 2, SIGNIFICANCE / tests)  # of F(2, redundancy - 2)
+    critical = 1.0 / special.fdtri(found.redundancy - 2.0, 2, SELECTION.blunder_risk / tests)  # of F(2, redundancy - 2)
     worst = int(np.argmax(q / rest))
     return worst, float(q[worst] / 2.0 / rest[worst] / critical)
 
@@ -343,13 +364,13 @@ def _normalize_errors(found: Estimate) -> np.ndarray:
 
 
 def _warn_of_few_gcps(image: Image, control: Control) -> list[str]:
-    """Return warnings where too few GCPs are there to tell whether one is wrong."""
+    """Return warnings where GCPs are too few to find out whether one is wrong."""
     if len(control) == 1:
         return [f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"]
-    if len(control) > FEW:
+    if len(control) > SELECTION.few_gcps:
         return []
     found = _estimate_or_none("shift", image, control)
-    if found is None or _normalize_errors(found).max() <= DISAGREEMENT:
+    if found is None or _normalize_errors(found).max() <= SELECTION.large_error:
         return []
     apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
     return [

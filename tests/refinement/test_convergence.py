@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from hrsi.benchmarks import convergence, real_blocks
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.refinement import MODELS
-from hrsi.hrsi_engine.refinement.estimate import ESTIMATE_MAX_ITERATIONS, estimate
+from hrsi.hrsi_engine.refinement.estimate import ESTIMATION, estimate
 
 ONE_PASS = ("idkf", "slss")
 ITERATED = [name for name in MODELS if name not in ONE_PASS]
@@ -29,7 +31,7 @@ def test_models_end_where_scipy_does(name, hobart):
     """A thousandth of a sigma is nothing that a result could show."""
     run = convergence.run_image(*hobart, name)
     assert run.converged, run.status
-    assert run.steps <= ESTIMATE_MAX_ITERATIONS
+    assert run.steps <= ESTIMATION.most_steps
     assert run.away < 1e-3
 
 
@@ -39,7 +41,7 @@ def test_large_errors_do_not_keep_them_from_it(name, thesis_data):
     spot5 = read_spot5(thesis_data)
     found = estimate(MODELS[name], spot5.image(1), spot5.control(7)[0])
     assert found.converged, found.status
-    assert found.iterations <= ESTIMATE_MAX_ITERATIONS
+    assert found.iterations <= ESTIMATION.most_steps
 
 
 def test_a_single_pass_says_how_far_it_got(thesis_data):
@@ -53,7 +55,7 @@ def test_a_single_pass_says_how_far_it_got(thesis_data):
 def test_easy_models_need_no_curvature(hobart, monkeypatch):
     """Where Gauss and Newton's steps do, no others are taken: quadratic convergence, in five steps or so."""
     image, control, _ = hobart
-    monkeypatch.setattr("hrsi.hrsi_engine.refinement.estimate.SLOPES_ONLY", 6)
+    monkeypatch.setattr("hrsi.hrsi_engine.refinement.estimate.ESTIMATION", replace(ESTIMATION, gauss_newton_steps=6))
     for name in ("shift", "affine", "ground-linear", "generic-shift", "generic-affine"):
         found = estimate(MODELS[name], image, control)
         assert found.converged

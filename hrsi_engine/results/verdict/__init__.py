@@ -1,18 +1,18 @@
-"""One verdict on an adjusted block: ok, doubtful or unusable, with the reasons and what to do about each.
+"""Verdict on an adjusted block: ok, doubtful or unusable, with its reasons and advice for each.
 
-| module        | asks                                                                                        |
+| module        | holds                                                                                       |
 |---------------|---------------------------------------------------------------------------------------------|
-| verdict       | what it all comes to: the worst level, and one sentence of what was reached                 |
-| evidence      | what is judged: the adjustment, its residuals, the refined RPCs                             |
+| verdict       | all checks, the worst level, and the accuracy in one sentence                               |
+| evidence      | input of the checks: adjustment, residuals, refined RPCs                                    |
 | significance  | tests with a stated error probability                                                       |
-| solution      | did it converge, do the residuals fit their sigmas, do the corrections fit their priors     |
-| ground_truth  | do GCPs and check points agree with the block as well as they should                        |
-| connections   | what holds each image: ties left out, weak and missing links, parts without control         |
-| fields        | polynomial fields left in the residuals of an image, and the model that removes each        |
-| systematic    | what they mean                                                                              |
+| solution      | convergence, sigma0, corrections against their priors, refined RPCs against their models    |
+| ground_truth  | GCPs, check points, laser points and DEM against the block                                  |
+| connections   | tie points of each image: left out, too few, parts without control, extrapolation           |
+| fields        | systematic residuals of an image as a polynomial of the position                            |
+| systematic    | notes and reasons for them                                                                  |
 
-Each check yields `foundation.reasons.Reason`. A reason is significant by a test with a stated error probability, and
-large enough to matter: a block of ten thousand points finds the harmless structure of any camera significant.
+Each check yields `foundation.reasons.Reason`. A reason must be significant in a test with a stated error probability,
+and large enough to matter: with ten thousand points the harmless structure of any camera is significant.
 """
 
 from .evidence import Evidence

@@ -1,4 +1,4 @@
-"""What holds each image: its ties, those that were left out, its links to others, and the control of its part."""
+"""Connection of each image to the block: tie points left out, too few tie points, parts without control, corners."""
 
 from __future__ import annotations
 
@@ -11,18 +11,31 @@ from ...block.block import Role
 from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
 from ...refinement.stacked_cameras import linearise_images
 from .evidence import Evidence
+from .significance import SOUND_BLOCKS
 
-MANY_TIES_LEFT_OUT, MOST_LEFT_OUT = 0.1, 0.5  # shares of the tie measurements: that are wrong, that are out
-LEAST_TIES = 4  # points that hold an image: two for its shift, and two that would show an error
-LINK_TIES = 8  # points of a pair from which their share left out says something
-BROKEN_LINK = 0.5
-LARGE_EXTRAPOLATION_PX = 5.0  # standard deviation that an image's corners have beyond that of its points
+
+@thresholds
+class ConnectionThresholds:
+    """When an image is not reliably connected to its block."""
+
+    wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
+    left_out_share: float = threshold(0.5, "", "share of tie measurements left out that makes a block unusable")
+    fewest_ties: int = threshold(4, "points", "that hold an image: two for its shift, and two that would show an error")
+    fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
+    kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
+    extrapolation_px: float = threshold(
+        5.0, "px", "standard deviation of an image's corners beyond that of the middle of its points", SOUND_BLOCKS
+    )
+
+
+CONNECTION = ConnectionThresholds()
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
-    """Tie measurements that do not fit: in the block, on an image, or between two images."""
+    """Yield reasons for tie measurements that were left out: in the block, on an image, or between two images."""
     block = evidence.result.block
     ties = evidence.is_role(Role.TIE)
     total, out = int(ties.sum()), int((ties & evidence.left_out).sum())
@@ -32,16 +45,16 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     point = block.measurements.point
     rays = np.bincount(point[ties], minlength=len(block.points.ids))
     rays_out = np.bincount(point[ties & evidence.left_out], minlength=len(block.points.ids))
-    wrong = (out - int(((rays == 2) & (rays_out == 2)).sum())) / total  # one of two rays is wrong, nobody knows which
+    wrong = (out - int(((rays == 2) & (rays_out == 2)).sum())) / total  # of two rays one is wrong, it is unknown which
     count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
-    bad = np.flatnonzero((count >= LINK_TIES) & (lost > MOST_LEFT_OUT * count))
+    bad = np.flatnonzero((count >= CONNECTION.fewest_of_pair) & (lost > CONNECTION.left_out_share * count))
     images = tuple(block.images[index].id for index in bad.tolist())
-    if wrong > MANY_TIES_LEFT_OUT or images:
+    if wrong > CONNECTION.wrong_share or images:
         where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",
-            Level.UNUSABLE if share > MOST_LEFT_OUT else Level.DOUBTFUL,
+            Level.UNUSABLE if share > CONNECTION.left_out_share else Level.DOUBTFUL,
             f"{out} of {total} tie measurements ({100.0 * share:.0f} %) do not fit and are left out{where}",
             "look where they lie (flags in the layer image_points): clouds, water and repeated texture give wrong "
             "matches; a whole image or link may have a wrong RPC or wrong ids",
@@ -60,7 +73,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
-    """Return the pairs of images most of whose common tie points are left out, with points and points kept."""
+    """Return the pairs of images most of whose common tie points were left out: ids, points, points kept."""
     block = evidence.result.block
     if not (evidence.left_out & evidence.is_role(Role.TIE)).any():
         return []
@@ -69,12 +82,14 @@ def find_broken_links(evidence: Evidence) -> list[tuple[str, str, int, int]]:
     common, left = (np.asarray(count[first, second]).ravel() for count in (points, kept))
     return [
         (block.images[first[pair]].id, block.images[second[pair]].id, int(common[pair]), int(left[pair]))
-        for pair in np.flatnonzero((common >= LINK_TIES) & (left < BROKEN_LINK * common)).tolist()
+        for pair in np.flatnonzero(
+            (common >= CONNECTION.fewest_of_pair) & (left < CONNECTION.kept_share * common)
+        ).tolist()
     ]
 
 
 def _count_common_points(evidence: Evidence, chosen: np.ndarray | None) -> sparse.csr_matrix:
-    """Return how many tie points pairs of images have in common, ``(images, images)`` sparse, above the diagonal."""
+    """Return the number of common tie points of image pairs, ``(images, images)`` sparse, above the diagonal."""
     block = evidence.result.block
     rows = block.measurements
     ties = np.flatnonzero(evidence.is_role(Role.TIE) if chosen is None else evidence.is_role(Role.TIE) & chosen)
@@ -86,7 +101,7 @@ def _count_common_points(evidence: Evidence, chosen: np.ndarray | None) -> spars
 
 
 def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
-    """Images without any point, images by few points, and parts of a block without control beside others with it."""
+    """Yield reasons for images without any point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
     used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
     count = np.bincount(block.measurements.image[used], minlength=len(block.images))
@@ -100,20 +115,20 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
             "find tie points to its neighbours, measure GCPs on it, or take it out of the block",
             images=tuple(alone),
         )  # fmt: skip
-    weak = np.flatnonzero((count > 0) & (count < LEAST_TIES) & (control == 0))
+    weak = np.flatnonzero((count > 0) & (count < CONNECTION.fewest_ties) & (control == 0))
     if free and len(weak):
         ids = tuple(block.images[index].id for index in weak.tolist())
         yield Reason(
             "few-ties", Level.DOUBTFUL,
-            f"image {list_ids(ids)} is held by fewer than {LEAST_TIES} tie points and no GCP: an error in one of them "
-            "would not show",
+            f"image {list_ids(ids)} has fewer than {CONNECTION.fewest_ties} tie points and no GCP: an error in one "
+            "of them would not show",
             "find more tie points on it, or measure GCPs",
             images=ids,
         )  # fmt: skip
 
 
 def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
-    """Parts of a block that share no points: they do not fit each other."""
+    """Yield the reason for parts of a block without GCPs and without points in common with the others."""
     parts = [part for part in evidence.result.parts if part.gcps or part.ties]
     if len(parts) < 2 or all(part.gcps for part in parts):
         return
@@ -129,10 +144,10 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
-    """Images whose corners lie far from their points, with a model that points on one side do not hold there.
+    """Yield the reason for images whose points do not determine the model at their corners.
 
-    The correction's variance follows from the covariance Q of its parameters as A Q A'; what counts is by how much the
-    worst corner exceeds the middle of the points: the block's own position, known or not, is common to both.
+    With Q the covariance of the parameters, the variance of the correction is A Q A'. What counts is by how much the
+    worst corner exceeds the middle of the points, because the uncertainty of the block's position is common to both.
     """
     result, block = evidence.result, evidence.result.block
     used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
@@ -152,7 +167,7 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     variances = np.sum((by_values @ cameras.covariance[measured]) * by_values, axis=2).reshape(-1, 5, 2).max(axis=2)
     variances = np.maximum(variances, 0.0)
     beyond[measured] = np.sqrt(np.maximum(variances[:, 1:].max(axis=1) - variances[:, 0], 0.0))
-    weak = np.flatnonzero(beyond > LARGE_EXTRAPOLATION_PX)
+    weak = np.flatnonzero(beyond > CONNECTION.extrapolation_px)
     if len(weak):
         ids = tuple(block.images[index].id for index in weak.tolist())
         worst = block.images[int(np.argmax(np.nan_to_num(beyond)))].id

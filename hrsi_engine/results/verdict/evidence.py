@@ -1,4 +1,4 @@
-"""What is judged: the adjustment with all that is known of it, its residuals and the RPCs that would be written."""
+"""Input of the verdict's checks: the adjustment, its residuals, and the refined RPCs."""
 
 from __future__ import annotations
 
@@ -10,25 +10,37 @@ import numpy as np
 
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
+from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import RefitRPC
 from ..residuals import Residuals
 from .fields import ResidualField, find_residual_fields
+from .significance import SOUND_BLOCKS
 
-CAMERA_PX = 0.5  # what a camera's own unmodelled errors may leave in sample and in line, beside the measurement's
+
+@thresholds
+class CameraThresholds:
+    """Errors of cameras that no observation's standard deviation contains."""
+
+    unmodelled_px: float = threshold(
+        0.5, "px", "standard deviation of a camera's unmodelled errors in sample and in line", SOUND_BLOCKS
+    )
+
+
+CAMERA = CameraThresholds()
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a verdict is found from.
+    """What the verdict is based on.
 
     Parameters
     ----------
     result : Adjustment
         The adjustment.
     left : Residuals
-        What it left over.
+        Its residuals.
     refined : sequence of RefitRPC
-        The RPCs that would be written, one an image.
+        The refined RPC of each image.
     """
 
     result: Adjustment
@@ -43,7 +55,7 @@ class Evidence:
 
     @cached_property
     def left_out(self) -> np.ndarray:
-        """Which measurements data snooping left out, ``(n,)``."""
+        """Which measurements data snooping left out, ``(n,)`` bool."""
         return self.result.decision != int(Decision.KEPT)
 
     @cached_property
@@ -56,16 +68,16 @@ class Evidence:
 
     @cached_property
     def field_px(self) -> float:
-        """RMS (two dimensions) of the largest field in an image, 0 without any."""
+        """RMS (2D) of the largest systematic field of an image in px, 0 without any."""
         return self.fields[0].rms_px if self.fields else 0.0
 
     @cached_property
     def camera_px(self) -> float:
-        """Standard deviation of what the cameras leave in sample and in line, the fields told elsewhere included."""
-        return float(np.hypot(CAMERA_PX, self.field_px / np.sqrt(2.0)))
+        """Standard deviation of the cameras' unmodelled errors in sample and in line, fields included, px."""
+        return float(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)))
 
     def is_role(self, role: Role) -> np.ndarray:
-        """Tell which measurements are of points of a role.
+        """Return which measurements are of points of a role.
 
         Parameters
         ----------

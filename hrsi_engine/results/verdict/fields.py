@@ -1,7 +1,7 @@
-"""A field left in the residuals of an image: drift, affine or quadratic terms that the model does not follow.
+"""Systematic residuals of an image: shift, drift, affine or quadratic terms that the model does not contain.
 
-Each image's residuals are explained by polynomials of the position, with the monomials of the models in image space. An
-F test says whether a polynomial explains more than noise would; the size of what it explains, whether that matters.
+Polynomials of the image position, with the monomials of the image-space models, are fitted to the residuals of each
+image. An F test decides whether a polynomial is significant, its RMS whether it matters.
 """
 
 from __future__ import annotations
@@ -12,24 +12,37 @@ import numpy as np
 from scipy import special
 
 from ...adjustment.result import Adjustment
+from ...foundation.thresholds import threshold, thresholds
 from ...refinement.image_space import IMAGE_SPACE
 from ..residuals import by_image
-from .significance import RISK
+from .significance import SIGNIFICANCE, SOUND_BLOCKS
 
-MOST_ROWS = 1000  # of an image: enough for every field that matters
-FEWEST_ROWS = 12
+
+@thresholds
+class FieldThresholds:
+    """When the residuals of an image have a systematic field."""
+
+    most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
+    fewest_rows: int = threshold(12, "points", "fewer are not tested")
+    images_at_once: int = threshold(100, "images", "of up to a thousand points: 30 MB")
+    rank_tolerance: float = threshold(
+        1e-9, "", "eigenvalues below, over the largest, leave the rank open: such an image is tested alone"
+    )
+    risk_margin: float = threshold(1.001, "", "margin of the test of many images at once for its rounding")
+    equal_share: float = threshold(0.8, "", "share of what the richest model explains from which a simpler one serves")
+    noted_px: float = threshold(0.05, "px", "RMS from which on a field is a note")
+    large_px: float = threshold(4.0, "px", "RMS that bends orthoimages visibly: a reason", SOUND_BLOCKS)
+
+
+FIELD = FieldThresholds()
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
 MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # those of all the others are among them
 COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in NESTED}
-TESTED_AT_ONCE = 100  # images of up to a thousand rows: 30 MB
-SURE_OF_RANK = 1e-9  # an eigenvalue below, beside the largest, may count or not
-RISK_MARGIN = 1.001
-SAME_FIELD = 0.8  # share of what the richest model explains from which a simpler one does
 
 
 @dataclass(frozen=True)
 class ResidualField:
-    """What is left systematically in an image: RMS of the field and of all residuals in px, and the model for it."""
+    """Systematic field of an image: RMS (2D) of the field and of all residuals in px, and the model that removes it."""
 
     image: str
     rms_px: float
@@ -38,16 +51,16 @@ class ResidualField:
 
 
 def find_residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualField]:
-    """Return the significant fields in the residuals of the ``chosen`` measurements (mask), the largest first."""
+    """Return the significant fields of the ``chosen`` measurements (mask), the largest first."""
     count = np.bincount(result.block.measurements.image[chosen])
-    step = max(1, int(count[count > 0].min(initial=0)) // MOST_ROWS) if len(count) else 1
+    step = max(1, int(count[count > 0].min(initial=0)) // FIELD.most_rows) if len(count) else 1
     thinned = np.zeros_like(chosen)
     thinned[::step] = chosen[::step]
     found = []
-    shown = [(index, rows[:: max(1, len(rows) // MOST_ROWS)]) for index, rows in by_image(result.block, thinned)]
-    shown = [(index, rows) for index, rows in shown if len(rows) >= FEWEST_ROWS]
-    for first in range(0, len(shown), TESTED_AT_ONCE):
-        part = shown[first : first + TESTED_AT_ONCE]
+    shown = [(index, rows[:: max(1, len(rows) // FIELD.most_rows)]) for index, rows in by_image(result.block, thinned)]
+    shown = [(index, rows) for index, rows in shown if len(rows) >= FIELD.fewest_rows]
+    for first in range(0, len(shown), FIELD.images_at_once):
+        part = shown[first : first + FIELD.images_at_once]
         images = [result.block.images[index] for index, _ in part]
         rows, lengths = np.concatenate([rows for _, rows in part]), np.array([len(rows) for _, rows in part])
         centre = np.array([image.centre_px for image in images])
@@ -66,10 +79,10 @@ def find_residual_fields(result: Adjustment, chosen: np.ndarray) -> list[Residua
 def _test_fields(
     position: np.ndarray, residual: np.ndarray, begin: np.ndarray, lengths: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """Return of which images, all at once, the residuals need the look that `_find_field` takes.
+    """Return for which images `_find_field` is needed, ``(k,)`` bool, all at once.
 
-    The same test of the richest model, with a margin for the rounding by which the two differ. An image's rows are
-    ``lengths (k,)`` from ``begin (k,)`` on.
+    The F test of the richest model, with a margin for rounding. The rows of an image are ``lengths (k,)`` rows from
+    ``begin (k,)`` on.
     """
     u, v = position.T
     terms = np.column_stack([u**i * v**j for i, j in MONOMIALS])
@@ -81,15 +94,15 @@ def _test_fields(
     share = np.sum((along.swapaxes(1, 2) @ right) ** 2, axis=2) / np.where(counts, size, np.inf)
     richest, freedom = share.sum(axis=1), 2.0 * counts.sum(axis=1)
     left = 2.0 * lengths - freedom
-    sound = (total > richest) & (np.abs(size) > size[:, -1:] * SURE_OF_RANK).all(axis=1)
+    sound = (total > richest) & (np.abs(size) > size[:, -1:] * FIELD.rank_tolerance).all(axis=1)
     ratio = np.divide(richest * left, (total - richest) * freedom, out=np.full(len(total), np.inf), where=sound)
-    return np.asarray(special.fdtrc(freedom, left, ratio) <= RISK * RISK_MARGIN)
+    return np.asarray(special.fdtrc(freedom, left, ratio) <= SIGNIFICANCE.risk * FIELD.risk_margin)
 
 
 def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> ResidualField | None:
-    """Return the field of one image, None where there is none beyond chance; ``position (n, 2)`` from -1 to 1.
+    """Return the field of one image, None where it is not significant; ``position (n, 2)`` is scaled to [-1, 1].
 
-    A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the squares r'r; the models are nested.
+    A polynomial with the monomials T explains r'T (T'T)^-1 T'r of the sum of squares r'r; the models are nested.
     """
     u, v = position.T
     terms = np.stack([u**i * v**j for i, j in MONOMIALS])
@@ -104,7 +117,7 @@ def _find_field(image: str, position: np.ndarray, residual: np.ndarray) -> Resid
     if not total > richest:
         return None
     ratio = (richest / freedom) / ((total - richest) / left)
-    if special.fdtrc(freedom, left, ratio) > RISK:
+    if special.fdtrc(freedom, left, ratio) > SIGNIFICANCE.risk:
         return None
-    model = next(name for name in NESTED if explained[name] >= SAME_FIELD * richest)
+    model = next(name for name in NESTED if explained[name] >= FIELD.equal_share * richest)
     return ResidualField(image, float(np.sqrt(richest / len(residual))), float(np.sqrt(total / len(residual))), model)

@@ -1,7 +1,8 @@
-"""What is known of the ground against the block: GCPs against each other and the ties, check points against prediction.
+"""Known ground against the block: GCPs, check points, laser points and DEM against their predicted accuracy.
 
-Sigmas of surveys are often the user's guess, and one sigma0 over thousands of tie points hides a dozen GCPs. So control
-has a test of its own: its residuals at the surveyed positions, in the sigmas that survey and measurement give them.
+Standard deviations of surveys are often guesses, and in one sigma0 over thousands of tie points a dozen GCPs count for
+nothing. So GCPs have a test of their own: their residuals at the surveyed positions, normalised by the standard
+deviations of survey and measurement.
 """
 
 from __future__ import annotations
@@ -16,30 +17,61 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
 from ..residuals import by_image, unit_sigma
 from .evidence import Evidence
-from .significance import RISK, compute_chi_square_limit, is_significant
+from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
-LARGE_MISFIT, RUINED_MISFIT = 3.5, 7.0  # times the standard deviation that is expected
-RUINED_ERROR = 10.0  # the same of check points against prediction
-SCATTERED, SCATTERED_M = 2.0, 5.0  # times the stated sigma, and metres: right heights stay below one of both
-LOWER_M, FEW_LOWER, LOWER_SHARE = 3.0, 10, 0.1  # of laser points below those that hold: metres, points, share
-MOST_CONDITION = 1e12  # of the normal equations of a point: rays that do not intersect
-ALONE = 4.0  # times the fields that its image has: a GCP that is wrong by more than the camera is
-LONE_ERROR = 3.0  # of one check point, times what the others show
-CLEARLY_OTHER = 0.3  # share of the GCPs that were found wrong from which the others cannot be trusted either
-AMBIGUOUS_SIGMAS = 10.0  # of a GCP that disagrees while nobody can tell which one is wrong
+
+@thresholds
+class GroundTruthThresholds:
+    """When GCPs, check points and heights contradict the block."""
+
+    doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
+    unusable_misfit: float = threshold(7.0, "", "the same that makes a block unusable", SOUND_BLOCKS)
+    unusable_error: float = threshold(
+        10.0, "", "RMS error of the check points over the predicted one that makes a block unusable", SOUND_BLOCKS
+    )
+    height_scatter: float = threshold(
+        2.0, "",
+        "scatter of heights over their stated standard deviation that is reported, if it is also beyond the "
+        "next", SOUND_BLOCKS,
+    )  # fmt: skip
+    height_scatter_m: float = threshold(5.0, "m", "the same in metres", SOUND_BLOCKS)
+    canopy_m: float = threshold(
+        3.0, "m", "laser points lower by more are the ground, where the others may be tree tops", SOUND_BLOCKS
+    )
+    fewest_lower: int = threshold(10, "points", "so many lower points are reported", SOUND_BLOCKS)
+    lower_share: float = threshold(0.1, "", "or this share of the laser points, the larger of both", SOUND_BLOCKS)
+    largest_condition: float = threshold(
+        1e12, "", "condition of a point's normal equations beyond which its rays do not intersect"
+    )
+    outlier_ratio: float = threshold(
+        4.0, "",
+        "misfit of a GCP over the RMS of its image's field, from which on the point is wrong and not the "
+        "camera", SOUND_BLOCKS,
+    )  # fmt: skip
+    single_error: float = threshold(
+        3.0, "", "error of one check point over what the others show that is reported", SOUND_BLOCKS
+    )
+    wrong_share: float = threshold(0.3, "", "share of GCPs left out beyond which the others may be the wrong ones")
+    ambiguous_sigmas: float = threshold(
+        10.0, "sigma", "contradiction of GCPs that cannot be resolved and makes a block unusable", SOUND_BLOCKS
+    )
+
+
+GROUND_TRUTH = GroundTruthThresholds()
 
 
 def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
-    """GCPs that lie farther from where the refined RPCs put them than their sigmas allow."""
-    yield from _find_misfit(evidence, Role.GCP, LARGE_MISFIT, RUINED_MISFIT)
+    """Yield the reason for GCPs whose residuals are larger than their standard deviations allow."""
+    yield from _find_misfit(evidence, Role.GCP, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
 
 
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
-    """The same of check points in images that were refined one by one: nothing predicts them on the ground."""
+    """Yield the same for check points of images refined one by one, which have no prediction on the ground."""
     if not np.isfinite(evidence.result.ground_covariance_m2).any():
-        yield from _find_misfit(evidence, Role.CHECK, LARGE_MISFIT, RUINED_MISFIT)
+        yield from _find_misfit(evidence, Role.CHECK, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
 
 
 def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
@@ -71,21 +103,21 @@ def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) ->
 
 
 def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
-    """GCPs that data snooping named; a false alarm among that many tests counts for nothing."""
+    """Yield reasons for GCPs found wrong by data snooping, at a limit that allows for the number of tests."""
     result = evidence.result
     rows = evidence.is_role(Role.GCP)
     surveyed = int((result.block.points.role == Role.GCP).sum())
     candidates = surveyed + int(rows.sum())
-    limit = np.sqrt(-2.0 * np.log(RISK * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
+    limit = np.sqrt(-2.0 * np.log(SIGNIFICANCE.risk * 10.0 / max(candidates, 1)))  # equivalent sigmas in two dimensions
     found = [
         f
         for f in result.findings
-        if f.statistic > limit and _compute_misfit_px(evidence, f.id) > ALONE * evidence.field_px
+        if f.statistic > limit and _compute_misfit_px(evidence, f.id) > GROUND_TRUTH.outlier_ratio * evidence.field_px
     ]
     out = tuple(dict.fromkeys(finding.id for finding in found if finding.left_out))
     kept = [finding for finding in found if not finding.left_out]
     if out:
-        many = len(out) > CLEARLY_OTHER * surveyed
+        many = len(out) > GROUND_TRUTH.wrong_share * surveyed
         yield Reason(
             "control-left-out",
             Level.DOUBTFUL,
@@ -100,7 +132,7 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         concerned = tuple(dict.fromkeys(name for finding in kept for name in finding.concerned))
         yield Reason(
             "control-ambiguous",
-            Level.UNUSABLE if worst > AMBIGUOUS_SIGMAS else Level.DOUBTFUL,
+            Level.UNUSABLE if worst > GROUND_TRUTH.ambiguous_sigmas else Level.DOUBTFUL,
             f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {list_ids(concerned)}; "
             "all are kept",
             "compare these points with their source, or measure more GCPs",
@@ -109,7 +141,7 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _compute_misfit_px(evidence: Evidence, name: str) -> float:
-    """Return how far a known point's measurements lie from where the refined RPCs put it, RMS in two dimensions."""
+    """Return the RMS (2D) residual of a known point's measurements at its surveyed position, px."""
     block = evidence.result.block
     miss = evidence.left.at_known_px[block.points.ids[block.measurements.point] == name]
     miss = miss[finite_rows(miss)]
@@ -117,7 +149,7 @@ def _compute_misfit_px(evidence: Evidence, name: str) -> float:
 
 
 def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
-    """Check points that lie farther off than covariances and surveys predict: all together, or a few alone."""
+    """Yield reasons for check points with errors beyond their predicted covariance: all together, or single ones."""
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
@@ -129,13 +161,13 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         return
     squares, freedom = _compute_chi_squares(error, covariance)
     factor = float(np.sqrt(squares.sum() / freedom.sum()))
-    # Errors of a block are common to its points: the sum is no surer than one point's.
+    # The errors of a block's points are correlated: their sum is tested with the degrees of freedom of one point.
     if is_significant(3.0 * factor**2, 3.0):
         predicted = np.sqrt(np.nanmean(covariance.diagonal(axis1=1, axis2=2), axis=0))
         found = np.sqrt(np.nanmean(error**2, axis=0))
         yield Reason(
             "check-misfit",
-            Level.UNUSABLE if factor >= RUINED_ERROR else Level.DOUBTFUL,
+            Level.UNUSABLE if factor >= GROUND_TRUTH.unusable_error else Level.DOUBTFUL,
             f"{len(check)} check points are {factor:.2g} times as far off as predicted: "
             f"RMSE {_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)",
             "compare the datum and heights of check points and GCPs; look at the arrows of the report: one direction "
@@ -143,10 +175,10 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
             points=tuple(str(name) for name in points.ids[check]),
         )
         return
-    # Single ones: against the others' own scatter, so that sigmas that are too small accuse nobody.
+    # Single points are compared with the scatter of the others: too small standard deviations accuse none.
     middle = np.median(squares / special.chdtri(freedom, 0.5))
-    limit = np.array([compute_chi_square_limit(value, RISK / len(check)) for value in freedom])
-    alone = squares > limit * max(middle, 1.0) * (LONE_ERROR / 2.0) ** 2
+    limit = np.array([compute_chi_square_limit(value, SIGNIFICANCE.risk / len(check)) for value in freedom])
+    alone = squares > limit * max(middle, 1.0) * (GROUND_TRUTH.single_error / 2.0) ** 2
     if alone.any():
         worst = int(np.argmax(squares))
         ids = tuple(str(name) for name in points.ids[check[alone]])
@@ -160,7 +192,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:
-    """Return the covariances ``(k, 3, 3)`` m² of points intersected by images that err by 1 px each on their own."""
+    """Return the cofactors ``(k, 3, 3)`` m²/px² of points intersected by independent images of 1 px."""
     block, rows = evidence.result.block, evidence.result.block.measurements
     normal = np.zeros((len(block.points), 3, 3))
     for index, here in by_image(block, np.isin(rows.point, chosen)):
@@ -168,14 +200,14 @@ def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray
         _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[points])
         np.add.at(normal, points, by_ground.swapaxes(1, 2) @ by_ground)
     normal = normal[chosen]
-    solvable = np.linalg.cond(normal) < MOST_CONDITION
+    solvable = np.linalg.cond(normal) < GROUND_TRUTH.largest_condition
     cofactors = np.full_like(normal, np.nan)
     cofactors[solvable] = np.linalg.inv(normal[solvable])
     return cofactors
 
 
 def _compute_chi_squares(error: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return d' C^-1 d ``(k,)`` and its degrees of freedom: 3, or 2 where no height was compared."""
+    """Return d' C^-1 d ``(k,)`` and its degrees of freedom: 3, or 2 without a height."""
     flat = ~np.isfinite(error[:, 2]) | ~np.isfinite(covariance[:, 2, 2])
     squares = np.empty(len(error))
     for chosen, axes in ((flat, slice(0, 2)), (~flat, slice(0, 3))):
@@ -191,7 +223,7 @@ def _format_metres(values: np.ndarray) -> str:
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
-    """Laser points or a DEM that contradict as a whole what holds the block otherwise; groups nobody can decide on."""
+    """Yield reasons for laser points or a DEM that contradict the other observations of the block's height."""
     for one in evidence.result.heights:
         undecided = list(one.undecided)
         if not one.contradicts and not undecided:
@@ -209,13 +241,13 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
-    """Heights that hold the block farther from where its RPCs see it than their errors explain."""
+    """Yield the reason for heights that lift the block by more than the errors of its RPCs explain."""
     result = evidence.result
     sigma_m = result.rpcs_height_sigma_m
     if not result.heights or result.rpcs_alone_m is None or sigma_m is None:
         return
     away_m = -result.rpcs_alone_m[2]
-    if abs(away_m) > LARGE_MISFIT * sigma_m:
+    if abs(away_m) > GROUND_TRUTH.doubtful_misfit * sigma_m:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
             "heights-off-rpcs", Level.DOUBTFUL,
@@ -227,9 +259,13 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
-    """Heights that scatter about the ground by far more than they are stated to: they are of something else."""
+    """Yield reasons for heights that scatter about the ground by far more than their standard deviations."""
     for one in evidence.result.heights:
-        if one.sigma_factor > SCATTERED and one.rmse_m > SCATTERED_M and not one.contradicts:
+        if (
+            one.sigma_factor > GROUND_TRUTH.height_scatter
+            and one.rmse_m > GROUND_TRUTH.height_scatter_m
+            and not one.contradicts
+        ):
             yield Reason(
                 "heights-scatter", Level.DOUBTFUL,
                 f"{one.source}: its heights scatter by {one.rmse_m:.0f} m about the ground that the images show, "
@@ -239,13 +275,15 @@ def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
-    """Laser points that do not fit because they are lower than those that hold the block: these may be tree tops."""
+    """Yield the reason for laser points left out because they are lower: those used may be tree tops."""
     found = evidence.result.laser
     if found is None:
         return
     fits = found.reason == ""
-    low = (found.reason == MISFIT) & (found.residual_m < -LOWER_M)
-    if low.sum() < max(FEW_LOWER, LOWER_SHARE * (fits.sum() + (found.reason == MISFIT).sum())):
+    low = (found.reason == MISFIT) & (found.residual_m < -GROUND_TRUTH.canopy_m)
+    if low.sum() < max(
+        GROUND_TRUTH.fewest_lower, GROUND_TRUTH.lower_share * (fits.sum() + (found.reason == MISFIT).sum())
+    ):
         return
     yield Reason(
         "laser-tops", Level.DOUBTFUL,
@@ -257,7 +295,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
-    """Laser points of which none holds the block, though the user named them for that."""
+    """Yield the reason for a file of laser points none of which is used."""
     found = evidence.result.laser
     if found is None or (found.reason == "").any():
         return

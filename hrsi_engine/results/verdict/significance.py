@@ -1,18 +1,33 @@
-"""Tests with a stated error probability."""
+"""Chi² tests with a stated error probability."""
 
 from __future__ import annotations
 
 from scipy import special
 
-#: Error probability of each test: some twenty tests a block make two false alarms in a thousand blocks.
-RISK = 1e-4
+from ...foundation.thresholds import threshold, thresholds
+
+#: Where most thresholds of the verdict come from.
+SOUND_BLOCKS = "sound simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/sound_blocks.md)"
 
 
-def compute_chi_square_limit(freedom: float, risk: float = RISK) -> float:
-    """Return the value that a chi² variable passes with probability ``risk``."""
+@thresholds
+class SignificanceThresholds:
+    """Error probability of the verdict's tests."""
+
+    risk: float = threshold(
+        1e-4, "", "error probability of each test: twenty tests a block make two false alarms in a thousand blocks",
+        "theory",
+    )  # fmt: skip
+
+
+SIGNIFICANCE = SignificanceThresholds()
+
+
+def compute_chi_square_limit(freedom: float, risk: float = SIGNIFICANCE.risk) -> float:
+    """Return the critical value of chi² with error probability ``risk``."""
     return float(special.chdtri(freedom, risk))
 
 
-def is_significant(squares: float, freedom: float, risk: float = RISK) -> bool:
-    """Return whether a sum of squares in units of its variance is larger than chance allows."""
+def is_significant(squares: float, freedom: float, risk: float = SIGNIFICANCE.risk) -> bool:
+    """Return whether a sum of squares, in units of its variance, exceeds the critical value of chi²."""
     return freedom > 0.0 and squares > compute_chi_square_limit(freedom, risk)

@@ -1,4 +1,4 @@
-"""The solution itself: did it converge, do sigma0, corrections and refined RPCs lie where they should."""
+"""The solution: convergence, sigma0, corrections against their priors, refined RPCs against their models."""
 
 from __future__ import annotations
 
@@ -8,29 +8,56 @@ import numpy as np
 
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import Priors, select_priors
-from .evidence import CAMERA_PX, Evidence
-from .significance import is_significant
+from .evidence import CAMERA, Evidence
+from .significance import SOUND_BLOCKS, is_significant
 
-SETTLED_SIGMAS = 1.0  # movement of the unknowns in a further step that still leaves the result what it is
-LARGE_RESIDUALS, RUINED_RESIDUALS = 3.0, 10.0  # times what measurement and camera explain
-FAR_SIGMAS, RUINED_SIGMAS = 5.0, 15.0  # of a correction from zero, in its prior's standard deviations
-COARSE_FIT_PX, RUINED_FIT_PX = 0.1, 1.0
-GRANTED = Priors(shift_px=20.0, drift=2e-4)  # standard deviations that any RPC may have
-LEAST_PRIOR_SHARE = 1e-12  # of a parameter from its prior, below which its prior cannot be told from the share
+
+@thresholds
+class SolutionThresholds:
+    """When the solution of an adjustment cannot be trusted."""
+
+    settled_sigmas: float = threshold(
+        1.0, "sigma", "movement of the unknowns by one more step that leaves the result what it is"
+    )
+    doubtful_residuals: float = threshold(
+        3.0, "", "residuals over what measurement and camera explain that are reported", SOUND_BLOCKS
+    )
+    unusable_residuals: float = threshold(10.0, "", "the same that make a block unusable", SOUND_BLOCKS)
+    doubtful_sigmas: float = threshold(
+        5.0, "sigma", "correction of an image in standard deviations of its prior that is reported", SOUND_BLOCKS
+    )
+    unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
+    granted_shift_px: float = threshold(
+        20.0, "px", "standard deviation of the shift that any RPC may have", SOUND_BLOCKS
+    )
+    granted_drift: float = threshold(
+        2e-4, "px/px", "standard deviation of the drift that any RPC may have", SOUND_BLOCKS
+    )
+    doubtful_fit_px: float = threshold(0.1, "px", "largest difference of a refined RPC from its model that is reported")
+    unusable_fit_px: float = threshold(1.0, "px", "the same that makes a block unusable")
+    least_prior_share: float = threshold(
+        1e-12, "", "share of a parameter from its prior below which the prior cannot be derived from it"
+    )
+
+
+SOLUTION = SolutionThresholds()
+#: Smallest prior that a correction is compared with.
+GRANTED = Priors(shift_px=SOLUTION.granted_shift_px, drift=SOLUTION.granted_drift)
 
 
 def find_divergence(evidence: Evidence) -> Iterator[Reason]:
-    """The iterations stopped at their limit: how far a further step would still have moved the unknowns.
+    """Yield the reason for an adjustment that did not converge, by the movement of the unknowns in one more step.
 
-    Half of what the weighted sum of squares would fall by is half the squared length of the step in sigmas.
+    The predicted decrease of half the weighted sum of squares is half the squared length of the step in sigmas.
     """
     result = evidence.result
     if result.converged:
         return
     still = 2.0 * result.history[-1].predicted_decrease if result.history else np.inf
     moving = np.sqrt(max(still, 0.0)) / max(result.sigma0, 1.0)
-    level = Level.UNUSABLE if not moving < SETTLED_SIGMAS else Level.DOUBTFUL
+    level = Level.UNUSABLE if not moving < SOLUTION.settled_sigmas else Level.DOUBTFUL
     distance = f": another step would move the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
         "not-converged", level, f"the adjustment {result.status}{distance}",
@@ -39,18 +66,18 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
-    """Residuals that are much larger than the sigmas of the observations and the cameras' own errors explain."""
+    """Yield the reason for residuals much larger than the observations' and cameras' standard deviations."""
     result = evidence.result
     stated, adjusted = float(np.median(result.block.measurements.sigma_px)), float(np.median(result.sigma_px))
     sigma0 = result.sigma0 * adjusted / stated  # of the sigmas as they were given, should they have been estimated
     if not is_significant(sigma0**2 * result.redundancy, result.redundancy):
         return
-    needed, allowed = sigma0 * stated, float(np.hypot(stated, CAMERA_PX))
-    if needed < LARGE_RESIDUALS * allowed:
+    needed, allowed = sigma0 * stated, float(np.hypot(stated, CAMERA.unmodelled_px))
+    if needed < SOLUTION.doubtful_residuals * allowed:
         return
     yield Reason(
         "residuals-too-large",
-        Level.UNUSABLE if needed >= RUINED_RESIDUALS * allowed else Level.DOUBTFUL,
+        Level.UNUSABLE if needed >= SOLUTION.unusable_residuals * allowed else Level.DOUBTFUL,
         f"sigma0 is {sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
         f"expect; image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
         "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
@@ -59,13 +86,16 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
-    """Corrections that no satellite's RPC needs: wrong points bend the images to them."""
+    """Yield reasons for corrections that no satellite's RPC needs: wrong points cause them."""
     result = evidence.result
     sigma = prior_sigmas(evidence)
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(sigma > 0.0, np.abs(result.values) / sigma, 0.0)
     far = np.nan_to_num(far)
-    for level, low, high in ((Level.UNUSABLE, RUINED_SIGMAS, np.inf), (Level.DOUBTFUL, FAR_SIGMAS, RUINED_SIGMAS)):
+    for level, low, high in (
+        (Level.UNUSABLE, SOLUTION.unusable_sigmas, np.inf),
+        (Level.DOUBTFUL, SOLUTION.doubtful_sigmas, SOLUTION.unusable_sigmas),
+    ):
         largest = far.max(axis=1, initial=0.0)
         images = np.flatnonzero((largest >= low) & (largest < high))
         if not len(images):
@@ -86,11 +116,11 @@ def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
 
 
 def prior_sigmas(evidence: Evidence) -> np.ndarray:
-    """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was not free.
+    """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was fixed.
 
-    An adjustment keeps how much of a parameter came from its prior, weight times variance: the prior follows from it.
-    Where it does not (images refined one by one) the model's own priors count. Without GCPs the prior is a guess that
-    holds the block, and real products miss it: no correction below `GRANTED` is strange.
+    It follows from the share of the prior in the parameter (weight times variance) that the adjustment keeps; where it
+    keeps none (images refined one by one), from the model. Without GCPs the prior is a guess that real products
+    exceed, so it is at least `GRANTED`.
     """
     result = evidence.result
     part_of = {name: part for part in result.parts for name in part.images}
@@ -102,7 +132,7 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
         controlled = part is None or part.gcps > 0
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = np.where(share < 1.0, own / np.sqrt(share), 0.0)
-        told = np.isfinite(kept) & (share > LEAST_PRIOR_SHARE)
+        told = np.isfinite(kept) & (share > SOLUTION.least_prior_share)
         prior = (
             kept
             if told.all()
@@ -113,10 +143,13 @@ def prior_sigmas(evidence: Evidence) -> np.ndarray:
 
 
 def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
-    """A refined RPC that does not do what its model does."""
+    """Yield reasons for refined RPCs that differ from their models."""
     block = evidence.result.block
     fit = np.array([one.fit_max_px for one in evidence.refined])
-    for level, low, high in ((Level.UNUSABLE, RUINED_FIT_PX, np.inf), (Level.DOUBTFUL, COARSE_FIT_PX, RUINED_FIT_PX)):
+    for level, low, high in (
+        (Level.UNUSABLE, SOLUTION.unusable_fit_px, np.inf),
+        (Level.DOUBTFUL, SOLUTION.doubtful_fit_px, SOLUTION.unusable_fit_px),
+    ):
         images = np.flatnonzero(~(fit < low) & ~(fit >= high))
         if len(images):
             ids = tuple(block.images[index].id for index in images.tolist())

@@ -1,4 +1,4 @@
-"""What a field left in the residuals of an image means: a note where it does no harm, a reason where it does."""
+"""Notes and reasons for systematic residuals: a note where they do no harm yet, a reason where they do."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from .evidence import Evidence
-
-LARGE_FIELD_PX = 4.0  # RMS of a field that bends orthoimages visibly
-SEEN_FIELD_PX = 0.05  # what is worth a note
+from .fields import FIELD
 
 
 def describe_residual_fields(evidence: Evidence) -> list[str]:
-    """Tell of fields that are real and do no harm yet."""
-    fields = [field for field in evidence.fields if SEEN_FIELD_PX <= field.rms_px < LARGE_FIELD_PX]
+    """Return notes of significant fields that do no harm yet."""
+    fields = [field for field in evidence.fields if FIELD.noted_px <= field.rms_px < FIELD.large_px]
     if not fields:
         return []
     worst = fields[0]
@@ -25,8 +23,8 @@ def describe_residual_fields(evidence: Evidence) -> list[str]:
 
 
 def find_large_fields(evidence: Evidence) -> Iterator[Reason]:
-    """Fields large enough to bend what is made with the RPCs."""
-    fields = [field for field in evidence.fields if field.rms_px >= LARGE_FIELD_PX]
+    """Yield the reason for fields that distort orthoimages visibly."""
+    fields = [field for field in evidence.fields if field.rms_px >= FIELD.large_px]
     if fields:
         worst = fields[0]
         yield Reason(

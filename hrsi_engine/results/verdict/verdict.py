@@ -1,4 +1,4 @@
-"""The verdict: the worst level of all reasons, and one sentence of what was reached."""
+"""The verdict: the worst level of all reasons, and the accuracy of the block in one sentence."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *systematic.ON_FIELDS,
 )
 
-#: Codes of reasons that follow from wrong points, whatever is wrong with them.
-OF_RESIDUALS = frozenset({
+#: Reasons that are consequences of any wrong points.
+CONSEQUENCES = frozenset({
     "not-converged", "residuals-too-large", "correction-too-large", "control-misfit", "control-left-out",
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
     "extrapolation", "sources-disagree", "heights-off-rpcs",
@@ -32,12 +32,12 @@ OF_RESIDUALS = frozenset({
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was reached, and what a careful operator has to look into.
+    """Accuracy of a block, and what a careful operator has to look into.
 
     Parameters
     ----------
     sentence : str
-        What was reached.
+        The accuracy.
     reasons : tuple of Reason
         The worst first.
     """
@@ -52,7 +52,7 @@ class Verdict:
         Parameters
         ----------
         sentence : str
-            What was reached.
+            The accuracy.
         reasons : iterable of Reason
             In any order.
 
@@ -69,7 +69,7 @@ class Verdict:
         return max((reason.level for reason in self.reasons), default=Level.OK)
 
     def entry(self) -> dict[str, Any]:
-        """Return the verdict as reports have it.
+        """Return the verdict's entry in reports.
 
         Returns
         -------
@@ -94,15 +94,14 @@ class Verdict:
 
 
 def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reason]:
-    """Return everything that speaks against a block: what was found before its adjustment, and what is found after it.
+    """Return all reasons against a block: those found before its adjustment, and those of the result.
 
-    Where the input cannot be used, residuals and corrections only tell that again: they are left out, and what is named
-    is the cause.
+    Where the inputs are unusable, residuals and corrections are consequences: they are left out.
 
     Parameters
     ----------
     evidence : Evidence
-        The adjustment and what it left over.
+        The adjustment, its residuals and refined RPCs.
     before : sequence of Reason
         What was found in the inputs before the adjustment.
 
@@ -113,7 +112,7 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     """
     found = [reason for check in CHECKS for reason in check(evidence)]
     if any(reason.level is Level.UNUSABLE for reason in before):
-        found = [reason for reason in found if reason.code not in OF_RESIDUALS]
+        found = [reason for reason in found if reason.code not in CONSEQUENCES]
     return [*before, *found]
 
 
@@ -140,7 +139,7 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
 
 
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
-    """Return in one sentence what an adjustment reached, from the figures of its report.
+    """Return the accuracy of a block in one sentence, from the figures of its report.
 
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
     """
@@ -159,7 +158,7 @@ def _format_count(number: int, what: str) -> str:
 
 
 def _describe_check_points(check: Mapping[str, Any]) -> str:
-    """Return the accuracy that check points show; in the image where no ground position follows."""
+    """Return the accuracy by check points as text; in the image where they have no ground position."""
     predicted = check.get("predicted") or {}
     if check["ce90_m"] is None:
         if check["rmse_sample_px"] is None:
@@ -173,7 +172,7 @@ def _describe_check_points(check: Mapping[str, Any]) -> str:
 
 
 def _describe_prediction(report: Mapping[str, Any]) -> str:
-    """Return what the covariances promise where nothing was tested; of the largest part of the block."""
+    """Return the predicted accuracy of the largest part of the block as text."""
     part = next(iter(report["parts"]), None)
     if part is None or part["ce90_m"] is None:
         return ""
@@ -182,11 +181,12 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     )
 
 
-ACCURACIES = {"CE90": "ce90_m", "LE90": "le90_m"}  #: as people call them: key of the report
+#: Accuracy measures: key of the report.
+ACCURACIES = {"CE90": "ce90_m", "LE90": "le90_m"}
 
 
 def format_figure(value: float | None) -> str:
-    """Return a figure with two digits that count, at most two decimals."""
+    """Return a figure as text with two significant digits and at most two decimals."""
     if value is None:
         return "-"
     if value == 0.0:
