@@ -10,7 +10,7 @@ from scipy import linalg
 
 from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.block.pointing import LEAST_DRIFT
+from hrsi.hrsi_engine.block.pointing import POINTING
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, add_drift_parameters
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
@@ -30,7 +30,7 @@ class Dense(NamedTuple):
         return np.sqrt(factor**2 * self.ground_cofactor + self.moved_m**2)
 
 
-def dense_solution(block, model, controlled=True, drift=LEAST_DRIFT):
+def dense_solution(block, model, controlled=True, drift=POINTING.least_drift):
     """Solve the same problem with one dense design matrix over all unknowns, the cameras' drift among them."""
     priors = CONTROLLED if controlled else UNCONTROLLED
     camera = add_drift_parameters(model) if drift and isinstance(model, ImagePolynomial) else model

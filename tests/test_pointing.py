@@ -10,13 +10,7 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.pointing import (
-    LEAST_DRIFT,
-    PUBLISHED,
-    compute_gsd_m,
-    estimate_pointing,
-    find_sensor,
-)
+from hrsi.hrsi_engine.block.pointing import POINTING, PUBLISHED, compute_gsd_m, estimate_pointing, find_sensor
 from hrsi.hrsi_engine.refinement.model import UNCONTROLLED, estimate_priors, select_priors
 
 NAMES = {
@@ -61,7 +55,7 @@ def test_the_rpc_is_believed_first():
     # the standard deviation of a linear change, drawn
     length = 8000 * compute_gsd_m(image())
     along = np.linspace(-0.5, 0.5, 100_001) * length
-    assert max(np.std(found.drift * along), LEAST_DRIFT * np.std(along)) == pytest.approx(0.4, rel=1e-3)
+    assert max(np.std(found.drift * along), POINTING.least_drift * np.std(along)) == pytest.approx(0.4, rel=1e-3)
 
 
 def test_published_accuracy_covers_nine_of_ten():
@@ -73,7 +67,7 @@ def test_published_accuracy_covers_nine_of_ten():
 
 def test_the_change_along_a_strip_is_the_published_one():
     """QuickBird: 12 to 24 m at most of some fifty strips of 100 km; WorldView-1's 1.8 to 4.8 m lie below the floor."""
-    floor = LEAST_DRIFT * 100e3 * 3.5
+    floor = POINTING.least_drift * 100e3 * 3.5
     for sensor, low, high in (("QB02", 12.0, 24.0), ("WV01", 1.8, floor)):
         strip = image((1000, round(100e3 / compute_gsd_m(image()))), sensor)
         sigma = estimate_pointing(strip).drift * 100e3
@@ -84,7 +78,7 @@ def test_the_change_along_a_strip_is_the_published_one():
 def test_an_unknown_sensor_has_the_general_default():
     found = estimate_pointing(image())
     assert found.sigma_m is None
-    assert found.drift == LEAST_DRIFT
+    assert found.drift == POINTING.least_drift
     assert "unknown sensor" in found.reason
     assert estimate_priors(image()).shift_px == UNCONTROLLED.shift_px
     assert select_priors(image(), controlled=False) == UNCONTROLLED

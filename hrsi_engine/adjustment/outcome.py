@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..block.block import Block
-from ..block.pointing import UNKNOWN_PX, compute_gsd_m, estimate_pointing
+from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m
@@ -332,7 +332,8 @@ def _held_plan(problem: Problem, solution: Solution, precise: Precision) -> Plan
         return None
     # How well the block lies in plan by its RPCs: with a part of its own for each image
     pointing = [
-        estimate_pointing(image).sigma_m or UNKNOWN_PX * compute_gsd_m(image) for image in problem.observations.images
+        estimate_pointing(image).sigma_m or POINTING.unknown_px * compute_gsd_m(image)
+        for image in problem.observations.images
     ]
     over = held.places.over_rpcs or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))

@@ -23,6 +23,7 @@ from shapely.geometry import Polygon
 from ..camera.rpc import RPC
 from ..camera.rpc_fit import virtual_grid
 from ..foundation.errors import SolveError
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .block import Image
@@ -35,13 +36,30 @@ from .footprints import (
     make_polygon,
 )
 
-LEVER_M = 100.0  # rays are taken between points so far above and below the terrain
-TERRAIN_GRID = 50  # points along each side of an image, between which the lowest and highest ground hardly hides
-VOLUME_GRID = (11, 11, 7)
-SHALLOW_DENOMINATOR = 0.1  # of its value in the middle: below, the RPC is about to break
-GROUND_REACH = 1.5  # normalised lon and lat that an image of its own RPC does not exceed
-EARTH_HEIGHTS_M = (-600.0, 9500.0)
-CROP_SHARE = 0.5  # an image smaller than this share of its RPC's extent is a crop
+
+@thresholds
+class GeometryThresholds:
+    """Sampling of an image's terrain and RPC, and when an RPC is suspicious."""
+
+    ray_reach_m: float = threshold(100.0, "m", "rays are taken between points so far above and below the terrain")
+    terrain_grid: int = threshold(50, "points", "along each side of an image, between which little relief hides")
+    volume_grid: int = threshold(11, "points", "along each side of an image at which its RPC is checked")
+    volume_heights: int = threshold(7, "points", "of heights at which it is checked")
+    least_denominator: float = threshold(
+        0.1, "", "denominator of an RPC over its median, below which it is close to a pole"
+    )
+    ground_reach: float = threshold(1.5, "", "normalised lon and lat that an image of its own RPC does not exceed")
+    lowest_height_m: float = threshold(
+        -600.0, "m", "lowest land on Earth, with some reserve", "theory: Dead Sea shore, -430 m"
+    )
+    highest_height_m: float = threshold(
+        9500.0, "m", "highest land on Earth, with some reserve", "theory: Mount Everest, 8849 m"
+    )
+    crop_share: float = threshold(0.5, "", "an image smaller than this share of its RPC's extent is a crop")
+    crop_origin: float = threshold(0.02, "", "of half the extent: the RPC's extent begins so near to the first pixel")
+
+
+GEOMETRY = GeometryThresholds()
 
 
 @dataclass(frozen=True)
@@ -112,7 +130,7 @@ class ViewDirection:
     @cached_property
     def terrain(self) -> np.ndarray:
         """Ground points ``(n, 3)`` of a grid over the image, those on known terrain."""
-        grid = self.image.grid_px(TERRAIN_GRID, TERRAIN_GRID)
+        grid = self.image.grid_px(GEOMETRY.terrain_grid, GEOMETRY.terrain_grid)
         ground, status = intersect_surface(self.image.rpc, grid, self.surface)
         return ground[status == Status.FOUND]
 
@@ -166,8 +184,8 @@ class ViewDirection:
 def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
     """Return unit vectors ``(n, 3)`` east, north, up from ground points to the satellite."""
     image = rpc.project(ground)
-    upper = rpc.localize(image, ground[:, 2] + LEVER_M).ground
-    lower = rpc.localize(image, ground[:, 2] - LEVER_M).ground
+    upper = rpc.localize(image, ground[:, 2] + GEOMETRY.ray_reach_m).ground
+    lower = rpc.localize(image, ground[:, 2] - GEOMETRY.ray_reach_m).ground
     ray = ground_difference_m(upper, lower)
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
 
@@ -218,7 +236,12 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
     ``terrain_m`` is the lowest and highest height that the RPC is used at, where they are known.
     """
     warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
-    _, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, VOLUME_GRID)
+    _, (ground, converged) = virtual_grid(
+        image.rpc,
+        image.domain_px,
+        image.rpc.height_range,
+        (GEOMETRY.volume_grid, GEOMETRY.volume_grid, GEOMETRY.volume_heights),
+    )
     if not converged.all():
         share = 1.0 - np.mean(converged)
         warnings.append(
@@ -246,7 +269,7 @@ def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]
     warnings = []
     if rpc.height_scale <= 0.0:
         warnings.append(f"HEIGHT_SCALE is {rpc.height_scale:g}, it must be above 0")
-    if high < EARTH_HEIGHTS_M[0] or low > EARTH_HEIGHTS_M[1]:
+    if high < GEOMETRY.lowest_height_m or low > GEOMETRY.highest_height_m:
         warnings.append(f"the RPC is made for heights from {low:.0f} to {high:.0f} m, where there is no land")
     if terrain_m is not None and (terrain_m[0] < low or terrain_m[1] > high):
         warnings.append(
@@ -263,7 +286,7 @@ def _check_denominators(rpc: RPC, ground: np.ndarray) -> list[str]:
         lowest = float(np.min(denominators / np.median(denominators)))
         if lowest <= 0.0:
             warnings.append(f"the {name} denominator becomes zero within the image: the RPC is damaged; get it again")
-        elif lowest < SHALLOW_DENOMINATOR:
+        elif lowest < GEOMETRY.least_denominator:
             warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
     return warnings
 
@@ -283,7 +306,7 @@ def _check_size(image: Image, ground: np.ndarray) -> list[str]:
         return []
     rpc, warnings = image.rpc, []
     reach = np.abs(rpc.normalise(ground)[:2]).max()
-    if reach > GROUND_REACH:
+    if reach > GEOMETRY.ground_reach:
         warnings.append(
             f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "
             "that its RPC is made for: check that they belong together"
@@ -304,4 +327,6 @@ def is_crop(image: Image) -> bool:
         return False
     start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
     extent = 2.0 * np.abs([rpc.samp_scale, rpc.line_scale])
-    return bool(np.abs(start + 1.0).max() < 0.02 and (np.array(image.size) < CROP_SHARE * extent).any())
+    return bool(
+        np.abs(start + 1.0).max() < GEOMETRY.crop_origin and (np.array(image.size) < GEOMETRY.crop_share * extent).any()
+    )

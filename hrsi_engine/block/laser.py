@@ -11,10 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from .columns import Columns
 
 LASER_KIND = "laser"  # of the image points of ties that are measured at laser points
-DEFAULT_SIGMA_M = 0.3  # of a laser height that states none: land under ICESat-2 in the open (Neuenschwander 2020)
+
+
+@thresholds
+class LaserHeightThresholds:
+    """Standard deviation of laser heights."""
+
+    sigma_m: float = threshold(
+        0.3, "m", "of a laser height that states none: land under ICESat-2 in the open", "Neuenschwander 2020"
+    )
+
+
+LASER_HEIGHT = LaserHeightThresholds()
 
 
 @dataclass(frozen=True, eq=False)

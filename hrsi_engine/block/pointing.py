@@ -2,17 +2,17 @@
 
 **Pointing.** An RPC may say it itself: ERR_BIAS is the standard deviation of each horizontal coordinate. Where it does
 not, the sensor is told from what its files call it, and its published accuracy without ground control counts
-(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. An unknown sensor points to `UNKNOWN_PX`.
+(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. An unknown sensor points to `POINTING.unknown_px`.
 
 **Change over an image.** ERR_RAND is the standard deviation of what varies within an image: of a linear change, whose
 ends are d apart, it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are
 both for two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): QuickBird points to 14 to 21 m
 (CE90), and the largest change of the error along a strip was 12 to 24 m; WorldView-1 4.0 to 5.3 m, and 1.8 to 4.8 m.
 How many strips these are is not said. Of some fifty the largest is 2.8 standard deviations of a coordinate, so these
-are 6.4 m of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `STRIP_SHARE` of its size, more or less. Nor
-is the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the error of
-gyroscopes grows with the root of the time; within a second of flight, `SMOOTH_M`, it is smooth and grows with the time
-itself.
+are 6.4 m of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `POINTING.strip_share` of its size, more or
+less. Nor is the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the
+error of gyroscopes grows with the root of the time; within a second of flight, `POINTING.smooth_m`, it is smooth and
+grows with the time itself.
 """
 
 from __future__ import annotations
@@ -25,16 +25,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from .block import Image
 from .stack import stack_of
 
 SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
-UNKNOWN_PX = 5.0  # of a sensor that nothing is known of
-STRIP_SHARE, STRIP_M, SMOOTH_M = 0.65, 100e3, 7e3
-#: Change across an image, px per px, that is always allowed for: attitude drift and the RPC's own fit. Variance
-#: components find 2.9e-5 in Hobart's IKONOS and 1.9e-5 in a Pleiades triplet; SPOT 7's ties have a trend of 2.7e-5
-#: (docs/adjustment.md).
-LEAST_DRIFT = 3e-5
+
+
+@thresholds
+class PointingThresholds:
+    """A priori accuracy of sensors of which nothing is stated, and how it changes over an image."""
+
+    unknown_px: float = threshold(5.0, "px", "standard deviation of the pointing of an unknown sensor")
+    strip_share: float = threshold(
+        0.65, "", "change of the pointing error over a strip, over the error itself",
+        "Smiley 2009, QuickBird and WorldView-1",
+    )  # fmt: skip
+    strip_m: float = threshold(100e3, "m", "length of such a strip: what these satellites take in one go")
+    smooth_m: float = threshold(
+        7e3, "m", "length below which the change grows with the time itself: a second of flight"
+    )
+    least_drift: float = threshold(
+        3e-5, "px/px",
+        "change across an image that is always allowed for: attitude drift and fit of the RPC",
+        "variance components: IKONOS 2.9e-5, Pleiades 1.9e-5, SPOT 7 2.7e-5 (docs/adjustment.md)",
+    )  # fmt: skip
+
+
+POINTING = PointingThresholds()
 
 
 class SensorAccuracy(NamedTuple):
@@ -103,7 +121,7 @@ _TOLD_BY_ANY = re.compile("|".join(entry.told_by for entry in PUBLISHED))
 class Pointing:
     """What is believed of an image's pointing.
 
-    sigma_m : standard deviation of each horizontal coordinate; None where only `UNKNOWN_PX` can be said
+    sigma_m : standard deviation of each horizontal coordinate; None where only `POINTING.unknown_px` can be said
     drift : standard deviation of its change across the image, px per px
     reason : what says so, for people
     """
@@ -125,7 +143,7 @@ def estimate_pointing(image: Image) -> Pointing:
     """Return what is believed of an image: by its RPC, by what is published of its sensor, or in general."""
     published = find_sensor(image.sensor, os.path.basename(image.path), image.id)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
-    reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, LEAST_DRIFT
+    reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, POINTING.least_drift
     if stated:
         sigma_m = stated
         reasons.append(f"ERR_BIAS {stated:.3g} m")
@@ -133,7 +151,7 @@ def estimate_pointing(image: Image) -> Pointing:
         sigma_m = published.ce90_m / SIGMAS_OF_CE90
         reasons.append(f"CE90 {published.ce90_m:g} m ({published.source})")
     else:
-        reasons.append(f"{UNKNOWN_PX:g} px taken for its pointing")
+        reasons.append(f"{POINTING.unknown_px:g} px assumed for its pointing")
     if sigma_m is not None:
         length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * compute_gsd_m(image)
         if varying:
@@ -143,9 +161,9 @@ def estimate_pointing(image: Image) -> Pointing:
             drift, source = published.drift
             reasons.append(source)
         else:
-            smooth_m = max(length_m, SMOOTH_M)
-            drift = STRIP_SHARE * sigma_m * np.sqrt(smooth_m / STRIP_M) / smooth_m
-    drift = max(float(drift), LEAST_DRIFT)
+            smooth_m = max(length_m, POINTING.smooth_m)
+            drift = POINTING.strip_share * sigma_m * np.sqrt(smooth_m / POINTING.strip_m) / smooth_m
+    drift = max(float(drift), POINTING.least_drift)
     return Pointing(sigma_m, drift, f"{', '.join(reasons)}; drift {drift:.1e} px/px")
 
 

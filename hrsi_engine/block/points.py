@@ -9,11 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m
 from ..ground.operation_uses import OperationUse
 from .columns import Columns
 
-SAME_POSITION_M = 0.1  # between two positions of one point
+
+@thresholds
+class PointThresholds:
+    """When two positions are of one point."""
+
+    same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
+
+
+POINTS = PointThresholds()
 
 
 class Role(IntEnum):
@@ -269,4 +278,4 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
-    return distances_m(first, second) > SAME_POSITION_M
+    return distances_m(first, second) > POINTS.same_position_m

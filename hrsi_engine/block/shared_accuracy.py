@@ -14,9 +14,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
 
-LEAST_PART_M, PARTS_A_SIDE = 500.0, 4  # least side of the parts of an area, and most of them along a side
+
+@thresholds
+class AreaThresholds:
+    """Parts of an area whose observations have errors in common."""
+
+    least_side_m: float = threshold(500.0, "m", "smallest side of a part")
+    parts_per_side: int = threshold(4, "parts", "along a side of the area, at most")
+
+
+AREA = AreaThresholds()
 
 
 class ErrorShares(NamedTuple):
@@ -53,7 +63,7 @@ def divide_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         return np.zeros(0, dtype=np.int64), ()
     away = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]
     low, size = away.min(axis=0), np.ptp(away, axis=0)
-    side = max(LEAST_PART_M, float(size.max()) / PARTS_A_SIDE)
+    side = max(AREA.least_side_m, float(size.max()) / AREA.parts_per_side)
     columns, rows = np.maximum(np.ceil(size / side), 1).astype(int)
     place = np.minimum(((away - low) / side).astype(np.int64), [columns - 1, rows - 1])
     numbers, part = np.unique(place[:, 1] * columns + place[:, 0], return_inverse=True)

@@ -256,10 +256,10 @@ def iterate_least_squares(
 ) -> tuple[np.ndarray, int, str]:
     """Iterate damped least squares (Levenberg-Marquardt) over all points; return values, steps and status.
 
-    Begins with ``values`` (zero by default), after ``steps`` steps taken before. While residuals are very large (0.1 rad
-    are tens of thousands of pixels) the first steps scale the observations' weights to the fit, so that the priors keep
-    collinear parameters apart. Gauss-Newton steps solve most problems; where large residuals meet a curved model they
-    converge slowly or not at all, and after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
+    Begins with ``values`` (zero by default), after ``steps`` steps taken before. While residuals are very large (0.1
+    rad are tens of thousands of pixels) the first steps scale the weights to the fit, so that the priors keep collinear
+    parameters apart. Gauss-Newton steps solve most problems; where large residuals meet a curved model they converge
+    slowly or not at all, and after `ESTIMATION.gauss_newton_steps` the full Hessian is used.
     """
     sigmas = equations.sigmas
     lost: list[SolveError] = []

@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import UNKNOWN_PX, compute_gsd_m, estimate_pointing
+from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
 from ..camera.rpc import RPC
 
 
@@ -153,7 +153,7 @@ LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENTATION, position_m=20.0))
 #: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err: what is
 #: believed of the sensors (`block.pointing`), or this where they are unknown.
-UNCONTROLLED = Priors(shift_px=UNKNOWN_PX, drift=1e-4)
+UNCONTROLLED = Priors(shift_px=POINTING.unknown_px, drift=1e-4)
 
 
 def select_priors(image: Image, controlled: bool) -> Priors:
@@ -191,7 +191,7 @@ def estimate_priors(image: Image) -> Priors:
         Standard deviations of its shift and of its change across the image.
     """
     pointing = estimate_pointing(image)
-    shift_px = UNKNOWN_PX if pointing.sigma_m is None else pointing.sigma_m / compute_gsd_m(image)
+    shift_px = POINTING.unknown_px if pointing.sigma_m is None else pointing.sigma_m / compute_gsd_m(image)
     return Priors(shift_px, pointing.drift)
 
 

@@ -1,22 +1,22 @@
 """Selection of the refinement model that the GCPs support, and detection of GCPs that are blunders.
 
-**Model (rule auto).** Each candidate is judged by leave-one-out prediction: every GCP is predicted from the others. The
+**Model (rule auto).** Each candidate is judged by leave-one-out prediction: each GCP is predicted from the others. The
 simplest candidate is taken whose mean squared prediction error is not significantly larger than the smallest one, by a
 one-sided paired t-test of the points' errors at `SELECTION.significance` (in the spirit of the "one standard error"
-rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs closer but may predict worse,
-which shows without check points. A candidate is judged where each image has twice the GCPs that it needs; the generic
-method only where no other one predicts within `SELECTION.expected_error` sigmas. Where no judged model predicts within
-`SELECTION.large_error` sigmas, the generic method is taken from 3 GCPs on if it predicts better, its priors being those
-of a satellite.
+rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fits the GCPs closer but may predict
+worse, which shows without check points. A candidate is judged where each image has twice the GCPs that it needs; the
+generic method only where no other one predicts within `SELECTION.expected_error` sigmas. Where no judged model predicts
+within `SELECTION.large_error` sigmas, the generic method is taken from 3 GCPs on if it predicts better, its priors
+being those of a satellite.
 
 **Rule generic** is the thesis's (section 4.3): by the number of GCPs, constants below 3, linear terms from 3, all terms
 from 50. From 4 GCPs it is an upper limit here: constants are kept where they predict as well.
 
 **Blunders.** For each model the worst GCP is removed again and again, each time tested against the others: with q the
-squared prediction error normalised by its covariance, q / 2 over the variance of unit weight without the point follows
-Fisher's F distribution. All GCPs up to the last significant one count as blunders (Rosner 1983, Technometrics 25(2): two
-blunders do not mask each other). A GCP is suspect only if *every* model with enough redundancy finds it, because what is
-an outlier for a shift may be a drift.
+squared prediction error normalised by its covariance, q / 2 over the variance of unit weight without the point has
+Fisher's F distribution. All GCPs up to the last significant one count as blunders (Rosner 1983, Technometrics 25(2):
+two blunders do not mask each other). A GCP is suspect only if *every* model with enough redundancy finds it, because
+what is an outlier for a shift may be a drift.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     """
     choice = RULES[rule](collect_controls(block))
     if drift_held and rule == "auto" and choice.model in NESTED and _can_follow_drift(block):
-        reason = f"how much the images drift is estimated with the block, and followed so far; {choice.reason}"
+        reason = f"the images' drift is estimated from the block as a variance component; {choice.reason}"
         return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
     return choice
 
@@ -173,8 +173,10 @@ def choose_by_number(controls: Controls) -> ModelChoice:
     if count < SELECTION.few_gcps:
         reason = f"{_count_gcps(count)}: below {SELECTION.few_gcps} only constants of position, roll and pitch"
         return ModelChoice("generic-shift", reason, {}, suspects, warnings)
-    most = "generic-affine" if count < SELECTION.many_gcps else "generic-full"
-    reason = f"{_count_gcps(count)}: from {SELECTION.few_gcps if count < SELECTION.many_gcps else SELECTION.many_gcps} corrections linear in the image"
+    is_few = count < SELECTION.many_gcps
+    most = "generic-affine" if is_few else "generic-full"
+    least = SELECTION.few_gcps if is_few else SELECTION.many_gcps
+    reason = f"{_count_gcps(count)}: from {least} corrections linear in the image"
     errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
     if errors[most] is None:
         return ModelChoice(most, reason, {}, suspects, warnings)
@@ -185,7 +187,7 @@ def choose_by_number(controls: Controls) -> ModelChoice:
 def choose_by_prediction(controls: Controls) -> ModelChoice:
     """Rule ``auto``: see the module's docstring."""
     if not controls:
-        return ModelChoice(WITHOUT_CONTROL, "no GCP: nothing tells more than a shift of each image")
+        return ModelChoice(WITHOUT_CONTROL, "no GCP: only a shift of each image is supported")
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min(len(control) for _, control in clean)
     found: dict[str, Prediction] = {}
@@ -196,7 +198,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
             found[name] = _predict_if_redundant(name, clean, BLOCK_MODELS[name].least_points)
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
-        reason = f"{_count_gcps(count)} on an image: too few to tell more than a shift"
+        reason = f"{_count_gcps(count)} on an image: too few to support more than a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = _select_simplest(errors)
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...block.laser import DEFAULT_SIGMA_M, LaserPoints
+from ...block.laser import LASER_HEIGHT, LaserPoints
 from ...foundation.large_arrays import finite_rows
 from ...ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from ..result import LaserOutcome
@@ -158,7 +158,7 @@ class LaserHeights:
         away = np.where(there[..., None], flat[index] - at[kept][:, None], 0.0)
         planes = fit_planes(away, ties[index, 2], there)
         even = planes.scatter_m <= UNEVEN_M
-        own = np.nan_to_num(self.laser.sigma_m[self.usable[kept]], nan=DEFAULT_SIGMA_M)
+        own = np.nan_to_num(self.laser.sigma_m[self.usable[kept]], nan=LASER_HEIGHT.sigma_m)
         mean_away = np.einsum("nk,nkc->nc", planes.share, away)
         between = np.einsum("nc,ncd,nd->n", mean_away, planes.covariance, mean_away)
         rough = np.einsum("nk,nk->n", planes.share**2, (GROUND_ROUGHNESS * np.linalg.norm(away, axis=2)) ** 2)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...block.imaging_geometry import CROP_SHARE
+from ...block.imaging_geometry import GEOMETRY
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
@@ -99,7 +99,9 @@ def require_placed(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, s
 def _begins_a_larger_scene(rpc: RPC, size: tuple[int, int]) -> bool:
     low, high = _range_of(rpc)
     extent = high - low
-    return bool((np.abs(low) <= RANGE_TOLERANCE * extent).all() and (np.array(size) < CROP_SHARE * extent).any())
+    return bool(
+        (np.abs(low) <= RANGE_TOLERANCE * extent).all() and (np.array(size) < GEOMETRY.crop_share * extent).any()
+    )
 
 
 def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
