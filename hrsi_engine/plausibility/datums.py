@@ -12,8 +12,8 @@ from pyproj.aoi import AreaOfInterest
 from pyproj.enums import PJType
 
 from ..foundation.errors import InputError
-from ..ground.crs_operations import operations_of
 from ..foundation.thresholds import threshold, thresholds
+from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 

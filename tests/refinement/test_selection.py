@@ -104,7 +104,7 @@ def test_a_block_whose_points_show_its_drift_follows_it():
     for gcps in (0, 1, 10):
         block, _, _ = blocks.block(gcps=gcps, drift=0.0, checks=5, ties=30)
         choice = choose_model(block)
-        assert choice.model == "affine" and "how much the images drift is estimated" in choice.reason
+        assert choice.model == "affine" and "the images' drift is estimated from the block" in choice.reason
 
 
 def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
