@@ -3,8 +3,9 @@
 | module             | holds                                                                            |
 |--------------------|----------------------------------------------------------------------------------|
 | model              | the contract, priors                                                             |
+| model_table        | the models' names, titles and settings, one entry each; no numerics              |
 | models             | every model by its name                                                          |
-| options            | how to refine an image; the models' names for declarations                       |
+| options            | how to refine an image                                                           |
 | image_space        | bias compensation: polynomials of the image position                             |
 | object_coordinates | polynomials of the ground position, added in the image                           |
 | object_space       | corrections of the ground position                                               |
