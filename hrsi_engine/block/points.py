@@ -16,13 +16,13 @@ from .columns import Columns
 
 
 @thresholds
-class PointThresholds:
+class SamePointThresholds:
     """When two positions are of one point."""
 
     same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
 
 
-POINTS = PointThresholds()
+SAME_POINT = SamePointThresholds()
 
 
 class Role(IntEnum):
@@ -278,4 +278,4 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))
-    return distances_m(first, second) > POINTS.same_position_m
+    return distances_m(first, second) > SAME_POINT.same_position_m

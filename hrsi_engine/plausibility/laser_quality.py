@@ -32,7 +32,7 @@ class LaserThresholds:
     neighbour_sigmas: float = threshold(5.0, "sigma", "beyond, a point is an outlier of its track")
 
 
-LASER = LaserThresholds()
+LASER_QUALITY = LaserThresholds()
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:
@@ -50,11 +50,11 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     """
     with np.errstate(invalid="ignore"):
         tests = (
-            (points.sigma_m > LASER.sigma_m, f"standard deviation above {LASER.sigma_m:g} m"),
-            (points.misfit_m > LASER.misfit_m, f"photons spread by more than {LASER.misfit_m:g} m"),
-            (points.photons < LASER.photons, f"fewer than {LASER.photons:g} photons"),
-            (np.abs(points.slope) > LASER.slope, f"slope above {100.0 * LASER.slope:g} %"),
-            (points.canopy_m > LASER.canopy_m, f"vegetation above {LASER.canopy_m:g} m"),
+            (points.sigma_m > LASER_QUALITY.sigma_m, f"standard deviation above {LASER_QUALITY.sigma_m:g} m"),
+            (points.misfit_m > LASER_QUALITY.misfit_m, f"photons spread by more than {LASER_QUALITY.misfit_m:g} m"),
+            (points.photons < LASER_QUALITY.photons, f"fewer than {LASER_QUALITY.photons:g} photons"),
+            (np.abs(points.slope) > LASER_QUALITY.slope, f"slope above {100.0 * LASER_QUALITY.slope:g} %"),
+            (points.canopy_m > LASER_QUALITY.canopy_m, f"vegetation above {LASER_QUALITY.canopy_m:g} m"),
         )
     reason = points.doubt.astype("U64")
     for wrong, why in tests:
@@ -91,8 +91,8 @@ def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     away = ground[:, :2] - ground[0, :2]
     away[:, 0] = wrap_degrees(away[:, 0])
     metres = away * metres_per_degree(ground[:1])[:, :2]
-    count = min(LASER.neighbours, len(ground) - 1)
-    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=LASER.neighbour_reach_m)
+    count = min(LASER_QUALITY.neighbours, len(ground) - 1)
+    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m)
     distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
     there = np.isfinite(distance)
     height = np.where(there, np.append(ground[:, 2], np.nan)[near], np.nan)
@@ -102,5 +102,7 @@ def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     off[enough] = np.abs(ground[enough, 2] - middle)
     spread[enough] = 1.4826 * np.nanmedian(np.abs(height[enough] - middle[:, None]), axis=1)
     reach[enough] = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
-    allowed = LASER.neighbour_slope * reach + LASER.neighbour_sigmas * np.hypot(spread, np.nan_to_num(sigma_m))
+    allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * np.hypot(
+        spread, np.nan_to_num(sigma_m)
+    )
     return np.asarray(enough & (off > allowed))

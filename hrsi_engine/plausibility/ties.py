@@ -71,7 +71,7 @@ class TieThresholds:
     most_suspects: int = threshold(6, "images", "of which slips of single images are tried")
 
 
-TIES = TieThresholds()
+TIE_CHECK = TieThresholds()
 #: Slips that ties of one strip cannot tell apart (an image and its mirror image); the likelier first.
 INDISTINGUISHABLE_SLIPS = (
     ("sample-line-swapped", "image-turned"),
@@ -122,7 +122,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     first = np.flatnonzero(
         tie[:-1] & (measured.point[1:] == measured.point[:-1]) & (measured.image[1:] != measured.image[:-1])
     )
-    if len(first) < TIES.fewest_of_pair:
+    if len(first) < TIE_CHECK.fewest_of_pair:
         return None
     key = measured.image[first].astype(np.int64) * len(block.images) + measured.image[first + 1]
     order = np.argsort(key, kind="stable")
@@ -130,7 +130,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
-    per_pair = max(TIES.fewest_of_pair, min(TIES.sample_per_pair, TIES.most_sampled // len(starts)))
+    per_pair = max(TIE_CHECK.fewest_of_pair, min(TIE_CHECK.sample_per_pair, TIE_CHECK.most_sampled // len(starts)))
     # every k-th point of a pair: the rank within the pair, stretched, steps by one
     rank = np.arange(len(key)) - starts[pair]
     wanted = np.minimum(sizes, per_pair)[pair]
@@ -184,35 +184,41 @@ def judge_pairs(
     sizes = np.diff(np.r_[starts, len(pairs.pair)])
     # all points of a pair alike, so that what they miss by is of one direction
     weak = (
-        np.repeat(~(np.fmin.reduceat(length, starts) > TIES.least_slope), sizes)
+        np.repeat(~(np.fmin.reduceat(length, starts) > TIE_CHECK.least_slope), sizes)
         if len(starts)
-        else length > TIES.least_slope
+        else length > TIE_CHECK.least_slope
     )
-    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, TIES.least_slope)[:, None])
+    unit = np.where(weak[:, None], [0.0, 1.0], slope / np.maximum(length, TIE_CHECK.least_slope)[:, None])
     across = unit[:, 0] * apart[:, 1] - unit[:, 1] * apart[:, 0]
-    height = pairs.height_m - np.where(weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, TIES.least_slope))
+    height = pairs.height_m - np.where(
+        weak, 0.0, np.sum(apart * unit, axis=1) / np.maximum(length, TIE_CHECK.least_slope)
+    )
     figures = np.array([[a.gsd_m, a.sigma_m] for a in pairs.accuracies])[image]
     gsd, sigma = figures[:, :, 0].max(axis=1), np.hypot(*figures[:, :, 1].T)
     reach = np.array([np.hypot(*one.half_size_px) for one in images])[image].max(axis=1)
     tolerance = (
         min(stretch, 1.0)
         * gsd
-        * np.maximum(TIES.miss_px, np.maximum(TIES.miss_sigmas * pairs.sigma_px, TIES.miss_drift * reach))
+        * np.maximum(
+            TIE_CHECK.miss_px, np.maximum(TIE_CHECK.miss_sigmas * pairs.sigma_px, TIE_CHECK.miss_drift * reach)
+        )
     )
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
-    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, TIES.least_slope)
+    spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, TIE_CHECK.least_slope)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
     wrong = ~possible | ~np.isfinite(across)
     bulk = _compute_modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
-    for start, size in zip(*(column[off / sizes > TIES.off_share].tolist() for column in (starts, sizes)), strict=True):
+    for start, size in zip(
+        *(column[off / sizes > TIE_CHECK.off_share].tolist() for column in (starts, sizes)), strict=True
+    ):
         rows = slice(start, start + size)
-        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIES.largest_drift * gsd[start])
+        away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start])
     wrong |= np.abs(away) > tolerance
-    wrong |= np.repeat(np.abs(bulk) > TIES.bulk_sigmas * sigma[starts], sizes)
+    wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
     share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
-    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= TIES.fewest_of_pair, 1.0 - share, np.nan))
+    return PairConsistency.from_points(pairs, wrong, np.where(sizes >= TIE_CHECK.fewest_of_pair, 1.0 - share, np.nan))
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
@@ -222,15 +228,15 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
-    for _ in range(TIES.drift_steps):
-        if fits.sum() < TIES.fewest_of_pair:
+    for _ in range(TIE_CHECK.drift_steps):
+        if fits.sum() < TIE_CHECK.fewest_of_pair:
             return away_m
         solved, _, rank, _ = np.linalg.lstsq(design[fits], away_m[fits], rcond=None)
         if rank < design.shape[1] or np.hypot(*solved[1:]) > most:
             return away_m
         left = away_m - design @ solved
         fits = np.abs(left) <= tolerance_m
-    return left if fits.mean() >= 1.0 - TIES.off_share else away_m
+    return left if fits.mean() >= 1.0 - TIE_CHECK.off_share else away_m
 
 
 def _swap_pairs(ground: np.ndarray) -> np.ndarray:
@@ -263,7 +269,7 @@ def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) ->
 
 def _compute_bulk_size(size: int) -> int:
     """Return how many of ``size`` values are their bulk."""
-    return min(max(5, round(TIES.bulk_share * size)), size)
+    return min(max(5, round(TIE_CHECK.bulk_share * size)), size)
 
 
 def _compute_mode(values: np.ndarray) -> float:
@@ -284,9 +290,9 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if pairs is None:
         return []
     given = judge_pairs(pairs)
-    failing = np.flatnonzero(given.good < TIES.agreeing_share)
+    failing = np.flatnonzero(given.good < TIE_CHECK.agreeing_share)
     share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
-    if not len(failing) and (share < TIES.doubtful_share or given.wrong.sum() < TIES.fewest_cured):
+    if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
     found = _find_best_slip(pairs, given, suspects)
@@ -306,7 +312,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         ]  # fmt: skip
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
-    unusable = share >= TIES.unusable_share or bool((given.good < TIES.broken_share).any())
+    unusable = share >= TIE_CHECK.unusable_share or bool((given.good < TIE_CHECK.broken_share).any())
     return [
         Reason(
             "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
@@ -339,7 +345,7 @@ def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndar
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
     bad = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
-    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][: TIES.most_suspects]
+    return bad[np.argsort(-failed[bad] / compute_all_pairs[bad], kind="stable")][: TIE_CHECK.most_suspects]
 
 
 def _find_best_slip(
@@ -351,8 +357,10 @@ def _find_best_slip(
     """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
-        cured = (given.share - share) * len(pairs.pair) >= TIES.fewest_cured and share * TIES.cured_ratio < given.share
-        if share < TIES.cured_share and cured and (slip.code not in best or share < best[slip.code][0]):
+        cured = (given.share - share) * len(
+            pairs.pair
+        ) >= TIE_CHECK.fewest_cured and share * TIE_CHECK.cured_ratio < given.share
+        if share < TIE_CHECK.cured_share and cured and (slip.code not in best or share < best[slip.code][0]):
             best[slip.code] = share, slip, images
     if not best:
         return None
@@ -373,7 +381,7 @@ def _iterate_hypotheses(
 
     A slip on all images makes many pairs fail; one on few images is judged in the pairs of these images only.
     """
-    if given.share >= TIES.doubtful_share:
+    if given.share >= TIE_CHECK.doubtful_share:
         every = np.arange(len(pairs.block.images))
         for slip, undo in PIXEL_SLIPS:
             yield slip, every, judge_pairs(pairs, xy=_undo_pixel_slip(pairs, undo, every), stretch=slip.length).share

@@ -76,7 +76,7 @@ WITHOUT_CONTROL = "shift"
 DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
 #: Models nested in `DRIFTING`: with the standard deviation of the drift estimated from the block
 #: (`adjustment.drift_prior`), `DRIFTING` stands for each of them and no choice is needed.
-NESTED, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
+NESTED_MODELS, DRIFTING = ("shift", "shift-drift", "affine"), "affine"
 
 
 class SuspectGcp(NamedTuple):
@@ -142,7 +142,7 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
         The model, the reason for it and the suspected GCPs.
     """
     choice = RULES[rule](collect_controls(block))
-    if drift_held and rule == "auto" and choice.model in NESTED and _can_follow_drift(block):
+    if drift_held and rule == "auto" and choice.model in NESTED_MODELS and _can_follow_drift(block):
         reason = f"the images' drift is estimated from the block as a variance component; {choice.reason}"
         return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
     return choice

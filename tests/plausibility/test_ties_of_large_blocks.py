@@ -28,7 +28,7 @@ def slipped_pairs() -> ties.PairSample:
 def test_readings_of_some_images_are_those_of_the_whole_block() -> None:
     pairs = slipped_pairs()
     given = ties.judge_pairs(pairs)
-    suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.TIES.agreeing_share))
+    suspects = ties._select_suspects(pairs, given, np.flatnonzero(given.good < ties.TIE_CHECK.agreeing_share))
     assert SLIPPED in suspects
     undo = dict(zip((slip for slip, _ in PIXEL_SLIPS), (undo for _, undo in PIXEL_SLIPS), strict=True))
     compared = 0
