@@ -96,7 +96,7 @@ def test_paths_are_exact_over_the_relief():
     paths = compute_ray_paths(camera, ground, image)
     heights = np.random.default_rng(7).uniform(*ground.height_range, 500)
     exact = CHART.from_ground(camera.image_to_ground(image, heights))
-    off = np.abs(np.column_stack(paths.at(heights)) - exact).max()
+    off = np.abs(np.column_stack(paths.position_at(heights)) - exact).max()
     print(f"quadratic paths are off by {off:.1e} m over {np.ptp(ground.posts):.0f} m")
     assert off < 1e-4
 

@@ -112,6 +112,103 @@ def _make_template(
 
 
 @njit(**OPTIONS)
+def _sample_window(c: np.ndarray, warp: tuple[float, ...], half: int, seen: np.ndarray) -> bool:
+    """Write the warped window of the second image; return False, and write nothing, where it leaves the image.
+
+    c : spline coefficients; warp : position x, y, then the affine map a00, a01, a10, a11 of the template's offsets
+    """
+    px, py, a00, a01, a10, a11 = warp
+    rows, columns = c.shape
+    reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
+    inside = px - reach_x >= 1.0 and py - reach_y >= 1.0 and px + reach_x < columns - 3.0 and py + reach_y < rows - 3.0
+    if inside:
+        pixel = 0
+        for j in range(-half, half + 1):
+            for i in range(-half, half + 1):
+                seen[pixel] = _sample(c, px + a00 * i + a01 * j, py + a10 * i + a11 * j)
+                pixel += 1
+    return inside
+
+
+@njit(**OPTIONS)
+def _invert_step(b: np.ndarray, half: int) -> tuple[bool, tuple[float, ...]]:
+    """Return the inverse of the template's small warp, (I + D)^-1 and -(I + D)^-1 d; False where it is large.
+
+    b : solution of the normal equations, (g d, g D, g, o) with D by half windows
+    """
+    gain = b[6]
+    d00, d01 = 1.0 + b[2] / gain / half, b[3] / gain / half
+    d10, d11 = b[4] / gain / half, 1.0 + b[5] / gain / half
+    det = d00 * d11 - d01 * d10
+    sx, sy = b[0] / gain, b[1] / gain
+    i00, i01, i10, i11 = d11 / det, -d01 / det, -d10 / det, d00 / det
+    fine = 0.5 < det < 2.0 and sx * sx + sy * sy <= 4.0 * half * half
+    return fine, (-(i00 * sx + i01 * sy), -(i10 * sx + i11 * sy), i00, i01, i10, i11)
+
+
+@njit(**OPTIONS)
+def _iterate_warp(
+    A: np.ndarray,
+    L: np.ndarray,
+    weight: np.ndarray,
+    coefficients: np.ndarray,
+    warp: tuple[float, ...],
+    limits: Arrays,
+    b: np.ndarray,
+    seen: np.ndarray,
+) -> tuple[int, tuple[float, ...], float, float]:
+    """Return status and final warp of a window, the spread of its grey values and their product with the template's.
+
+    L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` then hold solution and grey values.
+    """
+    most, closure, reach = limits
+    half, total_weight = int(math.sqrt(len(weight))) // 2, weight.sum()
+    start_x, start_y = warp[0], warp[1]
+    spread = product = 0.0
+    for _ in range(most):
+        if not _sample_window(coefficients, warp, half, seen):
+            return OUTSIDE, warp, spread, product
+        for k in range(TERMS):
+            b[k] = _sum_products(A[k], seen, weight)
+        spread = _sum_products(seen, seen, weight) - b[7] / total_weight * b[7]
+        product = b[6]  # the template's grey values have the mean 0
+        _solve(L, b)
+        if not b[6] > SMALLEST_GAIN:
+            return DIVERGED, warp, spread, product
+        fine, step = _invert_step(b, half)
+        if not fine:
+            return DIVERGED, warp, spread, product
+        px, py, a00, a01, a10, a11 = warp
+        tx, ty, i00, i01, i10, i11 = step
+        px, py = px + a00 * tx + a01 * ty, py + a10 * tx + a11 * ty
+        warp = (px, py, a00 * i00 + a01 * i10, a00 * i01 + a01 * i11, a10 * i00 + a11 * i10, a10 * i01 + a11 * i11)
+        away_x, away_y = px - start_x, py - start_y
+        if away_x * away_x + away_y * away_y > reach * reach:
+            return DIVERGED, warp, spread, product
+        if abs(tx) + abs(ty) + half * (abs(i00 - 1.0) + abs(i01) + abs(i10) + abs(i11 - 1.0)) * 0.25 < closure:
+            return DONE, warp, spread, product
+    return ITERATIONS_USED_UP, warp, spread, product
+
+
+@njit(**OPTIONS)
+def _propagate_covariance(L: np.ndarray, variance: float, warp: tuple[float, ...], covariance: np.ndarray) -> None:
+    """Write the covariance (2, 2) px² of a position from the normal equations and the variance of unit weight."""
+    unit = np.zeros(TERMS)
+    unit[0] = 1.0
+    _solve(L, unit)
+    c00, c01 = unit[0] * variance, unit[1] * variance
+    unit[:] = 0.0
+    unit[1] = 1.0
+    _solve(L, unit)
+    c11 = unit[1] * variance
+    _, _, a00, a01, a10, a11 = warp
+    covariance[0, 0] = a00 * a00 * c00 + 2.0 * a00 * a01 * c01 + a01 * a01 * c11
+    covariance[1, 1] = a10 * a10 * c00 + 2.0 * a10 * a11 * c01 + a11 * a11 * c11
+    covariance[0, 1] = a00 * a10 * c00 + (a00 * a11 + a01 * a10) * c01 + a01 * a11 * c11
+    covariance[1, 0] = covariance[0, 1]
+
+
+@njit(**OPTIONS)
 def match_range(
     begin: int,
     end: int,
@@ -128,101 +225,29 @@ def match_range(
     results : positions, affine maps (start values, replaced), covariance, figures (correlation, gain, RMS), status
     """
     first, by_x, by_y, coefficients = images
-    most, closure, reach = limits
     xy, affine, covariance, figures, status = results
     side = weight.shape[0]
-    half = side // 2
-    rows, columns = coefficients.shape
     A, N = np.empty((TERMS, side * side)), np.empty((TERMS, TERMS))
-    b, unit, seen = np.empty(TERMS), np.empty(TERMS), np.empty(side * side)
+    b, seen = np.empty(TERMS), np.empty(side * side)
     weight = weight.ravel()
     total_weight = weight.sum()
     for n in range(begin, end):
-        status[n] = ITERATIONS_USED_UP
         _make_template(first, by_x, by_y, centre[n, 0], centre[n, 1], side, weight, A, N)
         variance = N[6, 6]
         if not variance > 0.0 or not _factorise(N):
             status[n] = WEAK
             continue
-        px, py = xy[n, 0], xy[n, 1]
-        a00, a01, a10, a11 = affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1]
-        gain = 1.0
-        for _ in range(most):
-            reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
-            if not (
-                px - reach_x >= 1.0
-                and py - reach_y >= 1.0
-                and px + reach_x < columns - 3.0
-                and py + reach_y < rows - 3.0
-            ):
-                status[n] = OUTSIDE
-                break
-            pixel = 0
-            for j in range(side):
-                for i in range(side):
-                    x = px + a00 * (i - half) + a01 * (j - half)
-                    y = py + a10 * (i - half) + a11 * (j - half)
-                    seen[pixel] = _sample(coefficients, x, y)
-                    pixel += 1
-            for k in range(TERMS):
-                b[k] = _sum_products(A[k], seen, weight)
-            squares = _sum_products(seen, seen, weight)
-            mean = b[7] / total_weight
-            spread = squares - mean * b[7]
-            product = b[6]  # the template's grey values have the mean 0
-            _solve(N, b)
-            gain = b[6]
-            if not gain > SMALLEST_GAIN:
-                status[n] = DIVERGED
-                break
-            # inverse of the template's own small warp: (I + D)^-1 and -(I + D)^-1 d
-            d00, d01 = 1.0 + b[2] / gain / half, b[3] / gain / half
-            d10, d11 = b[4] / gain / half, 1.0 + b[5] / gain / half
-            det = d00 * d11 - d01 * d10
-            sx, sy = b[0] / gain, b[1] / gain
-            if not (0.5 < det < 2.0) or sx * sx + sy * sy > 4.0 * half * half:
-                status[n] = DIVERGED
-                break
-            i00, i01, i10, i11 = d11 / det, -d01 / det, -d10 / det, d00 / det
-            tx, ty = -(i00 * sx + i01 * sy), -(i10 * sx + i11 * sy)
-            px, py = px + a00 * tx + a01 * ty, py + a10 * tx + a11 * ty
-            a00, a01, a10, a11 = (
-                a00 * i00 + a01 * i10,
-                a00 * i01 + a01 * i11,
-                a10 * i00 + a11 * i10,
-                a10 * i01 + a11 * i11,
-            )
-            away_x, away_y = px - xy[n, 0], py - xy[n, 1]
-            if away_x * away_x + away_y * away_y > reach * reach:
-                status[n] = DIVERGED
-                break
-            if abs(tx) + abs(ty) + half * (abs(i00 - 1.0) + abs(i01) + abs(i10) + abs(i11 - 1.0)) * 0.25 < closure:
-                status[n] = DONE
-                break
+        warp = (xy[n, 0], xy[n, 1], affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1])
+        status[n], warp, spread, product = _iterate_warp(A, N, weight, coefficients, warp, limits, b, seen)
         if status[n] == ITERATIONS_USED_UP or status[n] == DONE:
             for k in range(TERMS):
                 seen -= A[k] * b[k]
-            left = _sum_products(seen, seen, weight)
+            squares = _sum_products(seen, seen, weight) / total_weight
             figures[n, 0] = product / math.sqrt(max(variance * spread, 1e-30))
-            figures[n, 1] = gain
-            figures[n, 2] = math.sqrt(left / total_weight)
-            for k in range(2):
-                unit[:] = 0.0
-                unit[k] = 1.0
-                _solve(N, unit)
-                if k == 0:
-                    c00 = unit[0]
-                    c01 = unit[1]
-                else:
-                    c11 = unit[1]
-            f = left / total_weight / (gain * gain)
-            c00, c01, c11 = c00 * f, c01 * f, c11 * f
-            covariance[n, 0, 0] = a00 * a00 * c00 + 2.0 * a00 * a01 * c01 + a01 * a01 * c11
-            covariance[n, 1, 1] = a10 * a10 * c00 + 2.0 * a10 * a11 * c01 + a11 * a11 * c11
-            covariance[n, 0, 1] = a00 * a10 * c00 + (a00 * a11 + a01 * a10) * c01 + a01 * a11 * c11
-            covariance[n, 1, 0] = covariance[n, 0, 1]
-        xy[n, 0], xy[n, 1] = px, py
-        affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1] = a00, a01, a10, a11
+            figures[n, 1] = b[6]
+            figures[n, 2] = math.sqrt(squares)
+            _propagate_covariance(N, squares / (b[6] * b[6]), warp, covariance[n])
+        xy[n, 0], xy[n, 1], affine[n, 0, 0], affine[n, 0, 1], affine[n, 1, 0], affine[n, 1, 1] = warp
 
 
 @njit(**OPTIONS)
@@ -295,6 +320,50 @@ def _multiply_windows(template: np.ndarray, second: np.ndarray, x: int, y: int, 
 
 
 @njit(**OPTIONS)
+def _load_template(first: np.ndarray, column: int, row: int, template: np.ndarray) -> float:
+    """Write the grey values around a pixel less their mean; return the sum of their squares."""
+    side = template.shape[0]
+    top, left = row - side // 2, column - side // 2
+    mean = 0.0
+    for j in range(side):
+        for i in range(side):
+            value = first[top + j, left + i]
+            template[j, i] = value
+            mean += value
+    mean /= side * side
+    norm = 0.0
+    for j in range(side):
+        for i in range(side):
+            template[j, i] -= mean
+            norm += template[j, i] * template[j, i]
+    return norm
+
+
+@njit(**OPTIONS)
+def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[float, bool]:
+    """Return the best other peak of a box of scores (-1 without), and whether the best one lies inside the box.
+
+    Only peaks count as rivals, not the winner's slopes; scores of places not tried are -2.
+    """
+    rival = -1.0
+    inside = 0 < column < size - 1 and 0 < row < size - 1
+    for j in range(size):
+        for i in range(size):
+            near = max(abs(i - column), abs(j - row))
+            if near > RIVAL_PX and score[j, i] > rival:
+                peak = True
+                for b in range(max(j - 1, 0), min(j + 2, size)):
+                    for a in range(max(i - 1, 0), min(i + 2, size)):
+                        if score[b, a] > score[j, i]:
+                            peak = False
+                if peak:
+                    rival = score[j, i]
+            if near == 1 and score[j, i] < -1.5:
+                inside = False
+    return rival, inside
+
+
+@njit(**OPTIONS)
 def search_range(
     begin: int,
     end: int,
@@ -319,26 +388,13 @@ def search_range(
     template, products = np.empty((side, side), np.float32), np.empty(SIDE_BY_SIDE)
     largest = 2 * math.ceil(math.hypot(reach[begin:end, 0].max(), reach[begin:end, 1].max())) + 3
     score = np.empty((largest, largest))
-    count = side * side
     for n in range(begin, end):
-        mean = 0.0
-        for j in range(side):
-            for i in range(side):
-                value = first[centre[n, 1] - half + j, centre[n, 0] - half + i]
-                template[j, i] = value
-                mean += value
-        mean /= count
-        norm = 0.0
-        for j in range(side):
-            for i in range(side):
-                template[j, i] -= mean
-                norm += template[j, i] * template[j, i]
+        norm = _load_template(first, centre[n, 0], centre[n, 1], template)
         size = 2 * math.ceil(math.hypot(reach[n, 0], reach[n, 1])) + 1
-        middle = size // 2
-        x0, y0 = round(predicted[n, 0]) - middle, round(predicted[n, 1]) - middle
+        x0, y0 = round(predicted[n, 0]) - size // 2, round(predicted[n, 1]) - size // 2
         top, at_i, at_j = -2.0, -1, -1
         for j in range(size):
-            done = -1  # the last place whose product is known
+            known = -1  # the last place whose product is known
             for i in range(size):
                 score[j, i] = -2.0
                 dx, dy = x0 + i - predicted[n, 0], y0 + j - predicted[n, 1]
@@ -349,32 +405,16 @@ def search_range(
                 x, y = x0 + i, y0 + j
                 if x < half or y < half or x >= columns - half or y >= rows - half or not clear[y, x]:
                     continue
-                if i > done:
+                if i > known:
                     _multiply_windows(template, second, x - half, y - half, products)
-                    done = i + SIDE_BY_SIDE - 1
+                    known = i + SIDE_BY_SIDE - 1
                 value = 0.0
                 if spreads[y, x] > 0.0:
-                    value = products[i - done + SIDE_BY_SIDE - 1] / math.sqrt(max(norm * spreads[y, x], 1e-20))
+                    value = products[i - known + SIDE_BY_SIDE - 1] / math.sqrt(max(norm * spreads[y, x], 1e-20))
                 score[j, i] = value
                 if value > top:
                     top, at_i, at_j = value, i, j
-        if at_i < 0:
-            continue
-        rival = -1.0
-        inside = 0 < at_i < size - 1 and 0 < at_j < size - 1
-        for j in range(size):
-            for i in range(size):
-                near = max(abs(i - at_i), abs(j - at_j))
-                if near > RIVAL_PX and score[j, i] > rival:
-                    # only peaks count as rivals, not the winner's slopes
-                    peak = True
-                    for b in range(max(j - 1, 0), min(j + 2, size)):
-                        for a in range(max(i - 1, 0), min(i + 2, size)):
-                            if score[b, a] > score[j, i]:
-                                peak = False
-                    if peak:
-                        rival = score[j, i]
-                if near == 1 and score[j, i] < -1.5:
-                    inside = False
-        best[n, 0], best[n, 1] = x0 + at_i, y0 + at_j
-        figures[n, 0], figures[n, 1], figures[n, 2] = top, rival, 1.0 if inside else 0.0
+        if at_i >= 0:
+            rival, inside = _find_rival(score, size, at_i, at_j)
+            best[n, 0], best[n, 1] = x0 + at_i, y0 + at_j
+            figures[n, 0], figures[n, 1], figures[n, 2] = top, rival, 1.0 if inside else 0.0
