@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.measurement.control_network.matching import match_windows
 from hrsi.hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.measurement.tracks import consistent_tracks
+from hrsi.hrsi_engine.measurement.tracks import build_tracks
 from hrsi.processing_algorithms import run
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
@@ -113,7 +113,7 @@ def centre_tracks(images: list[Image]) -> ImagePoints:
     first, second = np.array(edges).reshape(-1, 2).T
     where = np.array(list(nodes))
     image = where[:, 0].astype(int)
-    track = consistent_tracks(first, second, image)
+    track = build_tracks(first, second, image)
     held = np.flatnonzero(track >= 0)
     ids = [f"centre_{number}" for number in track[held]]
     return ImagePoints.create(ids, [images[k].id for k in image[held]], where[held, 1:], np.array(sigma)[held], "tie")

@@ -35,9 +35,9 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     InterestPoints,
     detect_interest_points,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, root_sift, stretch_to_byte
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistency
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, compute_root_sift, stretch_to_byte
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency, match_descriptors
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
@@ -77,7 +77,7 @@ class Truth:
         other = np.array([k for rows in candidates for k in rows], dtype=np.int64)
         if not len(row):
             return result
-        miss = epipolar_miss(self.first.rpc, self.second.rpc, points.xy[row], others[other], middle[row])
+        miss = compute_epipolar_miss(self.first.rpc, self.second.rpc, points.xy[row], others[other], middle[row])
         away = np.abs(miss.across_px - self.bias_px)
         room = PARALLAX_ROOM_PX / miss.stretch
         fits = (away <= ACROSS_PX) & (miss.height_m >= low[row] - room) & (miss.height_m <= high[row] + room)
@@ -90,7 +90,7 @@ class Truth:
         """Return the distances across the epipolar lines of what is found again."""
         rows = np.flatnonzero(found >= 0)
         xy, there = points.xy[rows], others[found[rows]]
-        return epipolar_miss(self.first.rpc, self.second.rpc, xy, there, 0.0).across_px - self.bias_px
+        return compute_epipolar_miss(self.first.rpc, self.second.rpc, xy, there, 0.0).across_px - self.bias_px
 
 
 def main() -> None:
@@ -169,14 +169,14 @@ def truths(images: list[Image], rasters: list[ArrayRaster], height_m: float) -> 
         points, descriptors = cv2.SIFT_create(MOST_FEATURES, contrastThreshold=FEATURES.contrast).detectAndCompute(
             byte, None
         )
-        described.append((np.array([point.pt for point in points]), root_sift(descriptors)))
+        described.append((np.array([point.pt for point in points]), compute_root_sift(descriptors)))
     (xy, first), (other, second) = described
-    i, j = mutual_matches(first, second, RATIO)
-    good = rpc_consistency(images[0].rpc, images[1].rpc, xy[i], other[j], height_m).good
+    i, j = match_descriptors(first, second, RATIO)
+    good = check_rpc_consistency(images[0].rpc, images[1].rpc, xy[i], other[j], height_m).good
     positions = xy[i[good]], other[j[good]]
     ways = []
     for a, b in ((0, 1), (1, 0)):
-        miss = epipolar_miss(images[a].rpc, images[b].rpc, positions[a], positions[b], height_m)
+        miss = compute_epipolar_miss(images[a].rpc, images[b].rpc, positions[a], positions[b], height_m)
         ways.append(
             Truth(images[a], images[b], positions[a], miss.height_m, float(np.median(miss.across_px)),
                   float(np.median(miss.stretch)))

@@ -40,7 +40,7 @@ from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.measurement.tracks import consistent_tracks
+from hrsi.hrsi_engine.measurement.tracks import build_tracks
 
 SIDE_PX, RELIEF_M, OFF_NADIR_DEG = 1000, 60.0, 20.0
 HELD_PX = 0.5  # true relative error below which an image is held
@@ -173,7 +173,7 @@ def sift_of_all_pairs(images: Sequence[Image]) -> ImagePoints:
             edges.append(pairs[inlier.ravel() > 0] + (base[i], base[j]))
     first, second = np.concatenate(edges).T
     image = np.repeat(np.arange(len(images)), np.diff(base))
-    track = consistent_tracks(first, second, image)
+    track = build_tracks(first, second, image)
     node = np.flatnonzero(track >= 0)
     xy = np.concatenate([xy for xy, _ in features])[node]
     ids = np.char.add("S", np.char.zfill(track[node].astype(str), 7))

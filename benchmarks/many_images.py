@@ -21,10 +21,10 @@ from hrsi.hrsi_engine.measurement.block_matching import overlaps
 from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
 from hrsi.hrsi_engine.measurement.block_matching.probes import (
     Probe,
-    angles_deg,
-    choose_probed,
-    likely_overlaps,
-    view_directions,
+    choose_probes,
+    compute_central_views,
+    compute_convergence_deg,
+    find_likely_overlaps,
 )
 
 SIDE_PX = 12000
@@ -55,17 +55,17 @@ def measured(kind: str, count: int, dates: int) -> str:
     """Return a line of the table."""
     images, rng = stacks(count, dates), np.random.default_rng(count)
     start = time.process_time()
-    found = likely_overlaps(images, overlaps.ground_ranges(images, None, 0.0), None, 0.02)
+    found = find_likely_overlaps(images, overlaps.find_ground_ranges(images, None, 0.0), None, 0.02)
     first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
-    angle = angles_deg(view_directions(images), first, second)
-    probed = choose_probed(found, angle)
+    angle = compute_convergence_deg(compute_central_views(images), first, second)
+    probed = choose_probes(found, angle)
     overlapping = time.process_time() - start
     agreeing = rng.poisson(2.0 + 120.0 * np.exp(-np.abs(first - second)[probed] / 8.0))
     probes = [Probe(int(first[row]), int(second[row]), int(agreeing[k]), float(angle[row]), ALL_CELLS)
               for k, row in enumerate(probed.tolist())]  # fmt: skip
     start = time.process_time()
     choice = PairChoice(count, probes, TREES, (TREES + 1) * count)
-    while pairs := choice.next_round():
+    while pairs := choice.choose_round():
         for pair, fails in zip(pairs, rng.random(len(pairs)) < FAILS, strict=True):
             choice.tell(pair, not fails)
     choosing = time.process_time() - start

@@ -162,7 +162,7 @@ def compare(folder: Path, size: int, words: set[str]) -> None:
         probe = run("orthorectify", images=[image], dem=dem, height_datum="ellipsoidal", resolution=RESOLUTION,
                     output_dir=str(folder / "probe"), overwrite=True, report=False)  # fmt: skip
         entry = next(iter(probe["images"].values()))
-        grid = MapGrid.around(probe["grid"]["wkt"], RESOLUTION, entry["bounds"])
+        grid = MapGrid.from_bounds(probe["grid"]["wkt"], RESOLUTION, entry["bounds"])
         megapixels = entry["columns"] * entry["rows"] / 1e6
         print(f"\n{name}: {megapixels:.1f} Mpx of map, {entry['shown_pixels'] / 1e6:.1f} Mpx shown, cubic")
         used, exact = position_errors(image, dem, grid)

@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (  # noqa: E402
     make_along_track_views,
     simulate_block,
 )
-from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, reference_shift  # noqa: E402
+from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, compute_reference_shift  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # noqa: E402
 from hrsi.hrsi_engine.surface.dem import GridSurface, intersect_surface  # noqa: E402
@@ -158,7 +158,7 @@ def true_shift_m(scene: scenes.Scene, number: int, image: Image) -> np.ndarray:
 
 def shifts_m(scene: scenes.Scene, images: list[Image], control: ReferenceControl) -> list[np.ndarray]:
     found = [
-        reference_shift(image, part, control.ground, ReferenceAccuracy(0.1, 0.1))
+        compute_reference_shift(image, part, control.ground, ReferenceAccuracy(0.1, 0.1))
         for image, part in zip(images, control.images, strict=True)
     ]
     return [np.array([np.nan, np.nan]) if s is None else np.array([s.east_m, s.north_m]) for s in found]

@@ -21,14 +21,14 @@ from real_blocks import DATA, sift_tracks, tie_rmse
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints, assemble
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     TileMatchOptions,
     TilePairGeometry,
     match_tile,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
+from hrsi.hrsi_engine.measurement.tile_matching.points import detect_tile_points
 from hrsi.hrsi_engine.measurement.window_matching.bands import MATCHING_BANDS
 from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
 from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, LsmOptions
@@ -95,7 +95,7 @@ def sift_matches(images: Sequence[Image]) -> tuple[np.ndarray, np.ndarray]:
 def across(images: Sequence[Image], xy1: np.ndarray, xy2: np.ndarray, height_m: float) -> tuple[float, float]:
     """Return median and NMAD of the epipolar distance by the original RPCs, by the norm of its four coefficients."""
     first, second = images[0].rpc, images[1].rpc
-    miss = epipolar_miss(first, second, xy1, xy2, height_m)
+    miss = compute_epipolar_miss(first, second, xy1, xy2, height_m)
     line = transfer(first, second, xy1, height_m + 50.0) - transfer(first, second, xy1, height_m - 50.0)
     normal = np.column_stack([-line[:, 1], line[:, 0]]) / np.linalg.norm(line, axis=1)[:, None]
     here = transfer(first, second, xy1, height_m)
@@ -108,7 +108,7 @@ def across(images: Sequence[Image], xy1: np.ndarray, xy2: np.ndarray, height_m: 
 def coverage(images: Sequence[Image], tile: ImageTile, xy1: np.ndarray, height_m: float) -> tuple[int, int]:
     """Return how many of the 8 x 8 cells of the first image that overlap and have texture have matches, and those."""
     size = np.array(images[0].size)
-    points = tile_points(tile, TileMatchOptions()).astype(float)
+    points = detect_tile_points(tile, TileMatchOptions()).astype(float)
     seen = transfer(images[0].rpc, images[1].rpc, points, height_m)
     inside = np.all((seen >= EDGE_PX) & (seen < np.array(images[1].size) - EDGE_PX), axis=1)
     textured = np.bincount(_cell(points[inside], size), minlength=CELLS**2) >= 5

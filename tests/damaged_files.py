@@ -40,7 +40,7 @@ from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
-from hrsi.hrsi_engine.measurement.block_matching.overview import overview_step
+from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
 from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main as command_line
@@ -209,7 +209,7 @@ def _read_image(path: Path) -> None:
     raster = GdalRaster(str(path))
     for share in (0.0, 0.4, 0.9):
         raster.read(int(share * raster.size[0]), int(share * raster.size[1]), 256, 256)
-    raster.read_reduced(overview_step(raster.size))
+    raster.read_means(choose_overview_step(raster.size))
 
 
 def _read_dem(path: Path) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from ..camera.rpc import RPC
-from ..camera.rpc_fit import virtual_grid
+from ..camera.rpc_fit import make_virtual_grid
 from ..foundation.errors import SolveError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
@@ -236,7 +236,7 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
     ``terrain_m`` is the lowest and highest height that the RPC is used at, where they are known.
     """
     warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
-    _, (ground, converged) = virtual_grid(
+    _, (ground, converged) = make_virtual_grid(
         image.rpc,
         image.domain_px,
         image.rpc.height_range,

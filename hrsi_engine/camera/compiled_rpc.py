@@ -21,7 +21,7 @@ register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio, solve_pair)
 
 
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
-    """Return what `project_compiled` needs of some RPCs.
+    """Return what `project_point` needs of some RPCs.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
 
 
 @njit(**OPTIONS)
-def project_compiled(
+def project_point(
     rpcs: Arrays, i: int, lon: float, lat: float, height: float, east: float, north: float, terms: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray, a: int,
 ) -> None:  # fmt: skip
@@ -102,16 +102,16 @@ def project_compiled(
 def project_points(
     rpcs: Arrays, which: np.ndarray, ground: np.ndarray, computed: np.ndarray, by_ground: np.ndarray
 ) -> None:
-    """Write what `project_compiled` gives for ground points ``(n, 3)`` of the RPCs ``which (n,)``."""
+    """Write what `project_point` gives for ground points ``(n, 3)`` of the RPCs ``which (n,)``."""
     terms = np.empty(20)
     for a in range(len(which)):
         lon, lat, height = ground[a, 0], ground[a, 1], ground[a, 2]
         east, north = ellipsoid.metres_of_a_degree(lat, height)
-        project_compiled(rpcs, which[a], lon, lat, height, east, north, terms, computed, by_ground, a)
+        project_point(rpcs, which[a], lon, lat, height, east, north, terms, computed, by_ground, a)
 
 
-def normalised_tables(rpcs: Arrays) -> Arrays:
-    """Return `rpc_tables` by which `project_compiled` takes and gives normalised coordinates, one metre a degree."""
+def normalise_tables(rpcs: Arrays) -> Arrays:
+    """Return `rpc_tables` by which `project_point` takes and gives normalised coordinates, one metre a degree."""
     constants, polynomials, derivatives = rpcs
     return np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0], (len(constants), 1)), polynomials, derivatives
 
@@ -127,7 +127,7 @@ def invert_points(
 
     Parameters
     ----------
-    normalised : `normalised_tables`; which : (n,) of them
+    normalised : `normalise_tables`; which : (n,) of them
     target, height : (n, 2), (n,) normalised sample, line and height; scale_px : (n, 2) pixels that normalise to 1
     place, least_px : (n, 2) normalised lon, lat, and (n,) what they are off in the image; both are written
     """
@@ -136,7 +136,7 @@ def invert_points(
         x, y = 0.0, 0.0
         place[a, 0], place[a, 1], least_px[a] = x, y, np.inf
         for _ in range(steps):
-            project_compiled(normalised, which[a], x, y, height[a], 1.0, 1.0, terms, computed, slopes, 0)
+            project_point(normalised, which[a], x, y, height[a], 1.0, 1.0, terms, computed, slopes, 0)
             u, v = target[a, 0] - computed[0, 0], target[a, 1] - computed[0, 1]
             error = max(abs(u) * scale_px[a, 0], abs(v) * scale_px[a, 1])
             if not error < least_px[a]:

@@ -235,7 +235,7 @@ class RPC:
         (3, n) ndarray
             Without unit; the numerators and denominators are polynomials of these.
         """
-        ground = _as_points(ground, 3, "ground")
+        ground = _check_points(ground, 3, "ground")
         normalised = np.empty((3, len(ground)))
         if len(ground):
             self._normalise(ground, out=normalised)
@@ -269,7 +269,7 @@ class RPC:
         (n, 2) ndarray
             Sample, line in pixels.
         """
-        ground = _as_points(ground, 3, "ground")
+        ground = _check_points(ground, 3, "ground")
         image = np.empty((len(ground), 2))
 
         def project_part(part: slice, work: Workspace) -> None:
@@ -294,7 +294,7 @@ class RPC:
         tuple of (n, 2) ndarray and (n, 2, 3) ndarray
             Sample, line in pixels; their derivatives by lon, lat and height.
         """
-        ground = _as_points(ground, 3, "ground")
+        ground = _check_points(ground, 3, "ground")
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         scale = self._image_scale[:, None] / self._ground_scale[None, :]
 
@@ -366,7 +366,7 @@ class RPC:
         Localization
             Ground points (lon, lat, height), and which of them converged.
         """
-        image = _as_points(image, 2, "image")
+        image = _check_points(image, 2, "image")
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         converged = np.empty(len(image), dtype=bool)
@@ -428,7 +428,7 @@ class RPC:
         return Rays(top, down / -down[:, 2:]), upper.converged & lower.converged
 
 
-def _as_points(points: np.ndarray, columns: int, name: str) -> np.ndarray:
+def _check_points(points: np.ndarray, columns: int, name: str) -> np.ndarray:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name} points have shape {array.shape}, (n, {columns}) is needed")

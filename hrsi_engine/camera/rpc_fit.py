@@ -129,19 +129,19 @@ def fit_rpc(
         raise ValueError("ground or image points are not finite")
     if len(ground) < TERMS_BY_POINTS[-1][0]:
         raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
-    off, scale = _extents(ground, image)
+    off, scale = _compute_extents(ground, image)
     lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - off[0]), ground[:, 1:] - off[1:3]])
     terms = monomials((lonlat_difference / scale[:3]).T).T
     target = (image - off[3:]) / scale[3:]
     root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
-    numerator, denominator, warnings = _usable_terms(ground)
+    numerator, denominator, warnings = _choose_terms(ground)
     singular = np.linalg.svd(terms[:, :3], compute_uv=False)
     if singular[-1] < 1e-6 * singular[0]:
         raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
     system = _System(terms, target, root_weights, numerator, denominator, ridge)
     solve = _solve_common if common_denominator else _solve_separate
-    rpc = _assemble(off, scale, *solve(system, scale[3:]))
-    return RpcFit(rpc, *_differences(rpc, ground, image), warnings, ridge)
+    rpc = _assemble_rpc(off, scale, *solve(system, scale[3:]))
+    return RpcFit(rpc, *_compute_differences(rpc, ground, image), warnings, ridge)
 
 
 def refit_rpc(
@@ -161,8 +161,8 @@ def refit_rpc(
 
     Raises `SolveError` where ``rpc`` has no ground positions in the domain.
     """
-    nodes = _virtual_points(rpc, correct, domain_px, heights, FIT.grid)
-    staggered = _virtual_points(rpc, correct, domain_px, heights, FIT.check_grid)
+    nodes = _make_virtual_points(rpc, correct, domain_px, heights, FIT.grid)
+    staggered = _make_virtual_points(rpc, correct, domain_px, heights, FIT.check_grid)
     fit = best_fit(nodes, staggered)
     return replace(
         fit,
@@ -225,7 +225,7 @@ def best_fit(
     fits = []
     for ridge in FIT.ridges:
         fit = fit_rpc(*points, ridge=ridge, common_denominator=common_denominator)
-        largest, rms = _differences(fit.rpc, *check)
+        largest, rms = _compute_differences(fit.rpc, *check)
         fits.append(replace(fit, max_px=largest, rms_px=rms))
         if largest < FIT.good_px:
             break
@@ -277,7 +277,7 @@ def _fold_row(row: np.ndarray, parts: tuple[_Part, _Part]) -> _Part | None:
 # ---- virtual control grid --------------------------------------------------------------------------------------
 
 
-def image_grid(domain_px: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
+def make_image_grid(domain_px: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
     """Return image points ``(n, 2)`` of a regular grid that includes the domain's edges."""
     first_sample, last_sample, first_line, last_line = domain_px
     samples, lines = np.meshgrid(
@@ -286,23 +286,23 @@ def image_grid(domain_px: tuple[float, float, float, float], shape: tuple[int, i
     return np.column_stack([samples.ravel(), lines.ravel()])
 
 
-def virtual_grid(
+def make_virtual_grid(
     rpc: RPC, domain_px: tuple[float, float, float, float], heights: tuple[float, float], shape: tuple[int, int, int]
 ) -> tuple[np.ndarray, Localization]:
     """Return image points ``(n, 2)`` of a grid over an image at several heights, and their ground points."""
-    layer = image_grid(domain_px, shape[:2])
+    layer = make_image_grid(domain_px, shape[:2])
     image = np.tile(layer, (shape[2], 1))
     return image, rpc.localize(image, np.repeat(np.linspace(*heights, shape[2]), len(layer)))
 
 
-def _virtual_points(
+def _make_virtual_points(
     rpc: RPC,
     correct: Correct,
     domain_px: tuple[float, float, float, float],
     heights: tuple[float, float],
     shape: tuple[int, int, int],
 ) -> tuple[np.ndarray, np.ndarray]:
-    image, (ground, converged) = virtual_grid(rpc, domain_px, heights, shape)
+    image, (ground, converged) = make_virtual_grid(rpc, domain_px, heights, shape)
     if np.count_nonzero(converged) < 0.5 * len(image):
         raise SolveError(
             f"the RPC has no ground positions for most of samples {domain_px[0]:g}..{domain_px[1]:g}, "
@@ -313,7 +313,7 @@ def _virtual_points(
     return ground, np.asarray(correct(image[converged], ground), dtype=np.float64)
 
 
-def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float, float]:
+def _compute_differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float, float]:
     """Return the largest and the RMS length (px) of the differences between observed and projected points."""
     squared = np.nan_to_num(np.sum((image - rpc.project(ground)) ** 2, axis=1), nan=np.inf)
     return float(np.sqrt(squared.max())), float(np.sqrt(squared.mean()))
@@ -322,7 +322,7 @@ def _differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tuple[float
 # ---- preparation -----------------------------------------------------------------------------------------------
 
 
-def _extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return OFF and SCALE, ``(5,)``, of lon, lat, height, sample and line that take the points to [-1, 1]."""
     values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
     low, high = values.min(axis=0), values.max(axis=0)
@@ -331,7 +331,7 @@ def _extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndar
     return off, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
 
 
-def _usable_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+def _choose_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the indices of the terms to estimate in numerator and denominator, and warnings."""
     count = len(ground)
     warnings = []
@@ -375,16 +375,18 @@ _Polynomials = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # sample n
 
 
 def _solve_separate(system: _System, scale_px: np.ndarray) -> _Polynomials:
-    sample, line = (_iterate(system, [axis], scale_px[axis : axis + 1])[0] for axis in (0, 1))
+    sample, line = (_iterate_least_squares(system, [axis], scale_px[axis : axis + 1])[0] for axis in (0, 1))
     return *sample, *line
 
 
 def _solve_common(system: _System, scale_px: np.ndarray) -> _Polynomials:
-    sample, line = _iterate(system, [0, 1], scale_px)
+    sample, line = _iterate_least_squares(system, [0, 1], scale_px)
     return *sample, *line
 
 
-def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _iterate_least_squares(
+    system: _System, axes: list[int], scale_px: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return numerator and denominator of each image axis; the axes given together share the denominator."""
     divisor, rms_before = np.ones(len(system.terms)), np.inf
     polynomials: list[tuple[np.ndarray, np.ndarray]] = []
@@ -392,7 +394,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
         # Solve the observation equations together with the ridge
         unknowns = len(system.numerator) * len(axes) + len(system.denominator)
         factor = np.zeros((0, unknowns + 1))
-        for equations in _equations(system, axes, divisor):
+        for equations in _make_equations(system, axes, divisor):
             factor = np.asarray(np.linalg.qr(np.vstack([factor, equations]), mode="r"))
         weights = np.concatenate(
             [*(NUMERATOR_DAMPING[system.numerator] for _ in axes), np.ones(len(system.denominator))]
@@ -416,7 +418,7 @@ def _iterate(system: _System, axes: list[int], scale_px: np.ndarray) -> list[tup
     return polynomials
 
 
-def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
+def _make_equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterator[np.ndarray]:
     """Yield weighted observation equations with the right-hand side as last column."""
     count = len(system.numerator)
     for start in range(0, len(system.terms), FIT.batch):
@@ -431,7 +433,7 @@ def _equations(system: _System, axes: list[int], divisor: np.ndarray) -> Iterato
             yield equations * factor
 
 
-def _assemble(
+def _assemble_rpc(
     off: np.ndarray,
     scale: np.ndarray,
     samp_num: np.ndarray,

@@ -58,12 +58,12 @@ def fit_inverse(polynomials: np.ndarray) -> Inverse:
         nothing = np.full((2, 1), np.nan)
         return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
     terms = monomials(np.vstack([(ratios - off) / scale, ground[2:]])[:, usable])
-    lonlat = np.asarray(_fitted(terms, ground[:2, usable]))
+    lonlat = np.asarray(_fit_terms(terms, ground[:2, usable]))
     slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
     return Inverse(off, scale, lonlat, slopes)
 
 
-def _fitted(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _fit_terms(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the coefficients ``(2, 20)`` with which the terms ``(20, n)`` come nearest to the values ``(2, n)``.
 
     By normal equations, a tenth of the time of a decomposition: on these nodes they are well conditioned, and what is
@@ -83,9 +83,9 @@ class Solver:
         self._derivatives = np.concatenate([polynomials @ matrix for matrix in DERIVATIVES[:2]])
         with np.errstate(all="ignore"):
             self._inverse = fit_inverse(polynomials)
-            self._affine = self._affine_inverse()
+            self._affine = self._compute_affine_inverse()
 
-    def _affine_inverse(self) -> np.ndarray:
+    def _compute_affine_inverse(self) -> np.ndarray:
         """``(2, 4)``: normalised L, P as an affine function of (1, sample, line, H), from the centre's derivatives."""
         terms = monomials(np.zeros((3, 1)))
         values = self._polynomials @ terms
@@ -97,17 +97,19 @@ class Solver:
 
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
-        lonlat, error = self._chord(target, height, work)
+        lonlat, error = self._iterate_by_chord(target, height, work)
         far = np.flatnonzero(~(error <= EVALUATION.closure_px))
         error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
-        self._finish(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
+        self._iterate_by_newton(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
         # a far start or a wild denominator: short steps from the middle of the RPC's domain
         failed = np.flatnonzero(~(error <= EVALUATION.accepted_px))
         lonlat[:, failed], error[failed] = 0.0, np.inf
-        self._finish(lonlat, error, failed, target, height, limit=0.5, iterations=8 * EVALUATION.most_iterations)
+        self._iterate_by_newton(
+            lonlat, error, failed, target, height, limit=0.5, iterations=8 * EVALUATION.most_iterations
+        )
         return lonlat, error <= EVALUATION.accepted_px
 
-    def _start(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+    def _predict(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""
         inverse, terms = self._inverse, work.terms(height.size)
         np.subtract(target, inverse.off, out=terms[1:3])
@@ -122,9 +124,11 @@ class Solver:
             lonlat[:, outside] = affine[:, :1] + affine[:, 1:3] @ target[:, outside] + affine[:, 3:] * height[outside]
         return lonlat, slopes
 
-    def _chord(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+    def _iterate_by_chord(
+        self, target: np.ndarray, height: np.ndarray, work: Workspace
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Newton's iteration with the inverse polynomial's derivatives; return lon, lat and the image error in px."""
-        lonlat, slopes = self._start(target, height, work)
+        lonlat, slopes = self._predict(target, height, work)
         terms = work.terms(height.size)
         terms[1:3], terms[3] = lonlat, height
         for evaluation in range(1, EVALUATION.chord_evaluations + 1):
@@ -138,7 +142,7 @@ class Solver:
             terms[1:3] += slopes[2:] * miss[1]
         return terms[1:3].copy(), error
 
-    def _finish(
+    def _iterate_by_newton(
         self, lonlat: np.ndarray, error: np.ndarray, places: np.ndarray, target: np.ndarray, height: np.ndarray,
         limit: float, iterations: int,
     ) -> None:  # fmt: skip
@@ -151,7 +155,7 @@ class Solver:
         for _ in range(iterations):
             if not places.size:
                 break
-            miss, step = self._newton_step(current, target[:, places], height[places])
+            miss, step = self._compute_newton_step(current, target[:, places], height[places])
             reached = np.abs(miss * self._scale_px).max(axis=0)
             better = reached < error[places]
             lonlat[:, places[better]], error[places[better]] = current[:, better], reached[better]
@@ -164,7 +168,9 @@ class Solver:
             )
             places, current = places[keep], current[:, keep] + step[:, keep]
 
-    def _newton_step(self, lonlat: np.ndarray, target: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_newton_step(
+        self, lonlat: np.ndarray, target: np.ndarray, height: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the image difference still to go and the step of lon, lat that takes it, both ``(2, n)``."""
         terms = monomials(np.vstack([lonlat, height]))
         values = self._polynomials @ terms

@@ -43,22 +43,22 @@ class RPCStack:
     def project(self, which: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return image points ``(n, 2)`` of ground points ``(n, 3)``, see `RPC.project`."""
         if is_wanted(len(ground) >= EVALUATION.compiled_from):
-            return self._project_compiled(which, ground)[0]
+            return self._project_by_loops(which, ground)[0]
         image = np.empty((len(ground), 2))
         for part in chunks(len(ground), EVALUATION.stack_batch):
             own = which[part]
-            ratios, _, _ = self._ratios(own, self._normalised(own, ground[part]))
+            ratios, _, _ = self._compute_ratios(own, self._normalise(own, ground[part]))
             image[part] = ratios * self._image_scale[own] + self._image_off[own]
         return image
 
     def project_with_metric_jacobian(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return image points ``(n, 2)`` and derivatives ``(n, 2, 3)``, see `RPC.project_with_metric_jacobian`."""
         if is_wanted(len(ground) >= EVALUATION.compiled_from):
-            return self._project_compiled(which, ground)
+            return self._project_by_loops(which, ground)
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         for part in chunks(len(ground), EVALUATION.stack_batch):
             own = which[part]
-            ratios, slopes = self._slopes(own, self._normalised(own, ground[part]), 3)
+            ratios, slopes = self._compute_slopes(own, self._normalise(own, ground[part]), 3)
             image[part] = ratios * self._image_scale[own] + self._image_off[own]
             jacobian[part] = slopes * self._image_scale[own][:, :, None] / self._ground_scale[own][:, None, :]
         return image, jacobian / metres_per_degree(ground)[:, None, :]
@@ -81,17 +81,17 @@ class RPCStack:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground = np.empty((len(image), 3))
         found = np.empty(len(image), dtype=bool)
-        solve = self._solve_compiled if is_wanted(len(image) >= EVALUATION.compiled_from) else self._solve
+        solve = self._solve_by_loops if is_wanted(len(image) >= EVALUATION.compiled_from) else self._solve
         with np.errstate(all="ignore"):
             for part in chunks(len(image), EVALUATION.stack_batch):
-                ground[part], found[part] = self._localized(which[part], image[part], heights[part], solve)
+                ground[part], found[part] = self._localize_part(which[part], image[part], heights[part], solve)
         lost = np.flatnonzero(~found)
         for number in np.unique(which[lost]).tolist():
             rows = lost[which[lost] == number]
             ground[rows] = self._rpcs[number].localize(image[rows], heights[rows]).ground
         return ground
 
-    def _localized(
+    def _localize_part(
         self, own: np.ndarray, image: np.ndarray, heights: np.ndarray, solve: Solve
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return ground points, and which of them are right."""
@@ -112,7 +112,7 @@ class RPCStack:
         normalised[:, 2] = height
         best, least = normalised[:, :2].copy(), np.full(len(own), np.inf)
         for _ in range(EVALUATION.stack_iterations):
-            ratios, slopes = self._slopes(own, normalised, 2)
+            ratios, slopes = self._compute_slopes(own, normalised, 2)
             miss = target - ratios
             error = np.abs(miss * scale_px).max(axis=1)
             better = error < least
@@ -131,11 +131,11 @@ class RPCStack:
 
     @cached_property
     def _normalised_tables(self) -> Arrays:
-        from .compiled_rpc import normalised_tables
+        from .compiled_rpc import normalise_tables
 
-        return normalised_tables(self._tables)
+        return normalise_tables(self._tables)
 
-    def _project_compiled(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _project_by_loops(self, which: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the same as `project_with_metric_jacobian`, each point by itself."""
         from .compiled_rpc import project_points
 
@@ -143,7 +143,7 @@ class RPCStack:
         project_points(self._tables, which, np.ascontiguousarray(ground), image, jacobian)
         return image, jacobian
 
-    def _solve_compiled(
+    def _solve_by_loops(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the same as `_solve`, each point by itself."""
@@ -163,21 +163,21 @@ class RPCStack:
         )
         return place, least
 
-    def _normalised(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    def _normalise(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return normalised lon, lat, height ``(n, 3)``."""
         difference = ground - self._ground_off[own]
         difference[:, 0] = wrap_degrees(difference[:, 0])
         return np.asarray(difference / self._ground_scale[own])
 
-    def _ratios(self, own: np.ndarray, normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _compute_ratios(self, own: np.ndarray, normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return normalised sample and line and their denominators, ``(n, 2)`` both, and the terms ``(n, 20)``."""
         terms = np.ascontiguousarray(monomials(np.ascontiguousarray(normalised.T)).T)
         values = np.einsum("npt,nt->np", self._polynomials[own], terms)
         return values[:, :2] / values[:, 2:], values[:, 2:], terms
 
-    def _slopes(self, own: np.ndarray, normalised: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_slopes(self, own: np.ndarray, normalised: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised sample and line ``(n, 2)`` and their derivatives by the first axes ``(n, 2, axes)``."""
-        ratios, denominators, terms = self._ratios(own, normalised)
+        ratios, denominators, terms = self._compute_ratios(own, normalised)
         slopes = np.empty((len(own), 2, axes))
         # d/dx of coefficients times terms is coefficients times the terms' derivatives, sums of lower terms
         for axis in range(axes):

@@ -73,11 +73,11 @@ def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
     threads = min(EVALUATION.most_threads, os.cpu_count() or 1) if many else 1
     parts = chunks(count)
     if threads == 1:
-        _work_off(parts, count, work)
+        _work_through(parts, count, work)
         return
     lock = threading.Lock()
 
-    def taken() -> Iterator[slice]:
+    def take_parts() -> Iterator[slice]:
         while True:
             with lock:
                 part = next(parts, None)
@@ -86,18 +86,18 @@ def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
             yield part
 
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(_work_off, taken(), count, work) for _ in range(threads)]:
+        for done in [pool.submit(_work_through, take_parts(), count, work) for _ in range(threads)]:
             done.result()
 
 
-def _work_off(parts: Iterator[slice], count: int, work: Callable[[slice, Workspace], None]) -> None:
+def _work_through(parts: Iterator[slice], count: int, work: Callable[[slice, Workspace], None]) -> None:
     workspace = Workspace(count)
     with np.errstate(all="ignore"):
         for part in parts:
             work(part, workspace)
 
 
-def _factors() -> np.ndarray:
+def _find_factors() -> np.ndarray:
     """Return ``(20, 2)``: the two earlier terms whose product each term from the fifth on is; the first four are 0."""
     index = {tuple(powers): term for term, powers in enumerate(POWERS.tolist())}
     factors = np.zeros((20, 2), dtype=np.int64)
@@ -108,7 +108,7 @@ def _factors() -> np.ndarray:
     return factors
 
 
-FACTORS = _factors()
+FACTORS = _find_factors()
 _PRODUCTS = [(term, *FACTORS[term].tolist()) for term in range(4, 20)]
 
 
@@ -127,7 +127,7 @@ def monomials(normalised: np.ndarray) -> np.ndarray:
     return terms
 
 
-def _derivative_matrices() -> np.ndarray:
+def _make_derivative_matrices() -> np.ndarray:
     """Return ``(3, 20, 10)``: derivative of a coefficient vector by each axis, on the ten quadratic terms."""
     index = {tuple(powers): term for term, powers in enumerate(POWERS[:QUADRATIC_TERMS])}
     matrices = np.zeros((3, 20, QUADRATIC_TERMS))
@@ -140,7 +140,7 @@ def _derivative_matrices() -> np.ndarray:
     return matrices
 
 
-DERIVATIVES = _derivative_matrices()
+DERIVATIVES = _make_derivative_matrices()
 
 
 def multiply(coefficients: np.ndarray, terms: np.ndarray, out: np.ndarray) -> np.ndarray:

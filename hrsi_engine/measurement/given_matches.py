@@ -20,17 +20,17 @@ from ..foundation.progress import Progress, silent
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.scheduling import PartResult, Scheduler, WorkPart, open_scheduler, run_parts
 from .block_matching import joining
-from .block_matching.links import hold_images, judge_links, without_links
-from .block_matching.overlaps import coarseness, resolution_step
+from .block_matching.links import drop_unsound_links, judge_links, summarise_holds
+from .block_matching.overlaps import compute_resolution_step, rank_resolution
 from .block_matching.search import EVERY
-from .block_matching.star import Rows, columns_of
+from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, read_tile
 from .tie_options import TieOptions
 from .tie_points import PairSummary, TiePoints
-from .tile_matching.epipolar import epipolar_miss, transfer
+from .tile_matching.epipolar import compute_epipolar_miss, transfer
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import refine_points
-from .tile_matching.rpc_consistency import rpc_consistency
+from .tile_matching.rpc_consistency import check_rpc_consistency
 from .tile_matching.types import TilePairGeometry
 
 _LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"
@@ -51,7 +51,7 @@ EXTERNAL = ExternalMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)
-class GivenPair:
+class ExternalPair:
     """Given matches of a window of the reference with one other image; ``number`` is the other's in the block."""
 
     number: int
@@ -61,13 +61,13 @@ class GivenPair:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenJob:
+class ExternalMatchJob:
     """A window of a reference image, and what other programs matched in it."""
 
     number: int
     reference: Image
     window: ImageWindow
-    pairs: tuple[GivenPair, ...]
+    pairs: tuple[ExternalPair, ...]
 
 
 def refine_given_matches(
@@ -106,32 +106,38 @@ def refine_given_matches(
         When ``progress`` asks to stop.
     """
     options, scheduler = options or TieOptions(), scheduler or open_scheduler()
-    jobs = list(_jobs(images, given))
+    jobs = list(_divide_into_jobs(images, given))
     if not jobs:
         raise InputError(f"{given.source}: holds no match between two images of the block that have pixels: "
                          "check its images' names")  # fmt: skip
     parts = [
-        WorkPart(f"given-{number}", measure_given, job, keep=False, label=f"measuring matches of {job.reference.id}")
+        WorkPart(
+            f"given-{number}",
+            measure_external_matches,
+            job,
+            keep=False,
+            label=f"measuring matches of {job.reference.id}",
+        )
         for number, job in enumerate(jobs)
     ]
     done = run_parts(parts, [part.key for part in parts], scheduler, None, progress)
     matches = joining.collect_matches([(job.number, done[part.key]) for job, part in zip(jobs, parts, strict=True)])
-    good = joining.without_contradictions(joining.without_outliers(matches, images, options.dense), images)
+    good = joining.drop_contradictions(joining.drop_outliers(matches, images, options.dense), images)
     links = judge_links(good)
-    good = without_links(good, links)
+    good = drop_unsound_links(good, links)
     room = dict.fromkeys(range(len(images)), options.per_cell or EVERY)  # what is given is kept, unless told otherwise
     points, ground = joining.to_image_points(good, images, options.cells, room)
     tried: dict[tuple[int, int], int] = {}
     for job in jobs:
         for pair in job.pairs:
             tried[job.number, pair.number] = tried.get((job.number, pair.number), 0) + len(pair.first_xy)
-    kept = {pair: len(rows) for pair, rows in joining.pair_rows(good).items()}
+    kept = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
     pairs = [
         PairSummary(images[a].id, images[b].id, kept.get((a, b), 0), float("nan")) for a, b in sorted(tried)
     ]  # fmt: skip
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     of_image = {number: sum(number in pair for pair in tried) for number in usable}
-    holds = hold_images(images, usable, links, of_image, {})
+    holds = summarise_holds(images, usable, links, of_image, {})
     total = sum(tried.values())
     warnings = [f"{hold.image}: none of the given matches stands the tests" for hold in holds if not hold.links]
     if 2 * sum(kept.values()) < total:
@@ -142,7 +148,7 @@ def refine_given_matches(
     return TiePoints(points, ground, tuple(pairs), tuple(warnings), holds)
 
 
-def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
+def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[ExternalMatchJob]:
     """Yield the windows of reference images with the matches in them."""
     number_of = {image.id: number for number, image in enumerate(images) if image.raster is not None}
     given = given.select(np.isin(given.image_ids, list(number_of)))
@@ -151,7 +157,7 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
     _, track = np.unique(given.ids, return_inverse=True)
     number = np.array([number_of[name] for name in given.image_ids.tolist()])
     # Of each track the coarsest image is the reference, the first of several such
-    rank = np.array([(-coarseness(image), k) for k, image in enumerate(images)])
+    rank = np.array([(-rank_resolution(image), k) for k, image in enumerate(images)])
     order = np.lexsort((*rank[number].T[::-1], track))
     heads = np.r_[True, track[order][1:] != track[order][:-1]]
     reference = np.empty(track.max() + 1, dtype=np.int64)
@@ -166,50 +172,55 @@ def _jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[GivenJob]:
             column * EXTERNAL.window_px, row * EXTERNAL.window_px, EXTERNAL.window_px, EXTERNAL.window_px
         )
         pairs = tuple(
-            GivenPair(second, images[second], given.xy[head[own]], given.xy[own])
+            ExternalPair(second, images[second], given.xy[head[own]], given.xy[own])
             for second in np.unique(number[here]).tolist()
             for own in (here[number[here] == second],)
         )
-        yield GivenJob(first, images[first], window, pairs)
+        yield ExternalMatchJob(first, images[first], window, pairs)
 
 
-def measure_given(job: GivenJob) -> PartResult:
+def measure_external_matches(job: ExternalMatchJob) -> PartResult:
     """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
     rows = []
-    tile = read_tile(job.reference, job.window.grown(EXTERNAL.border_px))
+    tile = read_tile(job.reference, job.window.grow(EXTERNAL.border_px))
     for pair in () if tile is None else job.pairs:
-        agreed = _agreeing(job.reference, pair)
+        agreed = _select_consistent(job.reference, pair)
         if not len(agreed.first_xy):
             continue
         # Looked for where those lie that agree: one wrong match would have all of a large image read
-        border = EXTERNAL.border_px * resolution_step(job.reference, pair.image)
+        border = EXTERNAL.border_px * compute_resolution_step(job.reference, pair.image)
         low, high = np.floor(agreed.second_xy.min(axis=0)), np.floor(agreed.second_xy.max(axis=0)) + 1.0
-        place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grown(border)
+        place = ImageWindow(*low.astype(int).tolist(), *(high - low).astype(int).tolist()).grow(border)
         inside = place.contains(pair.second_xy)
-        other = read_tile(pair.image, place, resolution_step(job.reference, pair.image))
+        other = read_tile(pair.image, place, compute_resolution_step(job.reference, pair.image))
         if tile is None or other is None:
             continue
         options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
         found = refine_points(
-            tile, other, _geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside], options
+            tile,
+            other,
+            _estimate_geometry(job.reference, agreed),
+            pair.first_xy[inside],
+            pair.second_xy[inside],
+            options,
         )
-        rows.append(Rows(pair.number, found))
-    return columns_of(rows)
+        rows.append(PartnerMatches(pair.number, found))
+    return stack_matches(rows)
 
 
-def _agreeing(reference: Image, pair: GivenPair) -> GivenPair:
+def _select_consistent(reference: Image, pair: ExternalPair) -> ExternalPair:
     """Return the matches of a pair that agree with one another as its two cameras allow."""
     start = float(np.mean(reference.rpc.height_range))
-    found = rpc_consistency(
+    found = check_rpc_consistency(
         reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
     )
     return replace(pair, first_xy=pair.first_xy[found.good], second_xy=pair.second_xy[found.good])
 
 
-def _geometry(reference: Image, pair: GivenPair) -> TilePairGeometry:
+def _estimate_geometry(reference: Image, pair: ExternalPair) -> TilePairGeometry:
     """Return where the matches say that the pair lies."""
     first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
-    heights = epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
+    heights = compute_epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
     low, high = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
     away = other - transfer(first, second, xy, heights)
     bias = np.median(away, axis=0)

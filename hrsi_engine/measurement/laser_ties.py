@@ -25,11 +25,11 @@ from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.streams import open_calls
 from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
-from .block_matching.star import Rows, columns_of
-from .block_matching.windows import ImageWindow, predicted_window, read_tile
+from .block_matching.star import PartnerMatches, stack_matches
+from .block_matching.windows import ImageWindow, predict_window, read_tile
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import TilePairGeometry, transfer_points
-from .tile_matching.points import tile_points
+from .tile_matching.points import detect_tile_points
 
 
 @thresholds
@@ -71,13 +71,13 @@ def measure_laser_ties(
     progress : callback; False cancels
     """
     usable = [number for number, image in enumerate(images) if image.raster is not None]
-    rows = evenly_taken(laser, LASER_TIES.most_points)
-    windows = _windows(images, usable, laser.ground[rows])
+    rows = select_along_tracks(laser, LASER_TIES.most_points)
+    windows = _plan_windows(images, usable, laser.ground[rows])
     with open_calls(threads=thread_count(threads)) as calls:
         found = []
-        for number, part in enumerate(calls.answers(lambda window: _measured_in(images, usable, window), windows)):
+        for number, part in enumerate(calls.answers(lambda window: _measure_window(images, usable, window), windows)):
             advance(progress, (number + 1) / len(windows), "measuring at laser points")
-            found.append((windows[number].image, columns_of(part)))
+            found.append((windows[number].image, stack_matches(part)))
     matches = collect_matches(found)
     if not len(matches):
         return ImagePoints.create([], [], np.empty((0, 2)), source=SOURCE)
@@ -86,7 +86,7 @@ def measure_laser_ties(
     return replace(points, ids=np.char.add(LASER_TIE_IDS, points.ids), source=SOURCE)
 
 
-def evenly_taken(laser: LaserPoints, most: int) -> np.ndarray:
+def select_along_tracks(laser: LaserPoints, most: int) -> np.ndarray:
     """Return indices of usable laser points, at most so many, evenly along each track."""
     usable = np.flatnonzero(laser.doubt == "")
     order = usable[np.lexsort((laser.ground[usable, 0], laser.ground[usable, 1], laser.track[usable]))]
@@ -94,7 +94,7 @@ def evenly_taken(laser: LaserPoints, most: int) -> np.ndarray:
     return order[::every]
 
 
-def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:
+def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:
     """Return the windows in which laser points are looked up, each in the image that sees them most steeply."""
     steep = np.full((len(images), len(ground)), -np.inf)
     place = np.zeros((len(images), len(ground), 2))
@@ -117,27 +117,27 @@ def _windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray)
         for key in range(len(keys)):
             rows = here[inverse.ravel() == key]
             xy = place[number, rows]
-            border = _around_px(images[number], ground[rows[0]]) + LASER_TIES.margin_px
+            border = _radius_px(images[number], ground[rows[0]]) + LASER_TIES.margin_px
             low, high = np.floor(xy.min(axis=0) - border), np.ceil(xy.max(axis=0) + border)
             window = ImageWindow(int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
             windows.append(_Window(number, window.inside(images[number].known_size), xy, ground[rows, 2]))
     return windows
 
 
-def _around_px(image: Image, ground: np.ndarray) -> float:
+def _radius_px(image: Image, ground: np.ndarray) -> float:
     return LASER_TIES.radius_m * float(image.rpc.px_per_m(ground[None])[0])
 
 
-def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) -> list[Rows]:
+def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Window) -> list[PartnerMatches]:
     """Return the matches of the interest points around a window's laser points with all other images."""
     image = images[task.image]
     tile = read_tile(image, task.window)
     if tile is None:
         return []
     ground, _ = image.rpc.localize(task.xy[:1], task.height_m[:1])
-    xy = tile.to_image(tile_points(tile, MATCHED_AT_LASER))
+    xy = tile.to_image(detect_tile_points(tile, MATCHED_AT_LASER))
     distance, nearest = cKDTree(task.xy).query(xy) if len(xy) else (np.zeros(0), np.zeros(0, np.int64))
-    near = np.flatnonzero(distance <= _around_px(image, ground[0]))
+    near = np.flatnonzero(distance <= _radius_px(image, ground[0]))
     # The nearest ones of each laser point
     near = near[np.lexsort((distance[near], nearest[near]))]
     first = np.unique(nearest[near], return_index=True)[1]
@@ -156,9 +156,9 @@ def _measured_in(images: Sequence[Image], usable: Sequence[int], task: _Window) 
         if number == task.image:
             continue
         geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
-        there = predicted_window(geometry, task.window, LASER_TIES.margin_px).inside(other.known_size)
+        there = predict_window(geometry, task.window, LASER_TIES.margin_px).inside(other.known_size)
         shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * LASER_TIES.margin_px else None
         if shown is not None:
             matches = transfer_points(tile, shown, geometry, xy, height, MATCHED_AT_LASER)
-            found.append(Rows(number, matches))
+            found.append(PartnerMatches(number, matches))
     return found

@@ -78,8 +78,8 @@ def transfer_point(
     across = (margin_px + TRANSFER.across_px) / scale
     half = int(np.ceil(along)) + 2 * TRANSFER.half_px + 4
     centre = np.round(xy)
-    template = _window(first, centre, np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
-    shown = _window(second, middle, by_first, half)
+    template = _read_window(first, centre, np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
+    shown = _read_window(second, middle, by_first, half)
     if template is None or shown is None:
         return Transfer(refusal="the image does not show it")
     origin = np.array([[template.grey.shape[1] // 2, template.grey.shape[0] // 2]])
@@ -106,7 +106,7 @@ def transfer_point(
     return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
 
 
-def _window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
+def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
     """Return pixels around a place, ``middle + by_window @ offset`` for whole offsets up to ``half``; None outside."""
     corners = middle + np.array([[i, j] for i in (-half, half) for j in (-half, half)]) @ by_window.T
     low, high = np.floor(corners.min(axis=0)).astype(int) - 3, np.ceil(corners.max(axis=0)).astype(int) + 4

@@ -23,12 +23,12 @@ from ..surface.dem import HeightSurface
 from .block_matching import joining
 from .block_matching.links import (
     ImageHold,
-    cut_unchecked,
-    find_single_holds,
-    hold_images,
-    without_links,
+    cut_weak_bridges,
+    drop_unsound_links,
+    find_bridges,
+    summarise_holds,
 )
-from .block_matching.search import EstimatedPair, TieSearch, points_of_a_cell
+from .block_matching.search import PairCandidate, TieSearch, count_points_per_cell
 from .tie_options import TieOptions
 
 
@@ -119,19 +119,19 @@ def find_tie_points(
     if replaced:
         search.match_pairs(stage(progress, 0.88, 0.92))
         good, links = search.judge()
-    if search.match_thoroughly(links, stage(progress, 0.92, 0.97)):
+    if search.match_weak_images(links, stage(progress, 0.92, 0.97)):
         good, links = search.judge()
-    if search.match_predicted(good, links, stage(progress, 0.97, 1.0)):
+    if search.match_by_cameras(good, links, stage(progress, 0.97, 1.0)):
         good, links = search.judge()
     if search.choice is not None:
-        links = cut_unchecked(links)
+        links = cut_weak_bridges(links)
     elif search.complete(good, progress):
         good, _ = search.judge()
-    good = without_links(good, links)
-    room = {k: points_of_a_cell(search.options, image) for k, image in enumerate(images)}
+    good = drop_unsound_links(good, links)
+    room = {k: count_points_per_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
-    summaries = _summaries(search.pairs, good, images)
-    holds = hold_images(images, search.usable, links, search.tried_of_image(), search.reasons)
+    summaries = _summarise_pairs(search.pairs, good, images)
+    holds = summarise_holds(images, search.usable, links, search.count_trials(), search.reasons)
     # Name the images without any tie point, and the pairs that overlap and gave nothing
     tied = set(points.image_ids.tolist())
     lonely = [hold.image for hold in holds if hold.image not in tied | search.earlier]
@@ -145,7 +145,7 @@ def find_tie_points(
         warnings += [
             f"{list_ids(images[number].id for number in held)}: held by the single link {images[link.first].id} - "
             f"{images[link.second].id} of {link.matches} matches, which no loop checks: may be wrong together"
-            for link, held in find_single_holds(links)
+            for link, held in find_bridges(links)
             if not {images[number].id for number in held} <= search.earlier
         ]
     else:
@@ -155,7 +155,7 @@ def find_tie_points(
     return TiePoints(points, ground, summaries, tuple(warnings), holds)
 
 
-def overlapping_pairs(
+def find_overlapping_pairs(
     images: Sequence[Image],
     options: TieOptions | None = None,
     surface: HeightSurface | None = None,
@@ -185,15 +185,15 @@ def overlapping_pairs(
         Fewer than two images have pixels, or no two of them overlap.
     """
     search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False, earlier=earlier)
-    found = search.find_overlapping()
+    found = search.find_overlaps_of_images()
     own = [images[index].id for index in search.usable]
     return [(own[pair.first], own[pair.second]) for pair in found]
 
 
-def _summaries(
-    pairs: Sequence[EstimatedPair], good: joining.BlockMatches, images: Sequence[Image]
+def _summarise_pairs(
+    pairs: Sequence[PairCandidate], good: joining.BlockMatches, images: Sequence[Image]
 ) -> tuple[PairSummary, ...]:
-    count = {pair: len(rows) for pair, rows in joining.pair_rows(good).items()}
+    count = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
     return tuple(
         PairSummary(
             images[pair.first].id, images[pair.second].id,

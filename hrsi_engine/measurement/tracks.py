@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 
-def consistent_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarray) -> np.ndarray:
+def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarray) -> np.ndarray:
     """Return the track number of each node (keypoint), -1 for nodes without one.
 
     Matches join nodes ``first[i]`` and ``second[i]``; connected nodes form a track. A track that meets an image twice
@@ -24,7 +24,7 @@ def consistent_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.n
     return number[label]
 
 
-def spread_over_image(
+def select_tracks_by_cell(
     track: np.ndarray, image: np.ndarray, xy: np.ndarray, quality: np.ndarray, cell_px: np.ndarray, per_cell: np.ndarray
 ) -> np.ndarray:
     """Return a mask of tracks to keep so that no image's grid cell gets more than it needs.

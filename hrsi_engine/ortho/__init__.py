@@ -7,7 +7,7 @@ Layers, each importing only those above it::
     point_surface   terrain from the adjusted tie points, where there is no DEM
     mapping         image positions of the grid's pixels, exact or within a stated error
     misregistration shifts between two orthoimages, window by window
-    common_shift    the shift that most windows share, where it is large
+    find_common_shift    the shift that most windows share, where it is large
 """
 
 from ..foundation.lazy_names import lazy_names

@@ -18,7 +18,7 @@ from ..measurement.window_matching.orientation_correlation import (
 from .misregistration import SHIFT, Read
 
 
-def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
+def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
     """Return the common shift ``(2,)`` in whole pixels, right and down, to about 2 px; 0 where none shows.
 
     ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; the second beyond it, too.
@@ -30,10 +30,10 @@ def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarr
     wide = side + 2 * SHIFT.farthest_px
     for row in np.linspace(0, rows - side, SHIFT.probes).astype(int).tolist():
         for column in np.linspace(0, columns - side, SHIFT.probes).astype(int).tolist():
-            probe = _field(*first(column, row, side, side))
+            probe = _compute_field(*first(column, row, side, side))
             if probe.any():
                 total += correlate_fields(
-                    probe, _field(*second(column - SHIFT.farthest_px, row - SHIFT.farthest_px, wide, wide))
+                    probe, _compute_field(*second(column - SHIFT.farthest_px, row - SHIFT.farthest_px, wide, wide))
                 )
     peak = find_correlation_peak(total)
     if peak.contrast < SHIFT.contrast:
@@ -41,7 +41,7 @@ def common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarr
     return np.rint(peak.shift * SHIFT.reduction - SHIFT.farthest_px).astype(int)
 
 
-def _field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def _compute_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Return the directions of gradients of means of pixels; 0 where not all of a mean is valid."""
     size = (grey.shape[1] // SHIFT.reduction, grey.shape[0] // SHIFT.reduction)
     mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)

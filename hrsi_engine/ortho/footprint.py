@@ -14,24 +14,24 @@ from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heig
 from .grid import ORTHO
 
 
-def terrain_below(image: Image, surface: HeightSurface) -> np.ndarray:
+def find_terrain_points(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return ground points ``(n, 3)`` of an image, those of a coarse grid that meet the terrain."""
     ground, status = intersect_surface(image.rpc, image.grid_px(ORTHO.grid_points, ORTHO.grid_points), surface)
     return ground[status == Status.FOUND]
 
 
-def mean_gsd_m(image: Image, ground: np.ndarray) -> float:
+def compute_ground_sample_m(image: Image, ground: np.ndarray) -> float:
     """Return the geometric mean of an image's ground sample distances at the middle one of ground points."""
     middle = ground[len(ground) // 2][None]
     return float(1.0 / image.rpc.px_per_m(middle)[0])
 
 
-def map_crs_of(ground: np.ndarray) -> str:
+def choose_map_crs(ground: np.ndarray) -> str:
     """Return the WKT of the map of the middle of ground points."""
     return str(pyproj.CRS.from_epsg(map_epsg_of(ground)).to_wkt())
 
 
-def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:
+def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution: float) -> tuple[float, ...]:
     """Return west, south, east, north in a CRS of all that an image shows of the terrain.
 
     The outline is followed to the terrain; where that is not known, it is taken at the heights nearby. Raises
@@ -41,7 +41,7 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     ground, status = intersect_surface(image.rpc, outline, surface)
     lost = status != Status.FOUND
     if lost.any():
-        known = terrain_below(image, surface)
+        known = find_terrain_points(image, surface)
         if not len(known):
             raise InputError(f"{image.id}: the terrain is not known anywhere in the image: use a DEM that covers it")
         for height in (known[:, 2].min(), known[:, 2].max()):
@@ -55,7 +55,7 @@ def footprint_bounds(image: Image, surface: HeightSurface, crs: str, resolution:
     return x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin
 
 
-def share_of_ground(image: Image, surface: HeightSurface) -> float:
+def compute_covered_share(image: Image, surface: HeightSurface) -> float:
     """Return the share of an image whose ground has a height in the surface, 0 to 1."""
     grid = image.grid_px(ORTHO.grid_points, ORTHO.grid_points)
     height = sum(image.rpc.height_range) / 2.0

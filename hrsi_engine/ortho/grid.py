@@ -57,7 +57,7 @@ class GridWindow(NamedTuple):
                 yield GridWindow(self.column + column, self.row + row, *size)
 
 
-def rounded_resolution(gsd: float) -> float:
+def round_resolution(gsd: float) -> float:
     """Return the largest round number not above 1.05 times a ground sample distance: 0.52 gives 0.5, 6.5 gives 6."""
     if not (math.isfinite(gsd) and gsd > 0.0):
         raise InputError(f"the images have a pixel size of {gsd} on the ground: give `resolution`")
@@ -92,7 +92,7 @@ class MapGrid:
     rows: int
 
     @classmethod
-    def around(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
+    def from_bounds(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
         """Return the smallest grid that holds an area.
 
         Parameters

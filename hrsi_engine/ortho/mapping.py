@@ -36,7 +36,7 @@ class ChunkMapping(NamedTuple):
     unknown: int
 
 
-def _spread_rows(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def _interpolate_rows(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Return values ``(k, n, columns)`` at some shares of the way from each row of ``(k, m, columns)`` to the next."""
     result = np.diff(values, axis=1)[:, :, None] * shares[:, None]
     result += values[:, :-1, None]
@@ -74,12 +74,14 @@ class _Cells:
         return np.asarray(b)
 
 
-def _nodes_along(window: GridWindow, step: int) -> tuple[int, int]:
+def _count_nodes(window: GridWindow, step: int) -> tuple[int, int]:
     """Return the numbers of nodes along a row and a column of a window."""
     return (window.columns - 1) // step + 2, (window.rows - 1) // step + 2
 
 
-def _cells_below(surface: HeightSurface, grid: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, tuple[float, float]]:
+def _read_cells_below(
+    surface: HeightSurface, grid: np.ndarray
+) -> tuple[np.ndarray | None, np.ndarray, tuple[float, float]]:
     """Return cells below grid coordinates, place of the first one and range of heights.
 
     There are no cells, and the place is that of the coordinates, beside a grid and where there are too many.
@@ -111,7 +113,7 @@ class _Chunk:
         )
         lonlat = mapping.grid.lonlat(np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2))
         grid = mapping.surface.grid_coordinates(lonlat)
-        cells, origin, (low, high) = _cells_below(mapping.surface, grid)
+        cells, origin, (low, high) = _read_cells_below(mapping.surface, grid)
         self.known = bool(np.isfinite(low))
         self.middle_m, self.half_m = (low + high) / 2.0, max((high - low) / 2.0, 1.0)
         self._cells = None if cells is None else _Cells(cells, self.middle_m, self.half_m)
@@ -129,7 +131,7 @@ class _Chunk:
 
     def nodes(self, step: int) -> np.ndarray:
         """Return image positions ``(2, rows, columns)`` of nodes every ``step`` pixels, one beyond the last pixel."""
-        columns, rows = _nodes_along(self.window, step)
+        columns, rows = _count_nodes(self.window, step)
         positions = np.empty((2, rows, columns))
         for part, values in self._node_rows(step):
             positions[:, part] = values
@@ -137,7 +139,7 @@ class _Chunk:
 
     def _node_rows(self, step: int, offset: float = 0.0) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield some rows of nodes after the other, with their positions ``(2, rows, columns)``."""
-        columns, rows = _nodes_along(self.window, step)
+        columns, rows = _count_nodes(self.window, step)
         shares = (np.arange(0, ORTHO.lattice_px, step) + offset) / ORTHO.lattice_px
         # Values ``(k, rows, n)`` at some shares of the way from each column of ``(k, rows, m)`` to the next one
         result = np.diff(self.lattice, axis=2)[..., None] * shares
@@ -146,7 +148,7 @@ class _Chunk:
         lines = max(1, ORTHO.batch // (columns * len(shares)))  # of the lattice
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
-            values = _spread_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
+            values = _interpolate_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
             yield part, self._project(values.reshape(len(values), -1)).reshape(2, -1, columns)
 
     def _project(self, values: np.ndarray) -> np.ndarray:
@@ -232,7 +234,7 @@ class OrthoMapping:
             None where the image shows nothing of it.
         """
         if self.error_px == 0.0:
-            return self._every_pixel(window)
+            return self._map_every_pixel(window)
         chunk = _Chunk(self, window)
         if not chunk.known:
             count = self._count_unknown(window, np.zeros((2, 2), dtype=bool))
@@ -249,36 +251,36 @@ class OrthoMapping:
         while True:
             nodes = chunk.nodes(step)
             known = np.isfinite(nodes[0])
-            if not self._touches(nodes, float(step)):
-                return None if known.all() else self._empty(window, known)
-            errors = np.hypot(*(_bilinear(nodes, checks / step) - truth).T)
+            if not self._touches_image(nodes, float(step)):
+                return None if known.all() else self._make_empty_mapping(window, known)
+            errors = np.hypot(*(_interpolate_nodes(nodes, checks / step) - truth).T)
             errors = errors[np.isfinite(errors)]
-            if step == 1 or (known.all() and self._good(chunk, nodes, step, errors)):
+            if step == 1 or (known.all() and self._is_accurate(chunk, nodes, step, errors)):
                 break
             step = step // 2 if known.all() else 1
         return ChunkMapping(nodes, step, errors, 0 if known.all() else self._count_unknown(window, known))
 
-    def _good(self, chunk: _Chunk, nodes: np.ndarray, step: int, errors: np.ndarray) -> bool:
+    def _is_accurate(self, chunk: _Chunk, nodes: np.ndarray, step: int, errors: np.ndarray) -> bool:
         """Tell whether interpolation between nodes is good enough."""
         if len(errors) and errors.max() > self.error_px:
             return False
         return chunk.middles_keep(self.error_px, nodes, step)
 
-    def _empty(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
+    def _make_empty_mapping(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""
         count = self._count_unknown(window, known)
         return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
 
-    def _every_pixel(self, window: GridWindow) -> ChunkMapping | None:
+    def _map_every_pixel(self, window: GridWindow) -> ChunkMapping | None:
         column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         nodes = self.exact(pixels).T.reshape(2, len(row), len(column))
         known = np.isfinite(nodes[0])
-        if not self._touches(nodes, 1.0):
-            return None if known.all() else self._empty(window, known)
+        if not self._touches_image(nodes, 1.0):
+            return None if known.all() else self._make_empty_mapping(window, known)
         return ChunkMapping(nodes, 1, np.zeros(1), 0 if known.all() else self._count_unknown(window, known))
 
-    def _touches(self, nodes: np.ndarray, margin: float) -> bool:
+    def _touches_image(self, nodes: np.ndarray, margin: float) -> bool:
         """Tell whether the nodes' bounding box meets the image."""
         flat = nodes.reshape(2, -1)
         low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
@@ -316,7 +318,7 @@ class OrthoMapping:
         return float(np.sqrt(abs(np.linalg.det(at[1:] - at[0]))))
 
 
-def _bilinear(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _interpolate_nodes(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return nodes interpolated at column, row ``(n, 2)`` in steps."""
     j, i = at.astype(int).T
     u, v = (at - at.astype(int)).T

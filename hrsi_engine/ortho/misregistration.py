@@ -155,7 +155,7 @@ def measure_shifts(
     """
     found = []
     with open_calls(threads=threads) as calls:
-        shifts = calls.answers(lambda at: _match(first, second, at, options), centres.tolist())
+        shifts = calls.answers(lambda at: _match_window(first, second, at, options), centres.tolist())
         for number, shift in enumerate(shifts):
             if tell is not None and number % 32 == 0:
                 tell(number / len(centres))
@@ -165,17 +165,17 @@ def measure_shifts(
     return WindowShifts(centres, xy, figures[:, 0], figures[:, 1], figures[:, 2].astype(int))
 
 
-def _match(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
+def _match_window(first: Read, second: Read, centre: Sequence[int], options: MisregistrationOptions) -> Shift:
     """Return the shift of the window around column, row."""
     (column, row), side = centre, options.window_px // 2 + SHIFT.border_px
     reach = side + options.search_px
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
-        return _fail(WindowOutcome.NODATA)
+        return _make_failure(WindowOutcome.NODATA)
     return shift_between(template, second(column - reach, row - reach, 2 * reach, 2 * reach), options)
 
 
-def _fail(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
+def _make_failure(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
     return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
 
 
@@ -186,44 +186,44 @@ def shift_between(
     grey, place = _smooth(template[0]), _smooth(np.where(area[1], area[0], np.mean(area[0])))
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
-        return _fail(WindowOutcome.FLAT)
+        return _make_failure(WindowOutcome.FLAT)
     score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     best = float(score[row, column])
     if best < options.min_correlation:
-        return _fail(WindowOutcome.UNLIKE, best)
+        return _make_failure(WindowOutcome.UNLIKE, best)
     if row in (0, score.shape[0] - 1) or column in (0, score.shape[1] - 1):
-        return _fail(WindowOutcome.FAR, best)
+        return _make_failure(WindowOutcome.FAR, best)
     side = grey.shape[0]
     if not area[1][row : row + side, column : column + side].all():
-        return _fail(WindowOutcome.NODATA, best)
-    return _refine(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
+        return _make_failure(WindowOutcome.NODATA, best)
+    return _refine_shift(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
 
 
 def _smooth(grey: np.ndarray) -> np.ndarray:
     return blur(np.asarray(grey, dtype=np.float32), SHIFT.smoothing_px)
 
 
-def _refine(
+def _refine_shift(
     grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MisregistrationOptions
 ) -> Shift:
     """Return the shift by least squares from the best whole pixel on; both windows have a border."""
-    T, T_x, T_y = _values_and_slopes(_coefficients(grey), np.zeros(2))
-    coefficients, weight = _coefficients(near), _weights(len(T))
+    T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
+    coefficients, weight = _filter_spline(near), _make_weights(len(T))
     d, gain, offset = np.zeros(2), float(T.std() / max(near.std(), 1e-9)), 0.0
     for _ in range(SHIFT.most_iterations):
-        S, S_x, S_y = _values_and_slopes(coefficients, d)
+        S, S_x, S_y = _interpolate_window(coefficients, d)
         A = np.stack([(gain * S_x + T_x) / 2.0, (gain * S_y + T_y) / 2.0, S, np.ones_like(S)]).reshape(4, -1)
         misfit = (T - gain * S - offset).ravel()
         N = (A * weight) @ A.T
         scaled = N / np.sqrt(np.outer(np.diag(N), np.diag(N)))
         if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e8:
-            return _fail(WindowOutcome.UNSTEADY, best)
+            return _make_failure(WindowOutcome.UNSTEADY, best)
         step = np.linalg.solve(N, (A * weight) @ misfit)
         misfit -= step @ A
         d, gain, offset = d + step[:2], gain + step[2], offset + step[3]
         if np.abs(d).max() > SHIFT.reach_px or gain <= 0.0:
-            return _fail(WindowOutcome.UNSTEADY, best)
+            return _make_failure(WindowOutcome.UNSTEADY, best)
         if np.hypot(*step[:2]) < SHIFT.closure_px:
             break
     variance = float(weight @ misfit**2 / weight.sum())
@@ -240,21 +240,21 @@ def _refine(
     Q = covariance * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
-        return _fail(WindowOutcome.UNSTEADY, best)
+        return _make_failure(WindowOutcome.UNSTEADY, best)
     return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
 
 
-def _weights(side: int) -> np.ndarray:
+def _make_weights(side: int) -> np.ndarray:
     x = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
     line = np.exp(-0.5 * (x / SHIFT.weight_sigma) ** 2)
     return (line[:, None] * line).ravel()
 
 
-def _coefficients(grey: np.ndarray) -> np.ndarray:
+def _filter_spline(grey: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.spline_filter(grey, order=3, output=np.float64, mode="mirror"))
 
 
-def _spline(t: float) -> tuple[np.ndarray, np.ndarray]:
+def _weigh_spline(t: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the four weights of the cubic B-spline at the fraction t of a cell, and of its derivative."""
     s = 1.0 - t
     values = [s**3 / 6, 2 / 3 - t**2 * (2 - t) / 2, 2 / 3 - s**2 * (2 - s) / 2, t**3 / 6]
@@ -262,20 +262,20 @@ def _spline(t: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(values), np.array(slopes)
 
 
-def _values_and_slopes(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the window inside the border, shifted by at most `SHIFT.reach_px`, and its slopes by x and y."""
     whole = np.floor(d).astype(int)
-    x_values, x_slopes = _spline(float(d[0] - whole[0]))
-    y_values, y_slopes = _spline(float(d[1] - whole[1]))
+    x_values, x_slopes = _weigh_spline(float(d[0] - whole[0]))
+    y_values, y_slopes = _weigh_spline(float(d[1] - whole[1]))
     side = len(coefficients) - 2 * SHIFT.border_px
     start = SHIFT.border_px - 1 + whole
     parts = [coefficients[:, start[0] + k : start[0] + k + side] for k in range(4)]
     across, slope_across = (sum(w * p for w, p in zip(ws, parts, strict=True)) for ws in (x_values, x_slopes))
 
-    def down(rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def sum_rows(rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return np.asarray(sum(w * rows[start[1] + k : start[1] + k + side] for k, w in enumerate(weights)))
 
-    return down(across, y_values), down(slope_across, y_values), down(across, y_slopes)
+    return sum_rows(across, y_values), sum_rows(slope_across, y_values), sum_rows(across, y_slopes)
 
 
 # ---- statistics ------------------------------------------------------------------------------------------------------

@@ -78,8 +78,8 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     frame = LocalFrame(*np.median(ground, axis=0).tolist())
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
-    variance = _own_variance(xy, sigma)
-    keep = _plausible(xy, ground[:, 2], variance)
+    variance = _estimate_own_variance(xy, sigma)
+    keep = _find_plausible(xy, ground[:, 2], variance)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
@@ -92,13 +92,13 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
     x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
-    heights = _heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
+    heights = _compute_heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
     step = cell_m / scale
     grid_nodes = GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
     return grid_nodes, int(np.sum(~keep))
 
 
-def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
+def _estimate_own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     """Return the part of each height's variance ``(n,)`` that its neighbours do not share.
 
     Most of what an adjustment says of a height without GCPs is how well the block's height is known. Neighbours share
@@ -112,7 +112,7 @@ def _own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
     return own
 
 
-def _plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _find_plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
     count = min(POINT_SURFACE.neighbours + 1, len(xy))
     _, index = KDTree(xy).query(xy, k=count)
@@ -150,20 +150,20 @@ class _Points:
         return float(np.sqrt(np.prod(np.maximum(np.ptp(self.xy, axis=0), 1.0)) / len(self.xy)))
 
 
-def _heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
+def _compute_heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
     heights = np.empty(len(nodes))
-    hull = Delaunay(_hull(points.xy))
+    hull = Delaunay(_find_hull(points.xy))
     for start in range(0, len(nodes), POINT_SURFACE.batch):
         part = slice(start, start + POINT_SURFACE.batch)
         inside = hull.find_simplex(nodes[part]) >= 0
         found = points.height[points.tree.query(nodes[part])[1]]
-        found[inside] = _fit(points, nodes[part][inside])
+        found[inside] = _fit_planes(points, nodes[part][inside])
         heights[part] = found
     return heights
 
 
-def _hull(xy: np.ndarray) -> np.ndarray:
+def _find_hull(xy: np.ndarray) -> np.ndarray:
     """Return the corners of the convex hull of points, (k, 2)."""
     try:
         return np.asarray(xy[ConvexHull(xy).vertices])
@@ -171,7 +171,7 @@ def _hull(xy: np.ndarray) -> np.ndarray:
         raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
 
 
-def _fit(points: _Points, nodes: np.ndarray) -> np.ndarray:
+def _fit_planes(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return the heights ``(m,)`` of robust planes at nodes ``(m, 2)``, within the range of the points' heights."""
     count = min(POINT_SURFACE.fitted, len(points.xy))
     distance, near = points.tree.query(nodes, k=np.arange(1, count + 1))

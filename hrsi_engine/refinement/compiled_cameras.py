@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from ..block.block import Image
-from ..camera.compiled_rpc import project_compiled, rpc_tables
+from ..camera.compiled_rpc import project_point, rpc_tables
 from ..foundation.compiled_code import OPTIONS, Arrays, register
 from ..ground import ellipsoid
 from . import corrected_rays, pseudo_rays
@@ -54,7 +54,7 @@ def _linearise_image_polynomials(
         row = first[point]
         for a in range(place[number], place[number + 1]):
             i = image[row]
-            project_compiled(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
             correct_in_image(powers, constants, coefficients, i, residual, by_ground, terms, a)
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
@@ -78,7 +78,7 @@ def _linearise_ground_polynomials(
         row = first[point]
         for a in range(place[number], place[number + 1]):
             i = image[row]
-            project_compiled(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
             correct_by_ground(
                 powers, constants, coefficients, i, lon, lat, height, east, north, residual, by_ground, terms, a
             )
@@ -107,7 +107,7 @@ def _linearise_ground_corrections(
             x, y, z = move_position(constants, coefficients, i, position, terms, a)
             lon, lat, height = ellipsoid.geodetic(x, y, z)
             east, north = ellipsoid.metres_of_a_degree(lat, height)
-            project_compiled(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
+            project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
             rotate_derivatives(constants, coefficients, i, ellipsoid.axes(lon, lat), here, by_ground, by_frame, a)
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
@@ -160,7 +160,7 @@ def _place_ray_end(
 ) -> Any:  # fmt: skip
     """Return one end of a ray in the frame, with derivatives by the image point."""
     east, north = ellipsoid.metres_of_a_degree(lat, height)
-    project_compiled(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
+    project_point(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
     position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
     return place_in_frame(constants, 0, position, axes, by_ground, 0)
 

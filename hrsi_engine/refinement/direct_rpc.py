@@ -38,7 +38,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..camera.rpc import RPC
-from ..camera.rpc_fit import virtual_grid
+from ..camera.rpc_fit import make_virtual_grid
 from ..camera.rpc_terms import monomials
 from ..foundation.errors import InputError
 from .model import Equations, Linearise, Priors, RefitRPC
@@ -154,7 +154,7 @@ def differentiate_by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) 
 
 def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarray:
     """Return the normal matrix of the coefficients from a virtual grid over the image."""
-    xy, (ground, converged) = virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
+    xy, (ground, converged) = make_virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
     sigma_px = SYSTEMATIC_PX * np.sqrt(np.count_nonzero(converged))
     matrix = (
         differentiate_by_coefficients(image.rpc, ground[converged], xy[converged]).reshape(-1, COEFFICIENTS) / sigma_px

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc_fit import FIT, best_fit, image_grid
+from ..camera.rpc_fit import FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
@@ -162,7 +162,7 @@ class PseudoSensor:
         self, image: Image, values: np.ndarray, shape: tuple[int, int, int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return ground ``(n, 3)`` and image points ``(n, 2)`` of corrected rays over the image and its heights."""
-        layer = image_grid(image.domain_px, shape[:2])
+        layer = make_image_grid(image.domain_px, shape[:2])
         position = np.tile(layer, (shape[2], 1))
         heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
         frame = sensor_frame(image)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..block.block import Image
-from ..camera.rpc_fit import image_grid, refit_rpc
+from ..camera.rpc_fit import make_image_grid, refit_rpc
 from ..foundation.thresholds import threshold, thresholds
 from .model import RefitRPC
 
@@ -42,7 +42,7 @@ def _find_vendor_area(image: Image, project: Project) -> tuple[float, float, flo
     A correction of many pixels moves the ground that the image shows out of the vendor's area: an RPC fitted there
     would extrapolate over a part of the image.
     """
-    wanted = image_grid(image.domain_px, (3, 3))
+    wanted = make_image_grid(image.domain_px, (3, 3))
     vendors = wanted
     for _ in range(REFIT.passes):
         away = wanted - project(image.rpc.localize(vendors, image.rpc.height_off).ground)

@@ -271,7 +271,7 @@ def _pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Pictu
         if pixels > MOST_PICTURE_PIXELS:
             break
         step = max(1, -(-max(image.raster.size) // side))
-        grey, valid = image.raster.read_reduced(step)
+        grey, valid = image.raster.read_means(step)
         if valid.any():
             covers = (image.raster.size[0] / step, image.raster.size[1] / step)
             size, name = (int(grey.shape[1]), int(grey.shape[0])), f"picture-{len(found)}"

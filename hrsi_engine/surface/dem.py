@@ -281,13 +281,17 @@ class GridSurface:
             here = np.flatnonzero(tile == number)
             place = int(top[here[0]]) // SURFACE.tile, int(left[here[0]]) // SURFACE.tile
             i, j = top[here] - place[0] * SURFACE.tile, left[here] - place[1] * SURFACE.tile
-            result[inside[here]] = _bilinear(self._tile(place), i, j, row[here] - top[here], column[here] - left[here])
+            result[inside[here]] = _interpolate_cells(
+                self._read_tile(place), i, j, row[here] - top[here], column[here] - left[here]
+            )
         return result
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
         """As `HeightSurface.bounds`: of all tiles that touch the box."""
-        (column0, row0), (column1, row1) = self._tile_of(low), self._tile_of(high)
-        ranges = [self._range((row, column)) for row in range(row0, row1 + 1) for column in range(column0, column1 + 1)]
+        (column0, row0), (column1, row1) = self._find_tile(low), self._find_tile(high)
+        ranges = [
+            self._find_range((row, column)) for row in range(row0, row1 + 1) for column in range(column0, column1 + 1)
+        ]
         lowest, highest = np.array(ranges).T
         if np.isnan(lowest).all():
             return np.nan, np.nan
@@ -314,25 +318,25 @@ class GridSurface:
         cells = np.empty((row1 - row0 + 2, column1 - column0 + 2))
         for tile_row in range(row0 // SURFACE.tile, row1 // SURFACE.tile + 1):
             for tile_column in range(column0 // SURFACE.tile, column1 // SURFACE.tile + 1):
-                tile = self._tile((tile_row, tile_column))
+                tile = self._read_tile((tile_row, tile_column))
                 top, left = tile_row * SURFACE.tile - row0, tile_column * SURFACE.tile - column0
                 part = tile[max(0, -top) : len(cells) - top, max(0, -left) : cells.shape[1] - left]
                 top, left = max(0, top), max(0, left)
                 cells[top : top + part.shape[0], left : left + part.shape[1]] = part
         return row0, column0, cells
 
-    def _tile_of(self, grid: np.ndarray) -> tuple[int, int]:
+    def _find_tile(self, grid: np.ndarray) -> tuple[int, int]:
         cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)
         return int(cell[0]) // SURFACE.tile, int(cell[1]) // SURFACE.tile
 
-    def _range(self, place: tuple[int, int]) -> tuple[float, float]:
+    def _find_range(self, place: tuple[int, int]) -> tuple[float, float]:
         if place not in self._ranges:
-            tile = self._tile(place)
+            tile = self._read_tile(place)
             empty = np.isnan(tile).all()
             self._ranges[place] = (np.nan, np.nan) if empty else (float(np.nanmin(tile)), float(np.nanmax(tile)))
         return self._ranges[place]
 
-    def _tile(self, place: tuple[int, int]) -> np.ndarray:
+    def _read_tile(self, place: tuple[int, int]) -> np.ndarray:
         """Return a tile with the first row and column of its neighbours, from the cache or read now."""
         with self._lock:
             tile = self._tiles.pop(place, None)
@@ -349,7 +353,9 @@ class GridSurface:
             return tile
 
 
-def _bilinear(cells: np.ndarray, i: np.ndarray, j: np.ndarray, down: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _interpolate_cells(
+    cells: np.ndarray, i: np.ndarray, j: np.ndarray, down: np.ndarray, right: np.ndarray
+) -> np.ndarray:
     upper = cells[i, j] * (1.0 - right) + cells[i, j + 1] * right
     lower = cells[i + 1, j] * (1.0 - right) + cells[i + 1, j + 1] * right
     return np.asarray(upper * (1.0 - down) + lower * down)
@@ -389,7 +395,7 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
 
 
 def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
-    ends = _ray_ends(rpc, image, surface)
+    ends = _find_ray_ends(rpc, image, surface)
     ground = np.full((len(image), 3), np.nan)
     status = np.where(ends.converged, int(Status.OUTSIDE), int(Status.NO_RAY))
     rays = np.flatnonzero(ends.exists)
@@ -398,9 +404,9 @@ def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Surf
     if np.isnan(ends.heights).any():  # no height near any ray
         status[rays] = np.where(surface.covers(ends.lower[rays]), Status.NODATA, Status.OUTSIDE)
         return SurfaceIntersection(ground, status)
-    status[rays], bracket = _march(ends.upper[rays], ends.lower[rays], ends.heights, surface)
+    status[rays], bracket = _march_down(ends.upper[rays], ends.lower[rays], ends.heights, surface)
     hits = rays[status[rays] == Status.FOUND]
-    ground[hits], valid = _close_in(rpc, image[hits], surface, bracket[status[rays] == Status.FOUND])
+    ground[hits], valid = _close_in_on_surface(rpc, image[hits], surface, bracket[status[rays] == Status.FOUND])
     status[hits[~valid]] = Status.NODATA
     ground[hits[~valid]] = np.nan
     return SurfaceIntersection(ground, status)
@@ -419,14 +425,14 @@ class _RayEnds(NamedTuple):
     converged: np.ndarray
 
 
-def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
+def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
     """Return the rays between heights just above and below all terrain that they pass.
 
     The terrain passed depends on these heights: they start at the RPC's height range and follow the terrain.
     """
     low, high = rpc.height_range
     for _ in range(SURFACE.bound_rounds):
-        ends = _rays_between(rpc, image, surface, low, high)
+        ends = _localize_between(rpc, image, surface, low, high)
         if not ends.exists.any():
             return ends
         passed = np.concatenate([ends.upper[ends.exists], ends.lower[ends.exists]])
@@ -437,10 +443,10 @@ def _ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
         low, high = lowest - SURFACE.margin_m, highest + SURFACE.margin_m
         if enclosed:
             break
-    return _rays_between(rpc, image, surface, low, high)
+    return _localize_between(rpc, image, surface, low, high)
 
 
-def _rays_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: float, high: float) -> _RayEnds:
+def _localize_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: float, high: float) -> _RayEnds:
     upper, lower = rpc.localize(image, high), rpc.localize(image, low)
     lower.ground[:, 0] = upper.ground[:, 0] + wrap_degrees(lower.ground[:, 0] - upper.ground[:, 0])
     grid = [np.full((len(image), 2), np.nan) for _ in range(2)]
@@ -451,7 +457,7 @@ def _rays_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: floa
     return _RayEnds(grid[0], grid[1], (low, high), exists, converged)
 
 
-def _march(
+def _march_down(
     upper: np.ndarray, lower: np.ndarray, heights: tuple[float, float], surface: HeightSurface
 ) -> tuple[np.ndarray, np.ndarray]:
     """Go down straight rays; return each one's status and the heights ``(n, 2)`` above and below its first hit."""
@@ -480,7 +486,7 @@ def _march(
     return status, bracket
 
 
-def _close_in(
+def _close_in_on_surface(
     rpc: RPC, image: np.ndarray, surface: HeightSurface, bracket: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ground points where rays meet the surface within height brackets, and where they could be found.
@@ -489,25 +495,25 @@ def _close_in(
     continuous but has edges.
     """
 
-    def above(rows: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def find_height_above(rows: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         point = rpc.localize(image[rows], height).ground
         return point, height - surface_heights(surface, point[:, :2])
 
     every = np.arange(len(image))
     upper, lower = bracket.T.copy()
-    (_, f_upper), (ground, f_lower) = above(every, upper), above(every, lower)
+    (_, f_upper), (ground, f_lower) = find_height_above(every, upper), find_height_above(every, lower)
     valid = np.isfinite(f_upper) & np.isfinite(f_lower)
     # The real ray is bent by millimetres against the straight one: where that flips a sign, the end is the hit.
     going = every[valid & (f_upper > 0.0) & (f_lower < 0.0)]
     at_top = every[valid & (f_upper <= 0.0)]
-    ground[at_top] = above(at_top, upper[at_top])[0]
+    ground[at_top] = find_height_above(at_top, upper[at_top])[0]
     below_before = np.full(len(image), -1)  # which end moved last: 1 the lower, 0 the upper
     for iteration in range(SURFACE.most_iterations):
         if not going.size:
             break
         a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]
         middle = 0.5 * (a + b) if iteration % 4 == 3 else (a * fb - b * fa) / (fb - fa)
-        ground[going], f = above(going, middle)
+        ground[going], f = find_height_above(going, middle)
         below = f < 0.0
         damping = np.where(below == below_before[going], 0.5, 1.0)  # for the end that stays a second time
         upper[going], f_upper[going] = np.where(below, a, middle), np.where(below, damping * fa, f)

@@ -13,7 +13,7 @@ from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, 
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
-from ...hrsi_engine.measurement.tracks import consistent_tracks
+from ...hrsi_engine.measurement.tracks import build_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
 from ..interface.declare import Log
@@ -150,7 +150,7 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     )
     order = np.argsort(ids, kind="stable")  # the two rows of a match
     pair = node.ravel()[order].reshape(-1, 2)
-    track = consistent_tracks(pair[:, 0], pair[:, 1], nodes[:, 0].astype(np.int64))
+    track = build_tracks(pair[:, 0], pair[:, 1], nodes[:, 0].astype(np.int64))
     kept = track >= 0
     rows = first_row[kept]
     names = np.char.add("M", np.char.zfill(track[kept].astype(str), 7))

@@ -14,15 +14,15 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
-    MeasuredGcps,
+    ImageGcps,
     ReferenceAccuracy,
+    compute_reference_shift,
     contradiction,
-    far_shifts,
-    reference_shift,
-    shift_warnings,
+    describe_far_shifts,
+    describe_shifts,
 )
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
-from ...hrsi_engine.measurement.reference.parts import without_wrong_parts
+from ...hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
@@ -85,24 +85,24 @@ def match(
             dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
         )
     accuracy = ReferenceAccuracy(options.reference_sigma or usual_sigma_m(reference.gsd_m), sigma_h_m)
-    control, wrong_parts = without_wrong_parts(with_pixels, control, accuracy)
+    control, wrong_parts = drop_wrong_parts(with_pixels, control, accuracy)
     shifts = [
-        reference_shift(image, found, control.ground, accuracy)
+        compute_reference_shift(image, found, control.ground, accuracy)
         for image, found in zip(with_pixels, control.images, strict=True)
     ]
     warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
     warnings += [f"{path}: {part.message}" for part in wrong_parts]
     known = [shift for shift in shifts if shift is not None]
-    warnings += shift_warnings(known)
+    warnings += describe_shifts(known)
     entries: Report = {
         "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
-        "wrong_parts": [part._asdict() for part in wrong_parts], "far": far_shifts(known),
+        "wrong_parts": [part._asdict() for part in wrong_parts], "far": describe_far_shifts(known),
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },
     }  # fmt: skip
-    excessive = any(shift.excessive for shift in known)
+    excessive = any(shift.is_excessive for shift in known)
     return FromReference(with_pixels, control, accuracy, entries, warnings, excessive)
 
 
@@ -127,7 +127,7 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     """Return the GCPs and their measurements, those that agree."""
     control = found.control
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
-    sigma = np.tile(found.accuracy.of_points(control.ground[seen]), (len(seen), 1))
+    sigma = np.tile(found.accuracy.compute_sigmas(control.ground[seen]), (len(seen), 1))
     ids = np.char.add(PREFIX, np.char.lstrip(control.ids, "R"))
     ground = GroundPoints.create(ids[seen], control.ground[seen], Role.GCP, sigma, found.entries["path"])
     rows = [(part, part.used) for part in control.images]
@@ -152,14 +152,14 @@ def contradicts(found: FromReference, block: Block) -> str:
         here = surveyed & (rows.image == index)
         point = rows.point[here]
         if here.any():
-            gcps.append(MeasuredGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
+            gcps.append(ImageGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
     differ = contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
     if differ is not None:
         found.entries["surveyed_gcps"] = {
             "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,
             "limit_m": differ.limit_m,
         }  # fmt: skip
-    return differ.message if differ is not None and differ.excessive and np.isfinite(differ.limit_m) else ""
+    return differ.message if differ is not None and differ.is_excessive and np.isfinite(differ.limit_m) else ""
 
 
 def reference_reasons(entries: Report) -> list[Reason]:

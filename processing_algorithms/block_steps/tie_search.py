@@ -9,7 +9,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.workers.scheduling import open_scheduler
 from ...hrsi_engine.io.safety.finished_parts import FinishedParts
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
-from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points, overlapping_pairs
+from ...hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
@@ -57,7 +57,7 @@ def count_pairs(
     images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, earlier: Collection[str] = ()
 ) -> int:
     """Return the number of pairs that overlap; `InputError` where there are none, as in the search itself."""
-    return len(overlapping_pairs(images, options.search, surface, earlier))
+    return len(find_overlapping_pairs(images, options.search, surface, earlier))
 
 
 def held_entries(found: TiePoints) -> Report:

@@ -18,8 +18,14 @@ from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
 from ...hrsi_engine.io.rasters.orthoimages import file_state
-from ...hrsi_engine.ortho.footprint import footprint_bounds, map_crs_of, mean_gsd_m, share_of_ground, terrain_below
-from ...hrsi_engine.ortho.grid import MapGrid, rounded_resolution
+from ...hrsi_engine.ortho.footprint import (
+    choose_map_crs,
+    compute_covered_share,
+    compute_footprint_bounds,
+    compute_ground_sample_m,
+    find_terrain_points,
+)
+from ...hrsi_engine.ortho.grid import MapGrid, round_resolution
 from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
 from ..declarations.orthorectify import OrthorectifyOptions
@@ -95,13 +101,13 @@ def _terrain_of_points(spec: str, options: OrthorectifyOptions) -> Terrain:
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
     """Return the grids of all images, and what the user should know."""
     _check_images(images)
-    below = {image.id: terrain_below(image, terrain.surface) for image in images}
+    below = {image.id: find_terrain_points(image, terrain.surface) for image in images}
     for name, ground in below.items():
         if not len(ground):
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
-    gsd = {image.id: mean_gsd_m(image, below[image.id]) for image in images}
+    gsd = {image.id: compute_ground_sample_m(image, below[image.id]) for image in images}
     crs = _crs(options.crs, np.concatenate(list(below.values())))
-    resolution = options.resolution or rounded_resolution(min(gsd.values()) / _metres_per_unit(crs))
+    resolution = options.resolution or round_resolution(min(gsd.values()) / _metres_per_unit(crs))
     _require_resolution(resolution, crs, min(gsd.values()))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
     grids = _grids(images, terrain.surface, crs, resolution, options.extent)
@@ -123,7 +129,7 @@ def _check_images(images: Sequence[Image]) -> None:
 def _crs(given: str | None, ground: np.ndarray) -> str:
     """Return the WKT of the orthoimages' CRS, without a height part."""
     if given is None:
-        return map_crs_of(ground)
+        return choose_map_crs(ground)
     crs = _named_crs(given, "crs")
     crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
     if not (crs.is_projected or crs.is_geographic):
@@ -153,7 +159,7 @@ def _require_resolution(resolution: float, wkt: str, gsd_m: float) -> None:
     raise InputError(
         f"`resolution` {resolution:g} is in units of the CRS {crs.name!r}, {crs.axis_info[0].unit_name}, and makes "
         f"pixels of {metres:.3g} m, where the images have {gsd_m:.3g} m: give about "
-        f"{rounded_resolution(gsd_m / _metres_per_unit(wkt)):g}, or a `crs` in metres"
+        f"{round_resolution(gsd_m / _metres_per_unit(wkt)):g}, or a `crs` in metres"
     )
 
 
@@ -167,7 +173,7 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
             f"the ground is taken as flat: where it is {NOTABLE_HEIGHT_M:g} m higher or lower, {worst} is off by "
             f"{NOTABLE_HEIGHT_M * tangents[worst]:.1f} m; a DEM removes that"
         ]
-    shares = {image.id: share_of_ground(image, terrain.surface) for image in images}
+    shares = {image.id: compute_covered_share(image, terrain.surface) for image in images}
     return [
         f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
         for name, share in shares.items()
@@ -205,10 +211,10 @@ def _grids(
     images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
 ) -> dict[str, MapGrid]:
     """Return each image's grid for an extent as the option says it."""
-    bounds = {image.id: footprint_bounds(image, surface, crs, resolution) for image in images}
+    bounds = {image.id: compute_footprint_bounds(image, surface, crs, resolution) for image in images}
     every = np.array(list(bounds.values()))
     if extent == "each":
-        return {name: MapGrid.around(crs, resolution, box) for name, box in bounds.items()}
+        return {name: MapGrid.from_bounds(crs, resolution, box) for name, box in bounds.items()}
     if extent == "union":
         box = (*every[:, :2].min(axis=0), *every[:, 2:].max(axis=0))
     elif extent == "overlap":
@@ -217,7 +223,7 @@ def _grids(
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
         box = _given_box(extent, crs)
-    grid = MapGrid.around(crs, resolution, box)
+    grid = MapGrid.from_bounds(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:
         raise InputError(f"`extent` {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")

@@ -23,7 +23,7 @@ from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
-from ...hrsi_engine.ortho.common_shift import common_shift
+from ...hrsi_engine.ortho.common_shift import find_common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     MisregistrationOptions,
     Read,
@@ -153,7 +153,7 @@ def match_pairs(
             )
             tell = partial(advance, here, message=" - ".join(pair.names))
             tell(0.0)
-            common = common_shift(first, second, *pair.area[2:])
+            common = find_common_shift(first, second, *pair.area[2:])
             found_here = measure_shifts(first, _shift(second, common), centres, options, tell, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(MatchedPair(pair, matches, common_px))

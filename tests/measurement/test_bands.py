@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.block_matching.bands import Lines, banded_matches
+from hrsi.hrsi_engine.measurement.block_matching.bands import Lines, match_in_bands
 from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW
-from hrsi.hrsi_engine.measurement.tile_matching.features import root_sift
+from hrsi.hrsi_engine.measurement.tile_matching.features import compute_root_sift
 
 MARGIN_PX = 40.0
 
@@ -25,13 +25,15 @@ def test_what_is_found_is_what_comparing_all_with_all_finds(monkeypatch, compile
     angle = 0.4 + rng.normal(0.0, 0.05, 700)
     lines = Lines(origin, np.column_stack([np.cos(angle), np.sin(angle)]), rng.uniform(5.0, 60.0, 700))
     lines.origin[::50] = np.nan
-    found = banded_matches(first, second, lines, xy, MARGIN_PX)
+    found = match_in_bands(first, second, lines, xy, MARGIN_PX)
 
     apart = xy - lines.origin[:, None]
     along = np.abs((apart * lines.direction[:, None]).sum(axis=2))
     across = np.abs(lines.direction[:, :1] * apart[..., 1] - lines.direction[:, 1:] * apart[..., 0])
     inside = (across <= MARGIN_PX) & (along <= lines.reach[:, None] + MARGIN_PX)
-    likeness = np.where(inside, root_sift(first).astype(np.float64) @ root_sift(second).T.astype(np.float64), -1.0)
+    likeness = np.where(
+        inside, compute_root_sift(first).astype(np.float64) @ compute_root_sift(second).T.astype(np.float64), -1.0
+    )
     expected = []
     for i in range(700):
         j, rival = np.argsort(-likeness[i])[:2]

@@ -13,15 +13,15 @@ from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.links import (
     LINKS,
     ImageLink,
-    cut_unchecked,
-    find_displaced,
-    find_single_holds,
+    cut_weak_bridges,
+    drop_unsound_links,
+    find_bridges,
+    find_displaced_images,
     judge_links,
-    without_links,
 )
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import Overlap
 from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import CHOICE, Probe, choose_probed
+from hrsi.hrsi_engine.measurement.block_matching.probes import CHOICE, Probe, choose_probes
 
 ALL_CELLS = (511, 511)
 
@@ -39,7 +39,7 @@ def seasons(images: int, seed: int = 1) -> list[Probe]:
 
 
 def run_choice(choice: PairChoice, succeeds) -> None:
-    while pairs := choice.next_round():
+    while pairs := choice.choose_round():
         for pair in pairs:
             choice.tell(pair, succeeds(pair))
 
@@ -108,14 +108,14 @@ def test_what_an_image_s_pairs_leave_open_is_covered():
     probes = [Probe(0, 1, 100, 10.0, (0b000000111, 511)), Probe(0, 2, 50, 10.0, (0b111111000, 511)),
               Probe(1, 2, 90, 10.0, ALL_CELLS)]  # fmt: skip
     choice = PairChoice(3, probes, 1, 10)
-    assert (0, 2) in choice.next_round()
+    assert (0, 2) in choice.choose_round()
 
 
 def test_only_near_views_are_probed_where_there_are_many():
     images = 300
     overlaps = [Overlap(a, b, 1.0) for a, b in combinations(range(images), 2)]
     angle = np.array([0.1 * abs(pair.first - pair.second) for pair in overlaps])
-    rows = choose_probed(overlaps, angle)
+    rows = choose_probes(overlaps, angle)
     assert len(rows) <= CHOICE.partners * images
     nearest = {(k, k + 1) for k in range(images - 1)}
     assert nearest <= {(overlaps[row].first, overlaps[row].second) for row in rows}
@@ -162,7 +162,7 @@ def test_false_links_are_found_by_closures_and_nothing_else():
     matches = block_matches(6, false)
     links = judge_links(matches)
     assert {(link.first, link.second) for link in links if not link.sound} == set(false)
-    kept = without_links(matches, links)
+    kept = drop_unsound_links(matches, links)
     assert not any(((kept.first == a) & (kept.second == b)).any() for a, b in false)
     assert len(kept) == len(matches) - sum(link.matches for link in links if not link.sound)
 
@@ -186,26 +186,26 @@ def test_an_image_on_no_loop_is_left_out_unless_its_link_is_strong():
     """0 to 3 are a ring, 4 and 5 hang on it by one link each, 6 on 5; 7 and 8 have each other only."""
     few, many = LINKS.weak_matches, LINKS.bridge_matches
     ring = {(0, 1): few, (1, 2): few, (2, 3): few, (0, 3): few}
-    links = cut_unchecked(links_of(ring | {(3, 4): many - 1, (2, 5): many, (5, 6): many - 1, (7, 8): many}))
+    links = cut_weak_bridges(links_of(ring | {(3, 4): many - 1, (2, 5): many, (5, 6): many - 1, (7, 8): many}))
     assert {(link.first, link.second) for link in links if link.sound} == set(ring) | {(2, 5)}
-    assert [(link[:2], held) for link, held in find_single_holds(links)] == [((2, 5), [5])]
+    assert [(link[:2], held) for link, held in find_bridges(links)] == [((2, 5), [5])]
 
 
 def test_bridges_are_those_whose_loss_parts_the_block():
     rng = np.random.default_rng(8)
     for _ in range(30):
         pairs = {(int(min(a, b)), int(max(a, b))): 5 for a, b in rng.integers(0, 12, (13, 2)) if a != b}
-        found = {link[:2] for link, _ in find_single_holds(links_of(pairs))}
+        found = {link[:2] for link, _ in find_bridges(links_of(pairs))}
         expected = {pair for pair in pairs if parts(12, set(pairs) - {pair}) > parts(12, set(pairs))}
         assert found == expected
 
 
 def test_two_blocks_with_one_link_stay_and_the_smaller_one_is_named():
     large, small = list(combinations(range(4), 2)), list(combinations(range(4, 7), 2))
-    links = cut_unchecked(links_of(dict.fromkeys([*large, *small, (3, 4)], LINKS.weak_matches)))
+    links = cut_weak_bridges(links_of(dict.fromkeys([*large, *small, (3, 4)], LINKS.weak_matches)))
     assert all(link.sound for link in links)
-    assert [(link[:2], sorted(held)) for link, held in find_single_holds(links)] == [((3, 4), [4, 5, 6])]
-    assert cut_unchecked([]) == [] and find_single_holds([]) == []
+    assert [(link[:2], sorted(held)) for link, held in find_bridges(links)] == [((3, 4), [4, 5, 6])]
+    assert cut_weak_bridges([]) == [] and find_bridges([]) == []
 
 
 def test_displaced_rpcs_are_named_and_not_their_partners():
@@ -215,7 +215,10 @@ def test_displaced_rpcs_are_named_and_not_their_partners():
     for a, b in combinations(range(12), 2):
         if rng.random() < 0.5:
             offsets[a, b] = float(abs(rng.normal(0.0, 4.0)) + wrong.get(a, 0.0) + wrong.get(b, 0.0))
-    found = find_displaced(offsets)
+    found = find_displaced_images(offsets)
     assert set(found) == set(wrong)
     # A block whose RPCs are all far off has no such images
-    assert find_displaced({pair: 60.0 + offset for pair, offset in offsets.items() if not set(pair) & set(wrong)}) == {}
+    assert (
+        find_displaced_images({pair: 60.0 + offset for pair, offset in offsets.items() if not set(pair) & set(wrong)})
+        == {}
+    )

@@ -11,7 +11,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
@@ -20,8 +20,8 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     match_tile,
     transfer_points,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.points import tile_points
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import rpc_consistency
+from hrsi.hrsi_engine.measurement.tile_matching.points import detect_tile_points
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1
@@ -127,7 +127,7 @@ def test_bias_and_height_come_out(found):
 def test_points_depend_on_the_first_window_alone(pair, found):
     """Whole pixels, the same for other partners; tiles and results go through pickle unchanged."""
     other = match_tile(pair[0], rendered(2), geometry(2))
-    points = {tuple(p) for p in pair[0].to_image(tile_points(pair[0], TileMatchOptions()))}
+    points = {tuple(p) for p in pair[0].to_image(detect_tile_points(pair[0], TileMatchOptions()))}
     for matches in (found, other):
         assert {tuple(p) for p in matches.first_xy} <= points
     assert len({tuple(p) for p in found.first_xy} & {tuple(p) for p in other.first_xy}) > 200
@@ -177,9 +177,11 @@ def test_matches_that_agree_by_chance_are_none():
     rng = np.random.default_rng(31)
     first = rng.uniform(0.0, SIZE, (300, 2))
     true = transfer(camera(0), camera(1), first, blocks.HEIGHT)
-    chance = rpc_consistency(camera(0), camera(1), first, true + rng.uniform(-128.0, 128.0, (300, 2)), blocks.HEIGHT)
+    chance = check_rpc_consistency(
+        camera(0), camera(1), first, true + rng.uniform(-128.0, 128.0, (300, 2)), blocks.HEIGHT
+    )
     away = np.concatenate([rng.normal(0.0, 0.5, (60, 2)), rng.uniform(-128.0, 128.0, (240, 2))])
-    told = rpc_consistency(camera(0), camera(1), first, true + away, blocks.HEIGHT)
+    told = check_rpc_consistency(camera(0), camera(1), first, true + away, blocks.HEIGHT)
     print(
         f"{chance.good.sum()} of 300 by chance; {told.good[:60].sum()} of 60 right ones, {told.good[60:].sum()} others"
     )
@@ -212,15 +214,19 @@ def test_nothing_is_found_where_there_is_nothing(pair, what: str):
 def test_no_points_on_water_noise_and_nodata():
     rng = np.random.default_rng(0)
     noise = (500.0 + rng.normal(0.0, 4.0, (300, 300))).astype(np.float32)
-    assert len(tile_points(ImageTile(noise, np.ones(noise.shape, bool)), TileMatchOptions())) == 0
+    assert len(detect_tile_points(ImageTile(noise, np.ones(noise.shape, bool)), TileMatchOptions())) == 0
     assert (
-        len(tile_points(ImageTile(np.full((300, 300), 9.0, np.float32), np.ones((300, 300), bool)), TileMatchOptions()))
+        len(
+            detect_tile_points(
+                ImageTile(np.full((300, 300), 9.0, np.float32), np.ones((300, 300), bool)), TileMatchOptions()
+            )
+        )
         == 0
     )
     tile = rendered(0)
     valid = np.ones(tile.pixels.shape, bool)
     valid[:, 150:] = False
-    points = tile_points(ImageTile(tile.pixels, valid), TileMatchOptions())
+    points = detect_tile_points(ImageTile(tile.pixels, valid), TileMatchOptions())
     assert len(points) and points[:, 0].max() < 150
 
 
@@ -231,7 +237,7 @@ def test_same_view_matches_are_judged_without_epipolar_lines():
     xy = rng.uniform(20, SIZE - 20, (300, 2))
     seen = xy + (1.5, -0.7) + rng.normal(0, 0.1, xy.shape)
     seen[:40] += rng.uniform(-60, 60, (40, 2))
-    good = rpc_consistency(rpc, rpc, xy, seen, blocks.HEIGHT).good
+    good = check_rpc_consistency(rpc, rpc, xy, seen, blocks.HEIGHT).good
     assert good[40:].mean() > 0.95
     assert good[:40].sum() <= 2
 
@@ -254,7 +260,7 @@ def test_real_pairs_beat_sift(real_data, name: str):
         tiles.append(ImageTile(grey.astype(np.float32), valid))
     pair_of = TilePairGeometry(images[0].rpc, images[1].rpc, height - 40.0, height + 40.0, margin_px=(20.0, 20.0))
     matches = match_tile(*tiles, pair_of)
-    across = epipolar_miss(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
+    across = compute_epipolar_miss(images[0].rpc, images[1].rpc, matches.first_xy, matches.second_xy, height).across_px
     nmad = 1.4826 * np.median(np.abs(across - np.median(across))) / np.sqrt(2.0)
     print(f"{name}: {len(matches)} matches, NMAD {nmad:.3f} px ({nmad / baseline:.2f} of SIFT's)")
     assert len(matches) >= least

@@ -16,17 +16,17 @@ from hrsi.hrsi_engine.block.shared_accuracy import divide_area
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.laboratory.simulation import OrientationError
 from hrsi.hrsi_engine.measurement.reference.checks import (
-    MeasuredGcps,
+    ImageGcps,
     ReferenceAccuracy,
+    compute_reference_shift,
     contradiction,
-    far_shifts,
-    reference_shift,
-    shift_warnings,
+    describe_far_shifts,
+    describe_shifts,
 )
 from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
-from hrsi.hrsi_engine.measurement.reference.parts import without_wrong_parts
-from hrsi.hrsi_engine.measurement.reference.predicted_patches import image_patch, predicted_patch
+from hrsi.hrsi_engine.measurement.reference.parts import drop_wrong_parts
+from hrsi.hrsi_engine.measurement.reference.predicted_patches import predict_patch, read_patch
 from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
 from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import (
     compute_orientation_field,
@@ -123,7 +123,7 @@ def test_displaced_reference_is_noticed(scene, east_m, north_m, noticed):
     moved = shifted(scene, east_m, north_m)
     control = match_reference(moved.images, moved.reference, moved.terrain, replace(OPTIONS, points=30))
     shifts = [
-        reference_shift(image, part, control.ground, EXACT)
+        compute_reference_shift(image, part, control.ground, EXACT)
         for image, part in zip(moved.images, control.images, strict=True)
     ]
     true = reference_error(scene)
@@ -132,9 +132,9 @@ def test_displaced_reference_is_noticed(scene, east_m, north_m, noticed):
         aside = np.hypot(shift.east_m - own[0] + east_m, shift.north_m - own[1] + north_m)
         assert aside < (3.0 if noticed else 0.3)
         assert shift.stated and shift.bias_m == pytest.approx(4.4, rel=0.1)  # 6 urad from 700 km
-    text = " ".join(shift_warnings(shifts))
+    text = " ".join(describe_shifts(shifts))
     assert bool(text) == noticed
-    assert far_shifts(shifts) == (shift_warnings(shifts) if noticed else [])  # 100 m are 23 sigmas
+    assert describe_far_shifts(shifts) == (describe_shifts(shifts) if noticed else [])  # 100 m are 23 sigmas
     if noticed:
         assert "all 2 images" in text and "m beside the reference" in text and "ERR_BIAS" in text
 
@@ -163,9 +163,9 @@ def shifted_corner(scene: scenes.Scene, control: ReferenceControl, by_m: float) 
 
 def test_a_corner_of_the_reference_that_lies_off_is_named_and_left_out(scene, control):
     accuracy = ReferenceAccuracy(5.0, 3.0)
-    assert without_wrong_parts(scene.images, control, accuracy)[1] == []
+    assert drop_wrong_parts(scene.images, control, accuracy)[1] == []
     moved, corner = shifted_corner(scene, control, 15.0)
-    kept, wrong = without_wrong_parts(scene.images, moved, accuracy)
+    kept, wrong = drop_wrong_parts(scene.images, moved, accuracy)
     assert len(wrong) >= 1
     lonlat = np.array([[part.lon_deg, part.lat_deg] for part in wrong])
     assert (lonlat > np.median(control.ground[:, :2], axis=0)).all()
@@ -173,7 +173,7 @@ def test_a_corner_of_the_reference_that_lies_off_is_named_and_left_out(scene, co
     np.testing.assert_allclose(max(size), 15.0, atol=1.5)
     for found in kept.images:
         assert corner[found.places[found.used]].mean() < 0.3 * corner[found.places].mean()
-    assert without_wrong_parts(scene.images, shifted_corner(scene, control, 2.0)[0], accuracy)[1] == []
+    assert drop_wrong_parts(scene.images, shifted_corner(scene, control, 2.0)[0], accuracy)[1] == []
 
 
 def test_surveyed_gcps_contradict_a_displaced_reference(scene):
@@ -185,15 +185,15 @@ def test_surveyed_gcps_contradict_a_displaced_reference(scene):
         rows = np.flatnonzero(truth.image_points.image == number)
         points = truth.image_points.point[rows]
         sigma = np.tile([0.1, 0.2], (len(rows), 1))
-        gcps.append(MeasuredGcps(image.id, truth.ground[points], sigma, truth.image_points.xy[rows]))
+        gcps.append(ImageGcps(image.id, truth.ground[points], sigma, truth.image_points.xy[rows]))
     found = contradiction(moved.images, control, gcps, EXACT)
-    assert found is not None and found.excessive
+    assert found is not None and found.is_excessive
     assert (found.east_m, found.north_m) == pytest.approx((-12.0, -16.0), abs=0.1)
     assert "the reference is not used" in found.message
     honest = contradiction(
         scene.images, match_reference(scene.images, scene.reference, scene.terrain, OPTIONS), gcps, EXACT
     )
-    assert honest is not None and not honest.excessive
+    assert honest is not None and not honest.is_excessive
     assert np.hypot(honest.east_m, honest.north_m) < 0.1
     assert contradiction(moved.images, control, [], EXACT) is None
 
@@ -206,10 +206,10 @@ def test_points_of_a_reference_together_are_no_better_than_it_is():
     draws = 4000
     shared = 0.8 * rng.normal(size=(draws, 1)) + 0.4 * rng.normal(size=(draws, len(names)))[:, part]
     own = np.sqrt(1.0 - 0.8**2 - 0.4**2) * rng.normal(size=(draws, 400))
-    sigma_xy, sigma_h = ReferenceAccuracy(2.0, 1.0).of_points(ground)
+    sigma_xy, sigma_h = ReferenceAccuracy(2.0, 1.0).compute_sigmas(ground)
     assert sigma_xy / np.sqrt(400) == pytest.approx(2.0 * (shared + own).mean(axis=1).std(), rel=0.05)
     assert sigma_xy / np.sqrt(400) > 1.6 > sigma_h / np.sqrt(400) > 0.4
-    assert ReferenceAccuracy(2.0, 1.0).of_points(ground[:1]) == pytest.approx((2.0, 1.0))
+    assert ReferenceAccuracy(2.0, 1.0).compute_sigmas(ground[:1]) == pytest.approx((2.0, 1.0))
 
 
 # ---- parts -----------------------------------------------------------------------------------------------------
@@ -219,13 +219,13 @@ def test_prediction_looks_like_the_image_with_the_true_camera(scene):
     """With the true RPC the predicted patch is the image but for noise and blur."""
     true = replace(scene.images[0], rpc=scene.simulated.truth.rpcs[0].rpc)
     origin, shape = np.array([150.0, 140.0]), (90, 110)
-    seen = image_patch(true.raster, origin, shape, 1.0)
-    predicted = predicted_patch(
+    seen = read_patch(true.raster, origin, shape, 1.0)
+    predicted = predict_patch(
         true, scene.reference, scene.terrain, origin, shape, 1.0, np.zeros(2), 4.0, scene.reference.gsd_m
     )
     assert predicted.valid.all()
     assert np.corrcoef(seen.grey.ravel(), predicted.grey.ravel())[0, 1] > 0.98
-    reduced = image_patch(true.raster, origin, (30, 36), 3.0)
+    reduced = read_patch(true.raster, origin, (30, 36), 3.0)
     means = ndimage.uniform_filter(seen.grey, 3)[1::3, 1::3][:28, :34]
     assert np.corrcoef(reduced.grey[:28, :34].ravel(), means.ravel())[0, 1] > 0.9  # a third of a pixel aside
 

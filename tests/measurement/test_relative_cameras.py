@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.measurement.block_matching import search
 from hrsi.hrsi_engine.measurement.block_matching.coarse import CoarseJob
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import GroundRange
-from hrsi.hrsi_engine.measurement.block_matching.relative_cameras import RelativeCameras, relative_cameras
+from hrsi.hrsi_engine.measurement.block_matching.relative_cameras import RelativeCameras, estimate_relative_cameras
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
 
@@ -78,7 +78,7 @@ def misses_px(year: BlockSimulation, cameras: RelativeCameras | None, first: int
 
 def test_pairs_that_were_never_matched_are_predicted_through_third_images(year: BlockSimulation):
     """A star of image 0 ties all others to one another; the heights between points are interpolated."""
-    cameras = relative_cameras(matches_of(year, [(0, k) for k in range(1, VIEWS)]), year.block.images)
+    cameras = estimate_relative_cameras(matches_of(year, [(0, k) for k in range(1, VIEWS)]), year.block.images)
     assert cameras is not None
     for first, second in ((1, 2), (3, LAST), (LAST, 1)):
         raw, predicted = misses_px(year, None, first, second), misses_px(year, cameras, first, second)
@@ -89,7 +89,7 @@ def test_pairs_that_were_never_matched_are_predicted_through_third_images(year: 
 
 def test_an_image_without_matches_is_sought_as_far_as_the_others_are_off(year: BlockSimulation):
     pairs = [(a, b) for a in range(LAST) for b in range(a + 1, LAST)]
-    cameras = relative_cameras(matches_of(year, pairs), year.block.images)
+    cameras = estimate_relative_cameras(matches_of(year, pairs), year.block.images)
     assert cameras is not None
     assert cameras.sigma_px[LAST] > 2.0 * cameras.sigma_px[:LAST].max()
 
@@ -97,13 +97,13 @@ def test_an_image_without_matches_is_sought_as_far_as_the_others_are_off(year: B
 def test_false_matches_do_not_move_the_cameras(year: BlockSimulation):
     matches = matches_of(year, [(0, k) for k in range(1, VIEWS)])
     matches.second_xy[::12] += (25.0, -15.0)
-    cameras = relative_cameras(matches, year.block.images)
+    cameras = estimate_relative_cameras(matches, year.block.images)
     assert np.median(misses_px(year, cameras, 1, 2)) < PREDICTED_PX
 
 
 def test_without_matches_there_are_no_cameras(year: BlockSimulation):
     matches = matches_of(year, [(0, 1)])
-    assert relative_cameras(matches.select(np.zeros(len(matches), bool)), year.block.images) is None
+    assert estimate_relative_cameras(matches.select(np.zeros(len(matches), bool)), year.block.images) is None
 
 
 def test_points_are_completed_in_images_that_miss_them(monkeypatch: pytest.MonkeyPatch):

@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.measurement.interest_points.stable_regions import (
     find_mser_by_opencv,
     find_mser_by_tree,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import sift_arrays
+from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import detect_sift_by_numpy
 from hrsi.hrsi_engine.measurement.window_matching.cross_correlation import correlate_template
 
 RNG = np.random.default_rng(3)
@@ -94,7 +94,7 @@ def test_sift_finds_what_opencv_finds():
     image = texture(256)
     points, _ = cv2.SIFT_create(600, contrastThreshold=0.01, enable_precise_upscale=True).detectAndCompute(image, None)
     theirs = np.array([point.pt for point in points])
-    xy, strength, descriptors = sift_arrays(image, np.ones(image.shape, bool), 600, 0.01)
+    xy, strength, descriptors = detect_sift_by_numpy(image, np.ones(image.shape, bool), 600, 0.01)
     nearest = np.linalg.norm(xy[:, None] - theirs, axis=2).min(axis=0)
     assert (nearest < 0.01).mean() > 0.97
     assert (np.diff(strength) <= 0.0).all()
@@ -111,7 +111,8 @@ def test_sift_matches_a_turned_image(scale: float, turn_deg: float):
     seen = cv2.warpAffine(np.ones_like(first), similarity, (256, 256)) > 0
     seen = cv2.erode(seen.astype(np.uint8), np.ones((31, 31))).astype(bool)
     (xy1, _, d1), (xy2, _, d2) = (
-        sift_arrays(image, usable, 500, 0.01) for image, usable in ((first, np.ones_like(seen)), (second, seen))
+        detect_sift_by_numpy(image, usable, 500, 0.01)
+        for image, usable in ((first, np.ones_like(seen)), (second, seen))
     )
     distance = np.linalg.norm(d1[:, None].astype(float) - d2, axis=2)
     there = distance.argmin(axis=1)

@@ -12,12 +12,12 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
-from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, without_outliers
+from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, drop_outliers
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import mutual_matches, rpc_consistent
-from hrsi.hrsi_engine.measurement.tracks import consistent_tracks, spread_over_image
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import match_descriptors, rpc_consistent
+from hrsi.hrsi_engine.measurement.tracks import build_tracks, select_tracks_by_cell
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
 
 OPTIONS = TieOptions(margin_px=40.0)
@@ -214,7 +214,7 @@ def test_epipolar_miss_tells_height_and_offset():
     xy1, xy2 = first.rpc.project(ground), second.rpc.project(ground)
     line = transfer(first.rpc, second.rpc, xy1, 300.0) - transfer(first.rpc, second.rpc, xy1, 200.0)
     normal = np.column_stack([-line[:, 1], line[:, 0]]) / np.linalg.norm(line, axis=1)[:, None]
-    miss = epipolar_miss(first.rpc, second.rpc, xy1, xy2 + 2.5 * normal, 150.0)
+    miss = compute_epipolar_miss(first.rpc, second.rpc, xy1, xy2 + 2.5 * normal, 150.0)
     np.testing.assert_allclose(miss.height_m, 260.0, atol=0.01)
     np.testing.assert_allclose(miss.across_px, 2.5, atol=0.01)
 
@@ -251,7 +251,7 @@ def test_land_beyond_water_stays_and_repeated_patterns_beyond_a_gap_go():
         moved_xy = transfer(images[0].rpc, images[1].rpc, first_xy, height + metres)
         matches = BlockMatches(np.arange(many), number, number + 1, first_xy, moved_xy, np.full(many, 0.05),
                                np.ones(many), np.full(many, "automatic"), height + metres)  # fmt: skip
-        kept = np.isin(np.arange(many), without_outliers(matches, images).track)
+        kept = np.isin(np.arange(many), drop_outliers(matches, images).track)
         assert kept[~far].all()
         assert (kept[far] == stays).all()
 
@@ -262,7 +262,7 @@ def test_mutual_matches_find_a_permutation():
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     order = rng.permutation(3000)
     second = first[order] + rng.normal(0, 0.01, first.shape).astype(np.float32)
-    i, j = mutual_matches(first, second)
+    i, j = match_descriptors(first, second)
     np.testing.assert_array_equal(order[j], i)
     assert len(i) == 3000
 
@@ -270,11 +270,11 @@ def test_mutual_matches_find_a_permutation():
 def test_contradictory_tracks_are_dropped():
     image = np.array([0, 1, 2, 0, 1, 2, 0])
     first, second = np.array([0, 1, 3, 4, 5]), np.array([1, 2, 4, 5, 6])  # the second track meets image 0 twice
-    np.testing.assert_array_equal(consistent_tracks(first, second, image), [0, 0, 0, -1, -1, -1, -1])
+    np.testing.assert_array_equal(build_tracks(first, second, image), [0, 0, 0, -1, -1, -1, -1])
 
 
 def test_spread_keeps_the_longest_in_each_cell():
     track = np.array([0, 0, 1, 1, 1, 2, 2])
     image = np.array([0, 1, 0, 1, 2, 0, 1])
-    keep = spread_over_image(track, image, np.zeros((7, 2)), np.zeros(3), np.full((3, 2), 100.0), np.ones(3, int))
+    keep = select_tracks_by_cell(track, image, np.zeros((7, 2)), np.zeros(3), np.full((3, 2), 100.0), np.ones(3, int))
     np.testing.assert_array_equal(keep, [False, True, False])

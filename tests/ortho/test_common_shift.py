@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.ortho.common_shift import common_shift
+from hrsi.hrsi_engine.ortho.common_shift import find_common_shift
 from hrsi.hrsi_engine.ortho.misregistration import SHIFT
 from hrsi.tests.ortho.scenes import texture
 from hrsi.tests.ortho.test_misregistration import shifted
@@ -34,12 +34,12 @@ def test_common_shift_comes_back(dx: float, dy: float) -> None:
     rng = np.random.default_rng(3)
     grey = texture(SIDE, SIDE)
     other = 1.0 - 0.8 * shifted(grey, dx, dy) + rng.normal(0.0, 0.1 * grey.std(), grey.shape)
-    found = common_shift(reader(grey), reader(other), SIDE, SIDE)
+    found = find_common_shift(reader(grey), reader(other), SIDE, SIDE)
     assert np.abs(found - (dx, dy)).max() <= SHIFT.reduction
 
 
 def test_unlike_or_empty_or_small_images_have_none() -> None:
     grey, other, flat = texture(SIDE, SIDE), texture(SIDE, SIDE, seed=99), np.full((SIDE, SIDE), 5.0)
     for second in (other, flat):
-        assert common_shift(reader(grey), reader(second), SIDE, SIDE).tolist() == [0, 0]
-    assert common_shift(reader(grey), reader(grey), 40, 40).tolist() == [0, 0]
+        assert find_common_shift(reader(grey), reader(second), SIDE, SIDE).tolist() == [0, 0]
+    assert find_common_shift(reader(grey), reader(grey), 40, 40).tolist() == [0, 0]

@@ -7,7 +7,7 @@ import pyproj
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ortho.grid import MapGrid, rounded_resolution
+from hrsi.hrsi_engine.ortho.grid import MapGrid, round_resolution
 
 UTM = pyproj.CRS.from_epsg(32631).to_wkt()
 
@@ -16,18 +16,18 @@ UTM = pyproj.CRS.from_epsg(32631).to_wkt()
     ("gsd", "resolution"), [(0.5, 0.5), (0.52, 0.5), (0.49, 0.5), (0.72, 0.7), (6.5, 6.0), (1.65, 1.5), (9.8, 10.0)]
 )
 def test_resolutions_are_round_and_never_much_coarser(gsd: float, resolution: float) -> None:
-    assert rounded_resolution(gsd) == resolution
-    assert rounded_resolution(gsd) <= 1.05 * gsd
+    assert round_resolution(gsd) == resolution
+    assert round_resolution(gsd) <= 1.05 * gsd
 
 
 @pytest.mark.parametrize("gsd", [0.0, -1.0, np.nan, np.inf])
 def test_no_resolution_without_a_pixel_size(gsd: float) -> None:
     with pytest.raises(InputError, match="`resolution`"):
-        rounded_resolution(gsd)
+        round_resolution(gsd)
 
 
 def test_edges_are_whole_multiples_and_hold_the_bounds() -> None:
-    grid = MapGrid.around(UTM, 0.3, (500_000.1, 4_800_000.2, 500_123.4, 4_800_056.7))
+    grid = MapGrid.from_bounds(UTM, 0.3, (500_000.1, 4_800_000.2, 500_123.4, 4_800_056.7))
     west, south, east, north = grid.bounds
     inside = np.array([500_000.1 - west, 4_800_000.2 - south, east - 500_123.4, north - 4_800_056.7])
     assert (inside > -1e-6).all()  # an edge that lies on the lattice stays there
@@ -37,13 +37,13 @@ def test_edges_are_whole_multiples_and_hold_the_bounds() -> None:
 
 
 def test_bounds_on_the_lattice_stay_as_they_are() -> None:
-    grid = MapGrid.around(UTM, 0.1, (500_000.0, 4_800_000.0, 500_010.0, 4_800_005.0))
+    grid = MapGrid.from_bounds(UTM, 0.1, (500_000.0, 4_800_000.0, 500_010.0, 4_800_005.0))
     assert (grid.columns, grid.rows) == (100, 50)
-    assert MapGrid.around(UTM, 0.1, grid.bounds) == grid
+    assert MapGrid.from_bounds(UTM, 0.1, grid.bounds) == grid
 
 
 def test_positions_are_those_of_pixel_centres() -> None:
-    grid = MapGrid.around(UTM, 2.0, (500_000.0, 4_800_000.0, 500_100.0, 4_800_100.0))
+    grid = MapGrid.from_bounds(UTM, 2.0, (500_000.0, 4_800_000.0, 500_100.0, 4_800_100.0))
     back = pyproj.Transformer.from_crs(4326, 32631, always_xy=True)
     x, y = back.transform(*grid.lonlat(np.array([[0.0, 0.0], [49.0, 49.0]])).T)
     assert np.allclose(x, [500_001.0, 500_099.0], atol=1e-6) and np.allclose(y, [4_800_099.0, 4_800_001.0], atol=1e-6)

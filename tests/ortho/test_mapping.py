@@ -26,7 +26,7 @@ def mapping(folder: Path, cell_deg: float = CELL_DEG, error_px: float = 0.05, ro
     surface = open_dem(write_dem(folder / "dem.tif", cell_deg, roughness), "ellipsoidal")
     centre = image.rpc.localize(image.centre_px[None], 250.0).ground
     x, y = pyproj.Transformer.from_crs(4326, utm_wkt(), always_xy=True).transform(centre[0, 0], centre[0, 1])
-    grid = MapGrid.around(utm_wkt(), 1.0, (x - 300.0, y - 280.0, x + 310.0, y + 270.0))
+    grid = MapGrid.from_bounds(utm_wkt(), 1.0, (x - 300.0, y - 280.0, x + 310.0, y + 270.0))
     return OrthoMapping(image.rpc, image.size, surface, grid, error_px)
 
 

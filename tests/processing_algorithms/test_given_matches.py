@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement import given_matches
 from hrsi.hrsi_engine.measurement.block_matching.windows import ImageWindow, read_tile
-from hrsi.hrsi_engine.measurement.given_matches import GivenJob, GivenPair, measure_given
+from hrsi.hrsi_engine.measurement.given_matches import ExternalMatchJob, ExternalPair, measure_external_matches
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
 
@@ -113,8 +113,8 @@ def test_a_match_far_away_does_not_have_the_whole_image_read(given, monkeypatch)
         "read_tile",
         lambda image, window, *step: read.append((image, window)) or read_tile(image, window, *step),
     )
-    job = GivenJob(0, images[0], ImageWindow(0, 0, 200, 200), (GivenPair(1, images[1], first, second),))
-    found = measure_given(job)
+    job = ExternalMatchJob(0, images[0], ImageWindow(0, 0, 200, 200), (ExternalPair(1, images[1], first, second),))
+    found = measure_external_matches(job)
     (window,) = [window for image, window in read if image is images[1]]
     assert window.samples <= 130 + 2 * given_matches.EXTERNAL.border_px
     assert len(found["first_xy"]) > 0.6 * len(near)

@@ -261,7 +261,7 @@ class GdalRaster:
         """Return what tells the content of the file and its side files from another: `content_marks.content_mark`."""
         return content_mark(self.path)
 
-    def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+    def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the whole image as means of ``step`` x ``step`` pixels, float32 and mask, ``(lines, samples)``.
 
         GDAL takes the image's overviews where it has them. Without, all pixels pass through, a strip at a time, and

@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
-from ..tile_matching.features import root_sift
+from ..tile_matching.features import compute_root_sift
 from .overview import OVERVIEW
 
 
-class Lines(NamedTuple):
+class EpipolarLines(NamedTuple):
     """Epipolar lines in the second image: a point, a unit direction, and the stretch that is searched, (n, …)."""
 
     origin: np.ndarray
     direction: np.ndarray
     reach: np.ndarray
 
-    def select(self, rows: np.ndarray) -> Lines:
+    def select(self, rows: np.ndarray) -> EpipolarLines:
         """Return some of the lines."""
-        return Lines(*(column[rows] for column in self))
+        return EpipolarLines(*(column[rows] for column in self))
 
     def bounds(self, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the first and last sample and line of each line's band, ``(n, 2)``."""
@@ -30,8 +30,8 @@ class Lines(NamedTuple):
         return self.origin - reach, self.origin + reach
 
 
-def banded_matches(
-    first: np.ndarray, second: np.ndarray, lines: Lines, second_xy: np.ndarray, margin_px: float
+def match_in_bands(
+    first: np.ndarray, second: np.ndarray, lines: EpipolarLines, second_xy: np.ndarray, margin_px: float
 ) -> np.ndarray:
     """Return index pairs ``(k, 2)`` of descriptors that are each other's nearest within a band along their lines.
 
@@ -40,16 +40,16 @@ def banded_matches(
     nothing = np.empty((0, 2), dtype=np.int64)
     if len(first) < 2 or len(second) < 2:
         return nothing
-    roots = [root_sift(part) for part in (first, second)]
+    roots = [compute_root_sift(part) for part in (first, second)]
     nearest = np.full(len(first), -1)
     best, rival = np.full((2, len(first)), -1.0, dtype=np.float32)
     back, back_best = np.full(len(second), -1), np.full(len(second), -1.0, dtype=np.float32)
-    compare: Callable[..., None] = _compare
+    compare: Callable[..., None] = _compare_in_bands
     if is_wanted(len(first) * len(second) >= OVERVIEW.compiled_from):
         from .compiled_bands import compare_in_bands
 
         compare = compare_in_bands
-    for rows in _neighbourhoods(lines):
+    for rows in _group_neighbours(lines):
         near = lines.select(rows)
         low, high = near.bounds(margin_px)
         columns = np.flatnonzero(((second_xy >= low.min(axis=0)) & (second_xy <= high.max(axis=0))).all(axis=1))
@@ -72,7 +72,7 @@ def banded_matches(
     return np.column_stack([index, nearest[index]])
 
 
-def _neighbourhoods(lines: Lines) -> Iterator[np.ndarray]:
+def _group_neighbours(lines: EpipolarLines) -> Iterator[np.ndarray]:
     """Yield the rows of lines near one another; lines that are nowhere are left out."""
     known = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
     strips = max(1, round(np.sqrt(len(known) / OVERVIEW.line_batch)))
@@ -82,7 +82,7 @@ def _neighbourhoods(lines: Lines) -> Iterator[np.ndarray]:
                 yield np.sort(part)
 
 
-def _compare(
+def _compare_in_bands(
     similarity: np.ndarray, origin: np.ndarray, direction: np.ndarray, reach: np.ndarray, xy: np.ndarray,
     margin_px: float, best: np.ndarray, second: np.ndarray, nearest: np.ndarray, back_best: np.ndarray,
     back: np.ndarray,

@@ -24,14 +24,14 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
-from ..tile_matching.epipolar import epipolar_miss, transfer
-from ..tile_matching.features import descriptors_of_negative
+from ..tile_matching.epipolar import compute_epipolar_miss, transfer
+from ..tile_matching.features import invert_descriptors
 from ..tile_matching.rpc_consistency import rpc_consistent
 from ..tile_matching.types import HeightGrid, TilePairGeometry
-from .bands import Lines, banded_matches
+from .bands import EpipolarLines, match_in_bands
 from .overlaps import GroundRange
-from .overview import features_of
-from .windows import ImageWindow, predicted_window, read_tile
+from .overview import detect_features
+from .windows import ImageWindow, predict_window, read_tile
 
 _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 
@@ -45,7 +45,7 @@ class OverviewMatchThresholds:
     contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", _CONTRASTS)
     fewest: int = threshold(10, "matches", "that agree, below which a pair has none")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "band over `margin_px`, tried in turn")
-    height_nodes: int = threshold(24, "nodes", "of the height grid along the longer side of an image")
+    nodes: int = threshold(24, "nodes", "of the height grid along the longer side of an image")
     neighbours: int = threshold(7, "matches", "whose median height a node takes")
     floor_px: float = threshold(1.0, "px of the overview", "least standard deviation of a match")
     safety: float = threshold(3.0, "sigma", "of offset and height, to which the full resolution is searched")
@@ -68,24 +68,26 @@ class CoarseJob:
     steps: tuple[int, int]
     heights: GroundRange
     margin_px: float
-    terrain_m: np.ndarray | None = None  #: heights at `height_nodes` of the first image by a DEM, NaN where unknown
+    terrain_m: np.ndarray | None = (
+        None  #: heights at `place_height_nodes` of the first image by a DEM, NaN where unknown
+    )
 
 
-def height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
+def place_height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
     """Return the positions ``(n, 2)`` of the nodes of an image's height grid, its shape and its spacing (px)."""
-    spacing = max(max(size) / (COARSE.height_nodes - 1.0), 32.0)
+    spacing = max(max(size) / (COARSE.nodes - 1.0), 32.0)
     columns, rows = (int(np.ceil(length / spacing)) + 1 for length in size)
     nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * spacing
     return nodes, (rows, columns), spacing
 
 
-def terrain_at_nodes(image: Image, surface: HeightSurface) -> np.ndarray:
+def sample_terrain(image: Image, surface: HeightSurface) -> np.ndarray:
     """Return the heights of a surface at an image's nodes; NaN where it has none."""
-    ground, status = intersect_surface(image.rpc, height_nodes(image.known_size)[0], surface)
+    ground, status = intersect_surface(image.rpc, place_height_nodes(image.known_size)[0], surface)
     return np.where(status == Status.FOUND, ground[:, 2], np.nan)
 
 
-def reduce_range(rpc: RPC, step: int) -> RPC:
+def reduce_rpc(rpc: RPC, step: int) -> RPC:
     """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step``."""
     middle = (step - 1) / 2.0
     return replace(
@@ -99,42 +101,42 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
     Where the overviews have too little in common, windows of a finer resolution are compared.
     """
-    found = _agreeing_in_any_contrast(job, first, second)
+    found = _match_in_any_contrast(job, first, second)
     if len(found["first_xy"]) < COARSE.fewest and max(job.steps) > 1:
         finer = replace(job, steps=(max(1, job.steps[0] // COARSE.finer), max(1, job.steps[1] // COARSE.finer)))
-        probed = _agreeing_in_any_contrast(finer, *_probes(finer))
+        probed = _match_in_any_contrast(finer, *_detect_in_windows(finer))
         found = max(found, probed, key=lambda matches: len(matches["first_xy"]))
     return found
 
 
-def _agreeing_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
+def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
-    found = _agreeing(job, first, second) | {"contrasts": np.array([1])}
+    found = _match_features(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
     if len(found["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
         return found
-    negative = second | {"descriptors": descriptors_of_negative(second["descriptors"])}
+    negative = second | {"descriptors": invert_descriptors(second["descriptors"])}
     both = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
     others = [
-        _agreeing(job, first, features) | {"contrasts": np.array(contrasts)}
+        _match_features(job, first, features) | {"contrasts": np.array(contrasts)}
         for features, contrasts in ((negative, [-1]), (both, [1, -1]))
     ]
     shares = (1.0, 1.0 / COARSE.contrast_gain, 1.0 / COARSE.contrast_gain)
     return max(zip((found, *others), shares, strict=True), key=lambda pair: len(pair[0]["first_xy"]) * pair[1])[0]
 
 
-def _agreeing(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
+def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
     """Return the matches of features that agree with one offset between the images."""
-    rpcs = [reduce_range(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
+    rpcs = [reduce_rpc(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
     xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
-    lines = epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
+    lines = compute_epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
     size = np.array(job.second.size) / job.steps[1]
     best = np.empty((0, 2), dtype=np.int64)
     for growth in COARSE.band_growth:
         margin = growth * job.margin_px / job.steps[1] + COARSE.floor_px
-        here, there = _share_of(lines, xy[1], size, margin)
+        here, there = _select_common(lines, xy[1], size, margin)
         of_first, of_second = first["descriptors"][here], second["descriptors"][there]
-        pairs = banded_matches(of_first, of_second, lines.select(here), xy[1][there], margin)
+        pairs = match_in_bands(of_first, of_second, lines.select(here), xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
         if len(pairs) >= COARSE.fewest:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
@@ -147,7 +149,7 @@ def _agreeing(job: CoarseJob, first: PartResult, second: PartResult) -> PartResu
     return {"first_xy": first["xy"][best[:, 0]], "second_xy": second["xy"][best[:, 1]]}
 
 
-def _probes(job: CoarseJob) -> tuple[PartResult, PartResult]:
+def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
     """Return the features of windows of the first image and of the places in the second that may show them."""
     geometry = TilePairGeometry(
         job.first.rpc,
@@ -159,31 +161,33 @@ def _probes(job: CoarseJob) -> tuple[PartResult, PartResult]:
     side = COARSE.window_px * job.steps[0]
     for centre in job.first.grid_px(COARSE.windows, COARSE.windows, margin=-1.0 / COARSE.windows).round().astype(int):
         window = ImageWindow(int(centre[0]) - side // 2, int(centre[1]) - side // 2, side, side)
-        places = window, predicted_window(geometry, window, 0)
+        places = window, predict_window(geometry, window, 0)
         tiles = [read_tile(image, place, step) for image, place, step in
                  zip((job.first, job.second), places, job.steps, strict=True)]  # fmt: skip
         for features, tile in zip(found, tiles, strict=True):
             if all(other is not None for other in tiles) and tile is not None:
-                features.append(features_of(tile, COARSE.features))
-    return _joined_features(found[0]), _joined_features(found[1])
+                features.append(detect_features(tile, COARSE.features))
+    return _concatenate_features(found[0]), _concatenate_features(found[1])
 
 
-def _joined_features(parts: list[PartResult]) -> PartResult:
+def _concatenate_features(parts: list[PartResult]) -> PartResult:
     if not parts:
         return {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
     return {name: np.concatenate([part[name] for part in parts]) for name in ("xy", "descriptors")}
 
 
-def epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> Lines:
+def compute_epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> EpipolarLines:
     """Return the epipolar lines of points between two heights; NaN where a point has no ground there."""
     low, high = (transfer(first, second, xy, height) for height in heights)
     along = 0.5 * (high - low)
     reach = np.linalg.norm(along, axis=1)
     direction = np.where(reach[:, None] > 1e-6, along / np.maximum(reach, 1e-6)[:, None], (1.0, 0.0))
-    return Lines(0.5 * (low + high), direction, reach)
+    return EpipolarLines(0.5 * (low + high), direction, reach)
 
 
-def _share_of(lines: Lines, xy: np.ndarray, size: np.ndarray, margin_px: float) -> tuple[np.ndarray, np.ndarray]:
+def _select_common(
+    lines: EpipolarLines, xy: np.ndarray, size: np.ndarray, margin_px: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return which lines pass through the second image, and which of its points ``xy`` lie where they pass."""
     low, high = lines.bounds(margin_px)
     here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
@@ -210,19 +214,19 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
         return None
     first, second = job.first.rpc, job.second.rpc
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-    miss = epipolar_miss(first, second, first_xy, second_xy, middle)
+    miss = compute_epipolar_miss(first, second, first_xy, second_xy, middle)
     noise_px = COARSE.floor_px * max(job.steps)
     stretch = float(np.median(miss.stretch))
     if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
-        return _same_view(job, first_xy, second_xy, noise_px, tuple(found["contrasts"].tolist()))
+        return _estimate_same_view(job, first_xy, second_xy, noise_px, tuple(found["contrasts"].tolist()))
     across = float(np.median(miss.across_px))
-    # The mean direction across the epipolar lines, with the sign of `epipolar_miss`
+    # The mean direction across the epipolar lines, with the sign of `compute_epipolar_miss`
     slope = transfer(first, second, first_xy, middle + 1.0) - transfer(first, second, first_xy, middle - 1.0)
     direction = np.nanmean(slope / np.linalg.norm(slope, axis=1, keepdims=True), axis=0)
     direction /= np.linalg.norm(direction)
     normal = np.array([-direction[1], direction[0]])
     across_sigma = float(robust_sigma(miss.across_px - across))
-    grid, sigma = height_grid(job, first_xy, miss.height_m)
+    grid, sigma = estimate_height_grid(job, first_xy, miss.height_m)
     sigma = max(sigma, 0.5 * noise_px / stretch)
     reach = COARSE.safety * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
@@ -235,7 +239,7 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     return PairEstimate(geometry, len(first_xy))
 
 
-def _same_view(
+def _estimate_same_view(
     job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float, contrasts: tuple[int, ...]
 ) -> PairEstimate:
     """Return the estimate of a pair without parallax: an offset in both directions, and any height."""
@@ -252,21 +256,21 @@ def _same_view(
     )
 
 
-def height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
+def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
     """Return apparent heights over the first image, from matches or from the DEM moved to them, and their sigma (m)."""
-    nodes, shape, spacing = height_nodes(job.first.known_size)
-    candidates = [_median_of_neighbours(xy, height_m, nodes)]
+    nodes, shape, spacing = place_height_nodes(job.first.known_size)
+    candidates = [_interpolate_median(xy, height_m, nodes)]
     if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
         known = np.isfinite(job.terrain_m)
-        terrain = job.terrain_m if known.all() else _median_of_neighbours(nodes[known], job.terrain_m[known], nodes, 1)
-        at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).at(xy)
+        terrain = job.terrain_m if known.all() else _interpolate_median(nodes[known], job.terrain_m[known], nodes, 1)
+        at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).interpolate(xy)
         candidates.insert(0, terrain + float(np.median(height_m - at)))
     grids = [HeightGrid(heights.reshape(shape), (0.0, 0.0), spacing) for heights in candidates]
-    sigmas = [float(robust_sigma(height_m - grid.at(xy))) for grid in grids]
+    sigmas = [float(robust_sigma(height_m - grid.interpolate(xy))) for grid in grids]
     return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
 
 
-def _median_of_neighbours(
+def _interpolate_median(
     xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = COARSE.neighbours
 ) -> np.ndarray:
     count = min(most, len(xy))

@@ -14,9 +14,9 @@ from ...block.block import Image
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import transfer_points
-from .local_geometry import local_geometry
-from .star import Partner, Rows, columns_of
-from .windows import TIE_WINDOWS, ImageWindow, predicted_window, read_tile
+from .local_geometry import fit_local_geometry
+from .star import Partner, PartnerMatches, stack_matches
+from .windows import TIE_WINDOWS, ImageWindow, predict_window, read_tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +42,14 @@ def transfer_star(job: TransferJob) -> PartResult:
         inside = window.contains(job.xy)
         if not inside.any():
             continue
-        geometry = local_geometry(other.geometry, window)
-        shown = predicted_window(geometry, window, TIE_WINDOWS.border_px)
+        geometry = fit_local_geometry(other.geometry, window)
+        shown = predict_window(geometry, window, TIE_WINDOWS.border_px)
         tiles = (
-            read_tile(job.reference, window.grown(TIE_WINDOWS.border_px)),
+            read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)),
             read_tile(other.image, shown.inside(other.image.known_size)),
         )
         if tiles[0] is None or tiles[1] is None:
             continue
         found = transfer_points(tiles[0], tiles[1], geometry, job.xy[inside], job.height_m[inside], job.options)
-        rows.append(Rows(other.number, found))
-    return columns_of([row for row in rows if len(row.matches)])
+        rows.append(PartnerMatches(other.number, found))
+    return stack_matches([row for row in rows if len(row.matches)])

@@ -2,13 +2,13 @@
 
 Two tests see two kinds of wrong matches. *Across* the epipolar line of its pair a match may be off only by what the
 RPCs are off, which changes slowly over the image: the deviations are compared with a polynomial trend, fitted robustly
-(`without_outliers`). *Along* the line every deviation looks like a height h; but the pairs of one reference must agree
+(`drop_outliers`). *Along* the line every deviation looks like a height h; but the pairs of one reference must agree
 on it. A match of a pair whose views are s px per metre of height apart tells h with the weight s^2, so the heights of
 a track are compared with their mean
 
     h_mean = sum(s^2 h) / sum(s^2),        away = s (h - h_mean)  in px,
 
-after each pair's own trend, again what the RPCs are off, has been taken from its heights (`without_contradictions`).
+after each pair's own trend, again what the RPCs are off, has been taken from its heights (`drop_contradictions`).
 
 **Sigmas.** That of a match is of the difference between two image points: the grey values of both windows are noisy. So
 each end has its root of one half, and what cameras do from point to point beside it (vibration, the RPC's fit), c px::
@@ -16,7 +16,7 @@ each end has its root of one half, and what cameras do from point to point besid
     deviation across the line: variance s^2 + 2 c^2        image point: variance s^2 / 2 + c^2
 
 c is one number a block, such that the median of the squared deviations over their variances is that of chi squared
-(`camera_sigma_px`). On real images s / sqrt(2) is what residuals show from the best to the worst match
+(`estimate_camera_sigma`). On real images s / sqrt(2) is what residuals show from the best to the worst match
 (docs/tie_sigmas.md).
 """
 
@@ -36,8 +36,8 @@ from ...block.points import ImagePoints
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, epipolar_miss
-from ..tracks import spread_over_image
+from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, compute_epipolar_miss
+from ..tracks import select_tracks_by_cell
 
 _RELIEF = "simulated pairs on relief, off along their lines, 2026-11-22 (docs/tie_sigmas.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22"
@@ -110,7 +110,7 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
 # ---- tests ---------------------------------------------------------------------------------------------------------
 
 
-def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool = False) -> BlockMatches:
+def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool = False) -> BlockMatches:
     """Drop the matches that leave the smooth offset which a pair's RPCs have across the epipolar lines.
 
     And those far less precise than the pair's others: their windows hold two surfaces, as at a cliff, or what moved.
@@ -118,26 +118,26 @@ def without_outliers(matches: BlockMatches, images: Sequence[Image], islands: bo
     islands too, and stay with ``islands``.
     """
     keep = np.zeros(len(matches), dtype=bool)
-    for rows in pair_rows(matches).values():
-        miss = _miss_of_pair(matches, rows, images)
+    for rows in group_by_pair(matches).values():
+        miss = _compute_pair_miss(matches, rows, images)
         sigma = matches.sigma_px[rows]
         tolerance = np.maximum(TESTS.deviation_px, TESTS.outlier * sigma)
         precise = sigma <= max(TESTS.imprecise_px, TESTS.imprecise * float(np.median(sigma)))
-        keep[rows] = precise & _on_trend(matches.first_xy[rows], miss.across_px, tolerance)
+        keep[rows] = precise & _find_trend_inliers(matches.first_xy[rows], miss.across_px, tolerance)
         if not islands:
             rows, along = rows[keep[rows]], miss.along_px[keep[rows]]
-            keep[rows] = _on_mainland(matches.first_xy[rows], along)
+            keep[rows] = _find_mainland(matches.first_xy[rows], along)
     return matches.select(keep)
 
 
-def _miss_of_pair(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
+def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
     """Return how far the matches of one pair are off its epipolar lines, at their median height."""
     first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
     middle = float(np.median(matches.height_m[rows]))
-    return epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
+    return compute_epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
 
 
-def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
+def _find_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     """Return which matches are connected with many others by steps that terrain and houses explain."""
     if len(xy) <= TESTS.island_neighbours:
         return np.ones(len(xy), dtype=bool)
@@ -145,10 +145,10 @@ def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
     # Over a gap the slope would excuse any step: where a pattern repeats itself, what is left of it lies beyond gaps
     widest = TESTS.island_gap * float(np.median(distance[:, -1]))
 
-    def explained(step: np.ndarray, way: np.ndarray) -> np.ndarray:
+    def is_plausible_step(step: np.ndarray, way: np.ndarray) -> np.ndarray:
         return np.asarray(np.abs(step) <= np.maximum(EPIPOLAR.jump_px, TESTS.island_slope * np.minimum(way, widest)))
 
-    one, which = np.nonzero(explained(parallax[near] - parallax[:, None], distance))
+    one, which = np.nonzero(is_plausible_step(parallax[near] - parallax[:, None], distance))
     links = sparse.coo_matrix((np.ones(len(one), bool), (one, near[one, which])), shape=(len(xy), len(xy)))
     _, part = csgraph.connected_components(links, directed=False)
     many = np.asarray(np.bincount(part)[part] >= TESTS.island_share * len(xy))
@@ -156,18 +156,18 @@ def _on_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
         return many
     # A part beyond water or a cloud has all its neighbours in itself: most of it must fit the nearest of the mainland
     distance, near = cKDTree(xy[many]).query(xy[~many])
-    fits = explained(parallax[~many] - parallax[many][near], distance)
+    fits = is_plausible_step(parallax[~many] - parallax[many][near], distance)
     return many | (2 * np.bincount(part[~many], fits, part.max() + 1) > np.bincount(part))[part]
 
 
-def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
+def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> float:
     """Return what the cameras add to an image point, from how far good matches are off across the epipolar lines."""
     deviation, variance = [], []
-    for rows in pair_rows(matches).values():
+    for rows in group_by_pair(matches).values():
         if len(rows) < TESTS.fewest:
             continue
-        miss = _miss_of_pair(matches, rows, images)
-        terms = _trend_terms(matches.first_xy[rows])
+        miss = _compute_pair_miss(matches, rows, images)
+        terms = _build_trend_design(matches.first_xy[rows])
         known = np.isfinite(miss.across_px)
         trend = terms @ np.linalg.lstsq(terms[known], miss.across_px[known], rcond=1e-10)[0]
         deviation.append((miss.across_px - trend)[known])
@@ -183,7 +183,7 @@ def camera_sigma_px(matches: BlockMatches, images: Sequence[Image]) -> float:
     return low
 
 
-def pair_rows(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
+def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
     """Return the rows of each pair of images (numbers)."""
     order = np.lexsort((matches.second, matches.first))
     pairs = np.column_stack([matches.first, matches.second])[order]
@@ -194,14 +194,14 @@ def pair_rows(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
             for at, rows in zip(heads, np.split(order, heads[1:]), strict=True)}  # fmt: skip
 
 
-def _trend_terms(xy: np.ndarray) -> np.ndarray:
+def _build_trend_design(xy: np.ndarray) -> np.ndarray:
     """Return the columns of a quadratic trend over an image; of a plane where there are few points."""
     x, y = ((xy - xy.mean(axis=0)) / (np.ptp(xy, axis=0).max() + 1.0)).T
     columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= 60 else [])
     return np.column_stack(columns)
 
 
-def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Return which values agree with a smooth trend, fitted robustly: within the tolerance or so many robust sigmas."""
     good = np.isfinite(values)
     if good.sum() < TESTS.fewest:
@@ -209,7 +209,7 @@ def _on_trend(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarray) -> np.n
     good &= np.abs(values - np.median(values[good])) < np.maximum(
         3.0 * TESTS.outlier * _robust_sigma(values[good]), 10.0 * tolerance
     )
-    terms = _trend_terms(xy)
+    terms = _build_trend_design(xy)
     for _ in range(TESTS.rounds):
         trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
         away = np.abs(values - trend)
@@ -225,7 +225,7 @@ def _robust_sigma(values: np.ndarray) -> float:
     return float(robust_sigma(values - np.median(values)))
 
 
-def without_contradictions(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
+def drop_contradictions(matches: BlockMatches, images: Sequence[Image]) -> BlockMatches:
     """Drop the matches whose height the other matches of their track contradict; both where only two disagree.
 
     Apparent heights of pairs differ by a smooth field over the reference, which is found and taken off.
@@ -233,17 +233,17 @@ def without_contradictions(matches: BlockMatches, images: Sequence[Image]) -> Bl
     keep = np.ones(len(matches), dtype=bool)
     for number in np.unique(matches.first):
         rows = np.flatnonzero(matches.first == number)
-        keep[rows] = _heights_agree(matches.select(rows), images)
+        keep[rows] = _check_heights(matches.select(rows), images)
     return matches.select(keep)
 
 
-def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
+def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
     """Return a mask of the matches of one reference."""
     # Px per metre of height along the epipolar lines of each match, by its pair's mean
     stretch = np.zeros(len(matches))
-    for (first, second), rows in pair_rows(matches).items():
+    for (first, second), rows in group_by_pair(matches).items():
         few = rows[:: max(1, len(rows) // 16)]
-        miss = epipolar_miss(
+        miss = compute_epipolar_miss(
             images[first].rpc, images[second].rpc, matches.first_xy[few], matches.second_xy[few],
             float(np.median(matches.height_m[few])), 1,
         )  # fmt: skip
@@ -253,19 +253,19 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
     good = stretch > EPIPOLAR.least_stretch
     weight = np.where(good, stretch**2, 0.0)
     for _ in range(3):
-        mean = _weighted_means(point, height, weight * good)
+        mean = _average_by_group(point, height, weight * good)
         for partner in np.unique(matches.second):
             here = np.flatnonzero((matches.second == partner) & good)
             shared = here[np.bincount(point[good])[point[here]] > 1]
             if len(shared) < TESTS.fewest:
                 continue
             away = height[shared] - mean[point[shared]]
-            fits = _on_trend(matches.first_xy[shared], away, np.full(len(shared), np.inf))
-            terms = _trend_terms(matches.first_xy[shared])
+            fits = _find_trend_inliers(matches.first_xy[shared], away, np.full(len(shared), np.inf))
+            terms = _build_trend_design(matches.first_xy[shared])
             height[shared] -= terms @ np.linalg.lstsq(terms[fits], away[fits], rcond=1e-10)[0]
     keep = np.ones(len(matches), dtype=bool)
     for _ in range(2):  # the worst of each track first: it spoils the mean of the others
-        away_px = np.abs(height - _weighted_means(point, height, weight * (good & keep))[point]) * stretch
+        away_px = np.abs(height - _average_by_group(point, height, weight * (good & keep))[point]) * stretch
         away_px[~keep | ~good] = 0.0
         worst = np.zeros(len(mean))
         np.maximum.at(worst, point, away_px)
@@ -279,7 +279,7 @@ def _heights_agree(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
     return keep
 
 
-def _weighted_means(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _average_by_group(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     count = int(group.max(initial=-1)) + 1
     total = np.bincount(group, weight, count)
     return np.asarray(np.bincount(group, weight * values, count) / np.maximum(total, 1e-300))
@@ -300,10 +300,10 @@ def to_image_points(
         return ImagePoints.create([], [], np.empty((0, 2))), np.empty((0, 3))
     names, track = np.unique(matches.track, return_inverse=True)
     head = np.unique(track, return_index=True)[1]
-    own, camera = matches.sigma_px / np.sqrt(2.0), camera_sigma_px(matches, images)
+    own, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
     sigma = np.sqrt(np.bincount(track, own**2) / np.bincount(track))
     quality = np.bincount(track, matches.quality) / np.bincount(track)
-    rows = _Rows(
+    rows = _Measurements(
         np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second],
         np.concatenate([matches.first_xy[head], matches.second_xy]), np.hypot(np.r_[sigma, own], camera),
         np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
@@ -325,19 +325,19 @@ def to_image_points(
     once = ~repeated
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
     kept = np.flatnonzero(once)[
-        spread_over_image(
+        select_tracks_by_cell(
             *rows.of_tracks(once), rank[once], cell_px, np.array([per_cell.get(k, 0) for k in range(len(images))])
         )
     ]
     chosen = np.zeros(len(names), dtype=bool)
     chosen[kept] = True
-    height = _weighted_means(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
-    ground = _ground(matches.first[head], matches.first_xy[head], height, images)
+    height = _average_by_group(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
+    ground = _localize_tracks(matches.first[head], matches.first_xy[head], height, images)
     return rows.to_image_points(chosen, images), ground[chosen]
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _Measurements:
     """Measurements: track, image, position, sigma, quality and kind."""
 
     track: np.ndarray
@@ -364,7 +364,7 @@ class _Rows:
         )
 
 
-def _ground(first: np.ndarray, xy: np.ndarray, height: np.ndarray, images: Sequence[Image]) -> np.ndarray:
+def _localize_tracks(first: np.ndarray, xy: np.ndarray, height: np.ndarray, images: Sequence[Image]) -> np.ndarray:
     ground = np.full((len(first), 3), np.nan)
     for number in np.unique(first):
         here = first == number

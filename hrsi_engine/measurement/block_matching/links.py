@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from ...block.block import Image
 from ...foundation.thresholds import threshold, thresholds
-from .joining import BlockMatches, pair_rows
+from .joining import BlockMatches, group_by_pair
 from .pair_choice import NumberPair
 
 _YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
@@ -109,8 +109,8 @@ class ImageHold(NamedTuple):
 
 def judge_links(matches: BlockMatches) -> list[ImageLink]:
     """Return all links with how their triangles close, and whether they are sound."""
-    rows = pair_rows(matches)
-    open_, closed = _triangles(matches, rows)
+    rows = group_by_pair(matches)
+    open_, closed = _sort_triangles(matches, rows)
     strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= LINKS.weak_matches]).ravel()
     sound = {
         pair: len(of_pair) >= LINKS.weak_matches
@@ -137,7 +137,7 @@ def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[Num
     return Counter(pair for triangle in triangles for pair in triangle)
 
 
-def _triangles(
+def _sort_triangles(
     matches: BlockMatches, rows: Mapping[NumberPair, np.ndarray]
 ) -> tuple[list[tuple[NumberPair, ...]], list[tuple[NumberPair, ...]]]:
     """Return the triangles of links that stay open and that close; those with too few points are in neither."""
@@ -152,14 +152,16 @@ def _triangles(
             third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
             if third is None:
                 continue
-            closure = _closure(matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees)
+            closure = _compute_closure(
+                matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees
+            )
             if closure is not None:
                 triangle = (centre, third[0]), (centre, third[1]), third
                 (closed if closure <= LINKS.closure_px else open_).append(triangle)
     return open_, closed
 
 
-def _closure(
+def _compute_closure(
     matches: BlockMatches,
     first: np.ndarray,
     second: np.ndarray,
@@ -192,13 +194,13 @@ def _closure(
     return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
 
 
-def cut_unchecked(links: Sequence[ImageLink]) -> list[ImageLink]:
+def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
     """Return the links with those not sound that are on no loop and would hold an image by few matches alone.
 
     What then hangs together in pairs only, beside a larger block, is cut too.
     """
     sound = [link for link in links if link.sound]
-    loops = _Loops(sound)
+    loops = _LinkGraph(sound)
     cut = {
         (link.first, link.second)
         for link, bridge in zip(sound, loops.bridge, strict=True)
@@ -206,26 +208,26 @@ def cut_unchecked(links: Sequence[ImageLink]) -> list[ImageLink]:
         and min(loops.size[link.first], loops.size[link.second]) == 1
     }  # fmt: skip
     kept = [link for link in sound if (link.first, link.second) not in cut]
-    size = _Loops(kept).together
+    size = _LinkGraph(kept).together
     largest = max(size.values(), default=0)
     cut |= {(link.first, link.second) for link in kept if size[link.first] < min(LINKS.smallest_part, largest)}
     return [link._replace(sound=link.sound and (link.first, link.second) not in cut) for link in links]
 
 
-def find_single_holds(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]]:
+def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]]:
     """Return the sound links that no loop checks, each with the images of the smaller side that it holds."""
     sound = [link for link in links if link.sound]
     found = []
-    for place in np.flatnonzero(_Loops(sound).bridge).tolist():
+    for place in np.flatnonzero(_LinkGraph(sound).bridge).tolist():
         link = sound[place]
-        part = _Loops([*sound[:place], *sound[place + 1 :]]).part
+        part = _LinkGraph([*sound[:place], *sound[place + 1 :]]).part
         sides = [[number for number, of in part.items() if of == part.get(end)] or [end]
                  for end in (link.first, link.second)]  # fmt: skip
         found.append((link, min(sides, key=len)))
     return found
 
 
-class _Loops:
+class _LinkGraph:
     """The graph of links: which are bridges, and what hangs together with and without them.
 
     bridge : (links,) of each link, whether no loop has it
@@ -237,11 +239,11 @@ class _Loops:
         pairs = np.array([link[:2] for link in links], dtype=np.int64).reshape(-1, 2)
         numbers, ends = np.unique(pairs, return_inverse=True)
         ends, count = ends.reshape(-1, 2), len(numbers)
-        _, part = connected_components(_graph(ends, count), directed=False)
+        _, part = connected_components(_build_adjacency(ends, count), directed=False)
         # A root above one image of every block makes one tree of all
         heads = np.unique(part, return_index=True)[1]
         rooted = np.concatenate([ends, np.column_stack([np.full(len(heads), count), heads])])
-        order, parent = breadth_first_order(_graph(rooted, count + 1), count, directed=False)
+        order, parent = breadth_first_order(_build_adjacency(rooted, count + 1), count, directed=False)
         in_tree = (parent[ends[:, 0]] == ends[:, 1]) | (parent[ends[:, 1]] == ends[:, 0])
         around = np.zeros(count + 1, dtype=np.uint64)
         keys = np.random.default_rng(0).integers(1, 2**63, len(ends), dtype=np.uint64)
@@ -250,27 +252,27 @@ class _Loops:
             around[parent[image]] ^= around[image]
         lower = np.where(parent[ends[:, 0]] == ends[:, 1], ends[:, 0], ends[:, 1])
         self.bridge = in_tree & (around[lower] == 0)
-        _, looped = connected_components(_graph(ends[~self.bridge], count), directed=False)
+        _, looped = connected_components(_build_adjacency(ends[~self.bridge], count), directed=False)
         names = numbers.tolist()
         self.size = dict(zip(names, np.bincount(looped)[looped].tolist(), strict=True))
         self.part = dict(zip(names, part.tolist(), strict=True))
         self.together = dict(zip(names, np.bincount(part)[part].tolist(), strict=True))
 
 
-def _graph(pairs: np.ndarray, count: int) -> coo_matrix:
+def _build_adjacency(pairs: np.ndarray, count: int) -> coo_matrix:
     return coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
 
 
-def without_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
+def drop_unsound_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
     """Return the matches of the sound links, whichever of the two images is the reference."""
     sound = {frozenset(link[:2]) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
-    for pair, rows in pair_rows(matches).items():
+    for pair, rows in group_by_pair(matches).items():
         keep[rows] = frozenset(pair) in sound
     return matches.select(keep)
 
 
-def find_displaced(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
+def find_displaced_images(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
     """Return the images whose RPCs lie far beside those of all others, and by how many pixels.
 
     ``offsets_px`` is how far the RPCs of each pair are off across the epipolar lines. An image is displaced where most
@@ -294,14 +296,14 @@ def find_displaced(offsets_px: Mapping[NumberPair, float]) -> dict[int, float]:
     return displaced
 
 
-def hold_images(
+def summarise_holds(
     images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
     reasons: Mapping[int, str],
 ) -> tuple[ImageHold, ...]:  # fmt: skip
     """Return what holds each usable image: its sound links, and how many images hang together with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
-    together = _Loops(sound).together
+    together = _LinkGraph(sound).together
     lost: dict[int, str] = {}
     for link in sorted(set(links) - set(sound), key=lambda link: (link.matches, link)):
         for number, other in (link[:2], link[1::-1]):

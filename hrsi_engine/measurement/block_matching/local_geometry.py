@@ -16,7 +16,7 @@ from ...camera.rpc import RPC, Localization
 from ...camera.rpc_terms import monomials
 from ..tile_matching.epipolar import transfer
 from ..tile_matching.types import TilePairGeometry
-from .windows import TIE_WINDOWS, ImageWindow, height_limits
+from .windows import TIE_WINDOWS, ImageWindow, compute_height_limits
 
 _AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, ends included
 _NODES = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS), axis=-1).reshape(-1, 3)
@@ -48,13 +48,13 @@ class _SecondImage:
         return np.asarray(monomials(((ground - self.middle) / self.reach).T).T @ self.coefficients)
 
 
-def local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int = 32) -> TilePairGeometry:
+def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int = 32) -> TilePairGeometry:
     """Return the geometry of a pair as polynomials that hold in a window of the first image and around its heights.
 
     The pair's own geometry comes back where a cubic is not enough.
     """
     corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
-    low, high = height_limits(geometry, corners.astype(np.float64))
+    low, high = compute_height_limits(geometry, corners.astype(np.float64))
     bottom, top = float(low.min()) - TIE_WINDOWS.height_margin_m, float(high.max()) + TIE_WINDOWS.height_margin_m
     middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
     reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])

@@ -44,12 +44,12 @@ class GroundRange(NamedTuple):
     high_m: float
 
 
-def ground_ranges(images: Sequence[Image], surface: HeightSurface | None, margin_m: float) -> list[GroundRange]:
+def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, margin_m: float) -> list[GroundRange]:
     """Return the range of heights under each image: by the surface with a margin, else the RPC's own.
 
     Raises `InputError` where the surface has no height below any image.
     """
-    ranges = [_ground_range(image, surface, margin_m) for image in images]
+    ranges = [_find_surface_range(image, surface, margin_m) for image in images]
     if surface is not None and not any(ranges):
         raise InputError("`dem` has no heights below the images: name a DEM of their area")
     return [known or _rpc_range(image) for image, known in zip(images, ranges, strict=True)]
@@ -60,7 +60,7 @@ def _rpc_range(image: Image) -> GroundRange:
     return GroundRange(max(low, SEA_LEVEL_TO_EVEREST_M[0]), min(high, SEA_LEVEL_TO_EVEREST_M[1]))
 
 
-def _ground_range(image: Image, surface: HeightSurface | None, margin_m: float) -> GroundRange | None:
+def _find_surface_range(image: Image, surface: HeightSurface | None, margin_m: float) -> GroundRange | None:
     """Return the heights of a surface below an image; None without any."""
     if surface is None:
         return None
@@ -72,7 +72,7 @@ def _ground_range(image: Image, surface: HeightSurface | None, margin_m: float) 
     return GroundRange(float(known.min()) - margin_m, float(known.max()) + margin_m)
 
 
-def candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
+def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
     """Return index pairs of images whose footprints touch, anywhere between their heights."""
     return find_touching_pairs(
         [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
@@ -114,7 +114,7 @@ class SlidingFootprint:
         return self._low + (height_m - self._heights.low_m) * self._rise
 
 
-def overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: GroundRange) -> float:
+def compute_overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: GroundRange) -> float:
     """Return the larger share that one image sees of the other, at the height where it is largest."""
     # Heights between which the two footprints slide past one another by at most a tenth of an image
     slide = float(np.abs(first.slide - second.slide).max()) * (heights.high_m - heights.low_m)
@@ -125,7 +125,7 @@ def overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: Gr
     )
 
 
-def _footprint_on(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
+def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
     """Return the footprint on a surface: each point's height is looked up where it lies at that height."""
     outline = image.outline_px(OUTLINE_PER_SIDE)
     height = np.full(len(outline), 0.5 * (heights.low_m + heights.high_m))
@@ -144,15 +144,15 @@ def find_overlaps(
 ) -> list[Overlap]:
     """Return the pairs of images, of all or of candidates, that share at least ``smallest`` (0 to 1) of one of them."""
     if surface is not None:
-        outlines = [_footprint_on(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
+        outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
     else:
         sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
     found = []
-    for a, b in candidate_pairs(images, ranges) if candidates is None else candidates:
+    for a, b in find_candidate_pairs(images, ranges) if candidates is None else candidates:
         if surface is not None:
             share = max(compute_overlap(outlines[a], outlines[b]))
         else:
-            share = overlap_share(sliding[a], sliding[b], common_heights(ranges[a], ranges[b]))
+            share = compute_overlap_share(sliding[a], sliding[b], intersect_heights(ranges[a], ranges[b]))
         if share >= smallest:
             found.append(Overlap(a, b, share))
     return found
@@ -180,7 +180,7 @@ def estimate_overlaps(
     return [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
 
 
-def common_heights(first: GroundRange, second: GroundRange) -> GroundRange:
+def intersect_heights(first: GroundRange, second: GroundRange) -> GroundRange:
     """Return the heights that both images may see; all of both where they exclude one another."""
     low, high = max(first.low_m, second.low_m), min(first.high_m, second.high_m)
     return GroundRange(low, high) if low < high else GroundRange(min(*first, *second), max(*first, *second))
@@ -197,11 +197,11 @@ def mean_ground_sample_m(image: Image) -> float:
     return float(1.0 / max(image.rpc.px_per_m(ground)[0], 1e-6))
 
 
-def coarseness(image: Image) -> int:
+def rank_resolution(image: Image) -> int:
     """Return a rank of an image's pixel size, in factors of two: of a pair the coarser image is the reference."""
     return round(np.log2(mean_ground_sample_m(image)))
 
 
-def resolution_step(first: Image, second: Image) -> int:
+def compute_resolution_step(first: Image, second: Image) -> int:
     """Return how many pixels of the second image make one as large as the first's."""
     return max(1, round(mean_ground_sample_m(first) / mean_ground_sample_m(second)))

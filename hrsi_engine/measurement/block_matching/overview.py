@@ -11,7 +11,7 @@ from ...block.block import Image
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
-from ..tile_matching.features import sift_features
+from ..tile_matching.features import detect_sift_features
 from ..tile_matching.types import ImageTile
 from .windows import read_overview
 
@@ -45,15 +45,15 @@ class OverviewJob:
     step: int
 
 
-def overview_step(size: tuple[int, int]) -> int:
+def choose_overview_step(size: tuple[int, int]) -> int:
     """Return the pixels per pixel of an image's overview: an eighth of the resolution, within sensible sizes."""
     longest = max(size)
     return max(1, round(longest / min(max(longest / 8.0, OVERVIEW.smallest_px), OVERVIEW.largest_px)))
 
 
-def overview_features(job: OverviewJob) -> PartResult:
+def detect_overview_features(job: OverviewJob) -> PartResult:
     """Return positions ``xy (k, 2)`` in full-resolution pixels and SIFT descriptors ``(k, 128)`` of 8 bit."""
-    return features_of(read_overview(job.image, job.step), OVERVIEW.features)
+    return detect_features(read_overview(job.image, job.step), OVERVIEW.features)
 
 
 def hand_over(features: PartResult) -> PartResult:
@@ -61,7 +61,7 @@ def hand_over(features: PartResult) -> PartResult:
     return features
 
 
-class FoundFeatures:
+class OverviewFeatures:
     """Features of the overviews of many images, found once for the probes and all pairs.
 
     Memory holds the strongest of each image, which probes compare; all of them where there is no keeper, else they are
@@ -101,25 +101,25 @@ class FoundFeatures:
         return part if features is None else WorkPart(part.key, hand_over, features, keep=False)
 
 
-def features_of(tile: ImageTile, most: int) -> PartResult:
+def detect_features(tile: ImageTile, most: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
     found = [
-        _features(tile, column, row)
+        _detect_in_part(tile, column, row)
         for row in range(0, tile.pixels.shape[0], OVERVIEW.tile_px)
         for column in range(0, tile.pixels.shape[1], OVERVIEW.tile_px)
     ]
     xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
-    keep = _strongest_everywhere(xy, response, tile.pixels.shape, most)
+    keep = _select_strongest(xy, response, tile.pixels.shape, most)
     return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}
 
 
-def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _detect_in_part(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return tile positions, strengths and descriptors of the features of one part of an overview."""
     left, top = max(column - OVERVIEW.border_px, 0), max(row - OVERVIEW.border_px, 0)
     place = np.s_[
         top : row + OVERVIEW.tile_px + OVERVIEW.border_px, left : column + OVERVIEW.tile_px + OVERVIEW.border_px
     ]
-    found = sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
+    found = detect_sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
     xy = found.xy + (left, top)
     own = (
         (xy >= (column - 0.5, row - 0.5)) & (xy < (column + OVERVIEW.tile_px - 0.5, row + OVERVIEW.tile_px - 0.5))
@@ -127,7 +127,7 @@ def _features(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.nd
     return xy[own], found.strength[own], found.descriptors[own]
 
 
-def _strongest_everywhere(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
+def _select_strongest(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
     """Return the indices of at most so many features: the strongest of every part of the image, these first."""
     cell = np.floor(xy / ((shape[1] + 1.0) / OVERVIEW.cells, (shape[0] + 1.0) / OVERVIEW.cells)).astype(np.int64) @ (
         1,

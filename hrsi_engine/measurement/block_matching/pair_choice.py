@@ -54,16 +54,16 @@ class PairChoice:
         """Number of pairs that may still be tried."""
         return self.most_pairs - self.tried
 
-    def next_round(self) -> list[NumberPair]:
+    def choose_round(self) -> list[NumberPair]:
         """Return the pairs to try now, the most promising first; none where the choice is done."""
         self.rounds += 1
         if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
-        wanted = self._trees()
-        wanted |= self._geometry(wanted)
-        wanted |= self._last_tries(wanted)
+        wanted = self._choose_trees()
+        wanted |= self._choose_by_geometry(wanted)
+        wanted |= self._choose_last_tries(wanted)
         new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
-        return sorted(new, key=lambda pair: (-self._worth(pair), pair))[: self.room]
+        return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
     def tell(self, pair: NumberPair, found: bool) -> None:
         """Take notice of how a pair came out; a pair that was found may fail later."""
@@ -71,16 +71,16 @@ class PairChoice:
         self.failed.discard(pair)
         (self.found if found else self.failed).add(pair)
 
-    def most_alike(self, image: int) -> list[NumberPair]:
+    def list_similar_pairs(self, image: int) -> list[NumberPair]:
         """Return the probed pairs of an image, those with the smallest angle between their views first."""
         own = [pair for pair in self.probes if image in pair]
         return sorted(own, key=lambda pair: (self.probes[pair].convergence_deg, pair))
 
-    def _worth(self, pair: NumberPair) -> float:
+    def _rate_pair(self, pair: NumberPair) -> float:
         probe = self.probes[pair]
         return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
 
-    def _trees(self) -> set[NumberPair]:
+    def _choose_trees(self) -> set[NumberPair]:
         """Return the pairs of the spanning trees of greatest worth, none in two of them."""
         left = [pair for pair, probe in self.probes.items()
                 if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
@@ -88,7 +88,7 @@ class PairChoice:
         for _ in range(self.trees):
             if not left:
                 break
-            worth = np.array([self._worth(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
+            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
             first, second = np.array(left).T
             cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
             forest = minimum_spanning_tree(
@@ -98,44 +98,44 @@ class PairChoice:
             left = [pair for pair in left if pair not in chosen]
         return chosen
 
-    def _geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
+    def _choose_by_geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
         """Return a pair for each image that has none with an angle, and one for each that is not covered."""
         more: set[NumberPair] = set()
-        of_image = self._by_image(pair for pair in self.probes if pair not in self.failed)
-        chosen = self._by_image(wanted)
+        of_image = self._group_by_image(pair for pair in self.probes if pair not in self.failed)
+        chosen = self._group_by_image(wanted)
         for number, pairs in of_image.items():
             good = [pair for pair in pairs if self.probes[pair].agreeing > CHOICE.chance]
             own = chosen.get(number, [])
             if all(self.probes[pair].convergence_deg < CHOICE.wanted_angle_deg for pair in own):
                 wide = [pair for pair in good if self.probes[pair].convergence_deg >= CHOICE.wanted_angle_deg]
-                more |= set(sorted(wide, key=self._worth)[-1:])
+                more |= set(sorted(wide, key=self._rate_pair)[-1:])
             covered = 0
             for pair in own:
-                covered |= self._cells(pair, number)
+                covered |= self._cells_of_image(pair, number)
             lacking = ~covered & ((1 << CHOICE.cells**2) - 1)
-            fill = max(good, key=lambda pair: ((self._cells(pair, number) & lacking).bit_count(), self._worth(pair)),
-                       default=None)  # fmt: skip
-            if fill is not None and self._cells(fill, number) & lacking:
+            added = {pair: (self._cells_of_image(pair, number) & lacking).bit_count() for pair in good}
+            fill = max(good, key=lambda pair: (added[pair], self._rate_pair(pair)), default=None)
+            if fill is not None and added[fill]:
                 more.add(fill)
         return more
 
-    def _last_tries(self, wanted: set[NumberPair]) -> set[NumberPair]:
+    def _choose_last_tries(self, wanted: set[NumberPair]) -> set[NumberPair]:
         """Return pairs of the images that no probe gives hope: the probe may be wrong."""
-        of_image, chosen = self._by_image(self.probes), self._by_image(wanted)
+        of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
         more: set[NumberPair] = set()
         for number, pairs in of_image.items():
             if number in chosen or any(pair in self.found for pair in pairs):
                 continue
             left = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
             untried = [pair for pair in pairs if pair not in self.failed]
-            more |= set(sorted(untried, key=self._worth)[::-1][: max(left, 0)])
+            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(left, 0)])
         return more
 
-    def _cells(self, pair: NumberPair, image: int) -> int:
+    def _cells_of_image(self, pair: NumberPair, image: int) -> int:
         return self.probes[pair].cells[0 if pair[0] == image else 1]
 
     @staticmethod
-    def _by_image(pairs: Iterable[NumberPair]) -> dict[int, list[NumberPair]]:
+    def _group_by_image(pairs: Iterable[NumberPair]) -> dict[int, list[NumberPair]]:
         by_image: dict[int, list[NumberPair]] = {}
         for pair in pairs:
             for number in pair:

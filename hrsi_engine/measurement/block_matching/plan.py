@@ -18,31 +18,31 @@ def is_matched_everywhere(image: Image, step: int = 1) -> bool:
     return max(image.known_size) <= TIE_WINDOWS.full_px * step
 
 
-def cell_rows(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
+def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
     """Return the cells of an image, a list for each row of them: rows share the lines that are read.
 
     step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
     """
     if is_matched_everywhere(image, step):
         size, rows = image.known_size, []
-        for top, lines in _parts(size[1], TIE_WINDOWS.full_window_px * step):
+        for top, lines in _divide_length(size[1], TIE_WINDOWS.full_window_px * step):
             row = []
-            for left, samples in _parts(size[0], TIE_WINDOWS.full_window_px * step):
+            for left, samples in _divide_length(size[0], TIE_WINDOWS.full_window_px * step):
                 own = ImageWindow(left, top, samples, lines)
-                row.append(Cell((own.grown(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
+                row.append(Cell((own.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
             rows.append(row)
         return rows
-    return _sample(image, cells, per_cell, step)
+    return _plan_samples(image, cells, per_cell, step)
 
 
-def _parts(length: int, side: int) -> list[tuple[int, int]]:
+def _divide_length(length: int, side: int) -> list[tuple[int, int]]:
     """Return start and length of equal parts of about a side's length."""
     count = max(1, round(length / side))
     edges = [length * k // count for k in range(count + 1)]
     return [(start, end - start) for start, end in pairwise(edges)]
 
 
-def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
+def _plan_samples(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
     size, side = image.known_size, TIE_WINDOWS.window_px * step
     columns, rows = (max(1, min(cells, length // side)) for length in size)
     grid = []
@@ -53,14 +53,16 @@ def _sample(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cel
             top, bottom = size[1] * r // rows, size[1] * (r + 1) // rows
             windows = tuple(
                 ImageWindow(sample, line, side, side).inside(size)
-                for sample, line in _places(left, right, top, bottom, side, size)
+                for sample, line in _place_windows(left, right, top, bottom, side, size)
             )
             row.append(Cell(windows, windows, per_cell, TIE_WINDOWS.surplus * per_cell))
         grid.append(row)
     return grid
 
 
-def _places(left: int, right: int, top: int, bottom: int, side: int, size: tuple[int, int]) -> list[tuple[int, int]]:
+def _place_windows(
+    left: int, right: int, top: int, bottom: int, side: int, size: tuple[int, int]
+) -> list[tuple[int, int]]:
     """Return where windows of a cell are tried: the file's tile in the middle first, then others far from it."""
     samples, lines = (
         [at for at in range(first // side * side, last, side) if at >= first - side // 2 and at + side // 2 <= last]

@@ -19,10 +19,10 @@ from ...block.imaging_geometry import compute_view_directions
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface
-from ..tile_matching.epipolar import epipolar_miss
-from .bands import banded_matches
-from .coarse import epipolar_lines, reduce_range
-from .overlaps import GroundRange, Overlap, candidate_pairs, estimate_overlaps, find_overlaps
+from ..tile_matching.epipolar import compute_epipolar_miss
+from .bands import match_in_bands
+from .coarse import compute_epipolar_lines, reduce_rpc
+from .overlaps import GroundRange, Overlap, estimate_overlaps, find_candidate_pairs, find_overlaps
 
 _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 
@@ -87,22 +87,22 @@ def probe_pairs(job: ProbeJob) -> PartResult:
     """Return ``agreeing (k,)`` and ``cells (k, 2)`` of the first image with each of the others."""
     agreeing = np.zeros(len(job.others), dtype=np.int64)
     cells = np.zeros((len(job.others), 2), dtype=np.int64)
-    first_rpc = reduce_range(job.first.rpc, job.steps[0])
+    first_rpc = reduce_rpc(job.first.rpc, job.steps[0])
     own = job.features[0]
     xy = (own["xy"] - (job.steps[0] - 1) / 2.0) / job.steps[0]
     for k, other in enumerate(job.others):
         step, theirs, heights = job.steps[k + 1], job.features[k + 1], job.heights[k]
-        second_rpc = reduce_range(other.rpc, step)
+        second_rpc = reduce_rpc(other.rpc, step)
         second_xy = (theirs["xy"] - (step - 1) / 2.0) / step
-        lines = epipolar_lines(first_rpc, second_rpc, xy, heights)
+        lines = compute_epipolar_lines(first_rpc, second_rpc, xy, heights)
         seen = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
-        pairs = banded_matches(
+        pairs = match_in_bands(
             own["descriptors"][seen], theirs["descriptors"], lines.select(seen), second_xy, job.margin_px / step
         )  # fmt: skip
         if not len(pairs):
             continue
         places = xy[seen[pairs[:, 0]]], second_xy[pairs[:, 1]]
-        across = epipolar_miss(first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)).across_px
+        across = compute_epipolar_miss(first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)).across_px
         order = np.argsort(across)
         count = np.searchsorted(across[order], across[order] + CHOICE.agreeing_px, side="right") - np.arange(len(order))
         best = int(np.argmax(count))
@@ -115,7 +115,7 @@ def probe_pairs(job: ProbeJob) -> PartResult:
     return {"agreeing": agreeing, "cells": cells}
 
 
-def view_directions(images: list[Image]) -> np.ndarray:
+def compute_central_views(images: list[Image]) -> np.ndarray:
     """Return unit vectors ``(n, 3)`` east, north, up from the middle of each image's ground to its satellite."""
     found = []
     for image in images:
@@ -126,13 +126,13 @@ def view_directions(images: list[Image]) -> np.ndarray:
     return np.array(found)
 
 
-def angles_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def compute_convergence_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the angles between the lines of sight of pairs of images."""
     cosine = np.einsum("nk,nk->n", directions[first], directions[second])
     return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
+def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
     """Return the indices of the overlaps that are probed: of each image those that overlap most and look most alike.
 
     So the cost grows with the number of images, not with that of their pairs.
@@ -148,14 +148,16 @@ def choose_probed(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
     return np.unique(row[order[place < most]])
 
 
-def likely_overlaps(
+def find_likely_overlaps(
     images: list[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
 ) -> list[Overlap]:
     """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
-    candidates = candidate_pairs(images, ranges)
+    candidates = find_candidate_pairs(images, ranges)
     if 2 * len(candidates) > CHOICE.measured_partners * len(images):
         rough = estimate_overlaps(images, ranges, candidates)
         first, second = np.array(candidates).T
-        rows = choose_probed(rough, angles_deg(view_directions(images), first, second), CHOICE.measured_partners)
+        rows = choose_probes(
+            rough, compute_convergence_deg(compute_central_views(images), first, second), CHOICE.measured_partners
+        )
         candidates = [candidates[row] for row in rows.tolist()]
     return find_overlaps(images, ranges, surface, smallest, candidates)

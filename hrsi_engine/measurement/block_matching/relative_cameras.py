@@ -29,8 +29,8 @@ from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
-from .coarse import CoarseJob, PairEstimate, height_nodes
-from .joining import BlockMatches, pair_rows
+from .coarse import CoarseJob, PairEstimate, place_height_nodes
+from .joining import BlockMatches, group_by_pair
 
 
 @thresholds
@@ -73,13 +73,13 @@ class RelativeCameras:
         if inside.sum() < CAMERAS.neighbours:
             return None
         xy, height = xy[inside], self.ground[inside, 2]
-        nodes, shape, spacing = height_nodes(job.first.known_size)
+        nodes, shape, spacing = place_height_nodes(job.first.known_size)
         tree = cKDTree(xy)
-        grid = HeightGrid(_middle(tree, height, nodes, 0).reshape(shape), (0.0, 0.0), spacing)
+        grid = HeightGrid(_interpolate_heights(tree, height, nodes, 0).reshape(shape), (0.0, 0.0), spacing)
         # What a point's neighbours, itself left out, are off: how well the ground between points is known
-        sigma = max(float(robust_sigma(height - _middle(tree, height, xy, 1))), 0.5)
+        sigma = max(float(robust_sigma(height - _interpolate_heights(tree, height, xy, 1))), 0.5)
         reach = CAMERAS.safety * sigma
-        turn, _ = _slopes(job.first, job.second, xy, height)
+        turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
         geometry = TilePairGeometry(
             job.first.rpc, job.second.rpc, float(height.min()) - reach, float(height.max()) + reach,
@@ -88,35 +88,41 @@ class RelativeCameras:
         return PairEstimate(geometry, 0)
 
 
-def _middle(tree: cKDTree, values: np.ndarray, places: np.ndarray, skipped: int) -> np.ndarray:
+def _interpolate_heights(tree: cKDTree, values: np.ndarray, places: np.ndarray, skipped: int) -> np.ndarray:
     """Return the medians of the values nearest to places, so many of the nearest left out."""
     count = min(CAMERAS.neighbours + skipped, len(values))
     _, near = tree.query(places, k=np.arange(1, count + 1))
     return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))
 
 
-def _slopes(first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _linearise_transfer(
+    first: Image, second: Image, xy: np.ndarray, height_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean change ``(2, 2)`` of a transfer by the place and that ``(2,)`` by the height."""
     few = np.linspace(0, len(xy) - 1, min(CAMERAS.sampled, len(xy))).astype(int)
     here, height = xy[few], height_m[few]
 
-    def seen(dx: float, dy: float, dh: float) -> np.ndarray:
+    def transfer_offset(dx: float, dy: float, dh: float) -> np.ndarray:
         return transfer(first.rpc, second.rpc, here + (dx, dy), height + dh)
 
     steps = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    slope = [np.nanmean(seen(*step) - seen(*(-part for part in step)), axis=0) / 2.0 for step in steps]
+    slope = [
+        np.nanmean(transfer_offset(*step) - transfer_offset(*(-part for part in step)), axis=0) / 2.0 for step in steps
+    ]
     return np.column_stack(slope[:2]), slope[2]
 
 
-def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> RelativeCameras | None:
+def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> RelativeCameras | None:
     """Return the shifts of a block's images by its matches; None without matches."""
     if not len(matches):
         return None
     names, point = np.unique(matches.track, return_inverse=True)
     turn, climb = np.empty((len(matches), 2, 2)), np.empty((len(matches), 2))
-    rows_of = pair_rows(matches)
+    rows_of = group_by_pair(matches)
     for (a, b), rows in rows_of.items():
-        turn[rows], climb[rows] = _slopes(images[a], images[b], matches.first_xy[rows], matches.height_m[rows])
+        turn[rows], climb[rows] = _linearise_transfer(
+            images[a], images[b], matches.first_xy[rows], matches.height_m[rows]
+        )
     # One height for all matches of a point: the mean by what they tell of it
     weight = np.maximum(np.sum(climb**2, axis=1), EPIPOLAR.least_stretch**2)
     height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
@@ -126,7 +132,7 @@ def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> Relative
             images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows]
         )
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
-    design = _design(matches, turn, equation, len(images))
+    design = _build_design(matches, turn, equation, len(images))
     weight = np.ones(equation.shape)
     for _ in range(CAMERAS.rounds):
         root = np.sqrt(weight).ravel()
@@ -151,10 +157,12 @@ def relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> Relative
         risen = height[here] + rise[point[here]]
         ground[point[here]] = images[number].rpc.localize(matches.first_xy[here] - shift[number], risen).ground
     known = np.isfinite(ground).all(axis=1)
-    return RelativeCameras(*_with_others(matches, shift, away), names[known], np.bincount(point)[known], ground[known])
+    return RelativeCameras(
+        *_extend_to_all_images(matches, shift, away), names[known], np.bincount(point)[known], ground[known]
+    )
 
 
-def _design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, images: int) -> sparse.csr_matrix:
+def _build_design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, images: int) -> sparse.csr_matrix:
     """Return the derivatives ``(2 n, 2 images)`` of the transfers by the shifts."""
     row = np.concatenate([np.repeat(equation.ravel(), 2), equation.ravel()])
     by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
@@ -163,7 +171,7 @@ def _design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, image
     return sparse.csr_matrix((value, (row, column)), shape=(equation.size, 2 * images))
 
 
-def _with_others(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extend_to_all_images(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return shifts and sigmas of all images: those without matches may be off as all others are."""
     known = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)

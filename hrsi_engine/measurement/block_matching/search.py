@@ -21,14 +21,23 @@ from . import coarse, joining, overlaps, plan
 from .completion import TransferJob, transfer_star
 from .links import (
     ImageLink,
-    find_displaced,
+    drop_unsound_links,
+    find_displaced_images,
     judge_links,
-    without_links,
 )
-from .overview import FoundFeatures, OverviewJob, overview_features, overview_step
+from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
 from .pair_choice import PairChoice
-from .probes import CHOICE, Probe, ProbeJob, angles_deg, choose_probed, likely_overlaps, probe_pairs, view_directions
-from .relative_cameras import relative_cameras
+from .probes import (
+    CHOICE,
+    Probe,
+    ProbeJob,
+    choose_probes,
+    compute_central_views,
+    compute_convergence_deg,
+    find_likely_overlaps,
+    probe_pairs,
+)
+from .relative_cameras import estimate_relative_cameras
 from .star import Partner, StarJob, match_stars
 from .windows import PyramidRaster
 
@@ -50,7 +59,7 @@ def choose_match_options(
     return replace(chosen, finders=()) if predicted else chosen
 
 
-def points_of_a_cell(options: TieOptions, image: Image) -> int:
+def count_points_per_cell(options: TieOptions, image: Image) -> int:
     """Return how many points a cell of an image is to have."""
     if options.per_cell != AUTOMATIC_CELLS:
         return options.per_cell
@@ -59,7 +68,7 @@ def points_of_a_cell(options: TieOptions, image: Image) -> int:
     return TIE_SEARCH.full_per_cell if plan.is_matched_everywhere(image) else TIE_SEARCH.sampled_per_cell
 
 
-class EstimatedPair(NamedTuple):
+class PairCandidate(NamedTuple):
     """A pair by the numbers of its images, and what is known of it; no estimate where nothing agrees."""
 
     job: coarse.CoarseJob
@@ -87,20 +96,20 @@ class TieSearch:
             raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
         self._scheduler, self._keeper = scheduler, keeper
         self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before
-        self._marks = {index: _mark(images[index]) for index in self.usable} if marked else {}
-        self._features: FoundFeatures | None = None  # of the overviews, where pairs are probed
+        self._marks = {index: _compute_mark(images[index]) for index in self.usable} if marked else {}
+        self._features: OverviewFeatures | None = None  # of the overviews, where pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
         self._results: list[tuple[int, PartResult]] = []
         self._matched = 0  # pairs whose windows were matched
         self.choice: PairChoice | None = None  #: who chooses the pairs, where there are more than can be matched
-        self.pairs: list[EstimatedPair] = []
+        self.pairs: list[PairCandidate] = []
         self.reasons: dict[int, str] = {}  #: why images are left out
 
-    def find_overlapping(self) -> list[overlaps.Overlap]:
+    def find_overlaps_of_images(self) -> list[overlaps.Overlap]:
         """Return the pairs of usable images that overlap; raise `InputError` where there are none."""
         images = [self.images[index] for index in self.usable]
-        self._ranges = overlaps.ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
-        found = likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
+        self._ranges = overlaps.find_ground_ranges(images, self.surface, TIE_SEARCH.dem_margin_m)
+        found = find_likely_overlaps(images, self._ranges, self.surface, self.options.smallest_overlap)
         if self.earlier:
             found = [pair for pair in found if not {images[pair.first].id, images[pair.second].id} <= self.earlier]
         if not found:
@@ -112,59 +121,61 @@ class TieSearch:
 
     def choose_pairs(self, progress: Progress) -> None:
         """Find the pairs to match, with what is known of each; raise `InputError` where there are none."""
-        found = self.find_overlapping()
+        found = self.find_overlaps_of_images()
         images = [self.images[index] for index in self.usable]
-        self._coarseness = [overlaps.coarseness(image) for image in images]
-        self._steps = [overview_step(image.known_size) for image in images]
+        self._coarseness = [overlaps.rank_resolution(image) for image in images]
+        self._steps = [choose_overview_step(image.known_size) for image in images]
         if 2 * len(found) <= self.options.most_partners * len(images):
-            self._estimate([self._reference_first(pair.first, pair.second) for pair in found], progress)
+            self._estimate_pairs([self._order_pair(pair.first, pair.second) for pair in found], progress)
             return
-        self.choice = self._probed(found, stage(progress, 0.0, 0.5))
+        self.choice = self._probe_overlaps(found, stage(progress, 0.0, 0.5))
         rounds = 0
-        while pairs := self.choice.next_round():
+        while pairs := self.choice.choose_round():
             rounds += 1
-            self._estimate(sorted(pairs), stage(progress, 1.0 - 0.5**rounds, 1.0 - 0.5 ** (rounds + 1)))
+            self._estimate_pairs(sorted(pairs), stage(progress, 1.0 - 0.5**rounds, 1.0 - 0.5 ** (rounds + 1)))
         offsets = {(pair.first, pair.second): float(np.hypot(*pair.estimate.geometry.bias_px))
                    for pair in self.pairs if pair.estimate is not None}  # fmt: skip
-        for number, offset_px in find_displaced(offsets).items():
+        for number, offset_px in find_displaced_images(offsets).items():
             self.reasons[number] = (
                 f"its RPC lies about {offset_px:.0f} px beside those of the other images; correct it first, for "
                 "instance by refine-rpc with GCPs"
             )
         self.pairs = [pair for pair in self.pairs if not {pair.first, pair.second} & set(self.reasons)]
 
-    def _reference_first(self, first: int, second: int) -> tuple[int, int]:
+    def _order_pair(self, first: int, second: int) -> tuple[int, int]:
         """Return two usable images with the coarser one, the reference, first."""
         a, b = sorted((first, second), key=lambda index: (-self._coarseness[index], index))
         return a, b
 
-    def _overview_part(self, index: int) -> WorkPart:
+    def _make_overview_part(self, index: int) -> WorkPart:
         """Return the part that finds a usable image's features, or hands over those that were found."""
         if self._features is not None:
             return self._features.part(index)
         image, step = self.images[self.usable[index]], self._steps[index]
         key = f"overview-{digest(VERSION, self._marks[self.usable[index]], step)}"
-        return WorkPart(key, overview_features, OverviewJob(image, step), keep=False, label=f"looking at {image.id}")
+        return WorkPart(
+            key, detect_overview_features, OverviewJob(image, step), keep=False, label=f"looking at {image.id}"
+        )
 
-    def _probed(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
+    def _probe_overlaps(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
         """Probe the overlapping pairs that may be worth it; return who chooses among them."""
         images = [self.images[index] for index in self.usable]
-        parts = [self._overview_part(index) for index in range(len(images))]
-        self._features = FoundFeatures(parts, self._scheduler, self._keeper)
+        parts = [self._make_overview_part(index) for index in range(len(images))]
+        self._features = OverviewFeatures(parts, self._scheduler, self._keeper)
         self._features.find(CHOICE.features, stage(progress, 0.0, 0.7))
-        directions = view_directions(images)
+        directions = compute_central_views(images)
         first, second = (np.array([getattr(pair, name) for pair in found]) for name in ("first", "second"))
-        angle = angles_deg(directions, first, second)
+        angle = compute_convergence_deg(directions, first, second)
         partners: dict[int, list[tuple[int, float]]] = {}
-        for row in choose_probed(found, angle).tolist():
-            a, b = self._reference_first(int(first[row]), int(second[row]))
+        for row in choose_probes(found, angle).tolist():
+            a, b = self._order_pair(int(first[row]), int(second[row]))
             partners.setdefault(a, []).append((b, float(angle[row])))
         probing = []
         for a, others in partners.items():
             numbers = [b for b, _ in others]
             job = ProbeJob(
                 images[a], tuple(images[b] for b in numbers), tuple(self._steps[k] for k in (a, *numbers)),
-                tuple(overlaps.common_heights(self._ranges[a], self._ranges[b]) for b in numbers),
+                tuple(overlaps.intersect_heights(self._ranges[a], self._ranges[b]) for b in numbers),
                 self.options.margin_px, tuple(self._features.strongest[k] for k in (a, *numbers)),
             )  # fmt: skip
             probing.append(WorkPart(f"probe-{a}", probe_pairs, job, keep=False, label=f"probing {images[a].id}"))
@@ -179,15 +190,15 @@ class TieSearch:
         trees = max(1, self.options.most_partners // 2)
         return PairChoice(len(images), probes, trees, (trees + 1) * len(images))
 
-    def _estimate(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
+    def _estimate_pairs(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
         """Compare the overviews of pairs of usable images, and enter what was found."""
         for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
             ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, TIE_SEARCH.pair_batch))
-            self._compare(pairs[start : start + TIE_SEARCH.pair_batch], stage(progress, *ends))
+            self._compare_batch(pairs[start : start + TIE_SEARCH.pair_batch], stage(progress, *ends))
 
-    def _compare(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
-        jobs = {(a, b): self._job(a, b) for a, b in pairs}
-        overviews = {index: self._overview_part(index) for pair in jobs for index in pair}
+    def _compare_batch(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
+        jobs = {(a, b): self._make_job(a, b) for a, b in pairs}
+        overviews = {index: self._make_overview_part(index) for pair in jobs for index in pair}
         marks = {index: self._marks[self.usable[index]] for index in overviews}
         parts = {
             (a, b): WorkPart(
@@ -201,16 +212,16 @@ class TieSearch:
         found = run_parts([*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, progress)
         for (a, b), part in parts.items():
             estimate = coarse.estimate_pair(jobs[a, b], found[part.key])
-            self.pairs.append(EstimatedPair(jobs[a, b], self.usable[a], self.usable[b], estimate))
+            self.pairs.append(PairCandidate(jobs[a, b], self.usable[a], self.usable[b], estimate))
             if self.choice is not None:
                 self.choice.tell((a, b), estimate is not None)
 
-    def _job(self, a: int, b: int) -> coarse.CoarseJob:
+    def _make_job(self, a: int, b: int) -> coarse.CoarseJob:
         """Return the comparison of two usable images."""
         first, second = (self.images[self.usable[index]] for index in (a, b))
         if self.surface is not None and a not in self._terrain:
-            self._terrain[a] = coarse.terrain_at_nodes(first, self.surface)
-        heights = overlaps.common_heights(self._ranges[a], self._ranges[b])
+            self._terrain[a] = coarse.sample_terrain(first, self.surface)
+        heights = overlaps.intersect_heights(self._ranges[a], self._ranges[b])
         steps = self._steps[a], self._steps[b]
         return coarse.CoarseJob(first, second, steps, heights, self.options.margin_px, self._terrain.get(a))
 
@@ -222,12 +233,12 @@ class TieSearch:
         sound = {(link.first, link.second) for link in links if link.sound}
         for pair in self.pairs:
             self.choice.tell((place[pair.first], place[pair.second]), (pair.first, pair.second) in sound)
-        new = [pair for pair in self.choice.next_round()
+        new = [pair for pair in self.choice.choose_round()
                if not {self.usable[index] for index in pair} & set(self.reasons)]  # fmt: skip
-        self._estimate(new, progress)
+        self._estimate_pairs(new, progress)
         return bool(new)
 
-    def tried_of_image(self) -> dict[int, int]:
+    def count_trials(self) -> dict[int, int]:
         """Return how many pairs of each image were tried."""
         if self.choice is None:
             numbers = [number for pair in self.pairs for number in (pair.first, pair.second)]
@@ -238,16 +249,16 @@ class TieSearch:
     def judge(self) -> tuple[joining.BlockMatches, list[ImageLink]]:
         """Return the matches that pass the tests of pairs and heights, and the links that they make."""
         matches = joining.collect_matches(self._results)
-        fitting = joining.without_outliers(matches, self.images, self.options.dense)
-        good = joining.without_contradictions(fitting, self.images)
+        fitting = joining.drop_outliers(matches, self.images, self.options.dense)
+        good = joining.drop_contradictions(fitting, self.images)
         return good, judge_links(good)
 
     def match_pairs(self, progress: Progress) -> None:
         """Match the windows of all pairs that were not matched yet."""
-        self._match(self.pairs[self._matched :], self.choice is not None, progress)
+        self._match_windows(self.pairs[self._matched :], self.choice is not None, progress)
         self._matched = len(self.pairs)
 
-    def match_thoroughly(self, links: Sequence[ImageLink], progress: Progress) -> bool:
+    def match_weak_images(self, links: Sequence[ImageLink], progress: Progress) -> bool:
         """Match the pairs of images that few links hold as those of small blocks are; tell whether there are any."""
         if self.choice is None:
             return False
@@ -259,38 +270,42 @@ class TieSearch:
             if (pair.first, pair.second) not in sound
             and min(held[pair.first], held[pair.second]) < TIE_SEARCH.few_links
         ]
-        return self._match(hard, False, progress)
+        return self._match_windows(hard, False, progress)
 
-    def match_predicted(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
+    def match_by_cameras(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
         """Match images that few links hold with those that look most alike, where all matches so far put them."""
-        cameras = None if self.choice is None else relative_cameras(without_links(good, links), self.images)
+        cameras = (
+            None if self.choice is None else estimate_relative_cameras(drop_unsound_links(good, links), self.images)
+        )
         if self.choice is None or cameras is None:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
         held = Counter(number for pair in sound for number in pair)
         few = [index for index, number in enumerate(self.usable)
                if held[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
-        pairs: dict[tuple[int, int], EstimatedPair] = {}
+        pairs: dict[tuple[int, int], PairCandidate] = {}
         for index in few:
-            for a, b in self.choice.most_alike(index):
+            for a, b in self.choice.list_similar_pairs(index):
                 first, second = self.usable[a], self.usable[b]
                 partner = second if a == index else first
                 if held[partner] < TIE_SEARCH.few_links or (first, second) in sound:
                     continue
-                job = self._job(a, b)
-                pairs[a, b] = EstimatedPair(job, first, second, cameras.estimate(job, first, second))
+                job = self._make_job(a, b)
+                pairs[a, b] = PairCandidate(job, first, second, cameras.estimate(job, first, second))
                 if sum(index in pair for pair in pairs) == TIE_SEARCH.predicted_pairs or len(pairs) >= self.choice.room:
                     break
         for pair in pairs:
             self.choice.tell(pair, True)
         numbers = {(pair.first, pair.second) for pair in pairs.values()}
         self.pairs = [pair for pair in self.pairs if (pair.first, pair.second) not in numbers] + list(pairs.values())
-        return self._match(list(pairs.values()), False, progress, predicted=True)
+        return self._match_windows(list(pairs.values()), False, progress, predicted=True)
 
     def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
         """Look for points that images miss where all matches so far put them; tell whether there are any."""
-        places = {(first, second): job for first, second, job in self._both_ways()}
-        cameras = relative_cameras(good, self.images) if len(self.usable) > 2 and not self.options.dense else None
+        places = {(first, second): job for first, second, job in self._list_both_directions()}
+        cameras = (
+            estimate_relative_cameras(good, self.images) if len(self.usable) > 2 and not self.options.dense else None
+        )
         if cameras is None:
             return False
         parts = []
@@ -306,7 +321,9 @@ class TieSearch:
                 continue
             xy = good.first_xy[own][row[wanted]]
             height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
-            windows = tuple(cell.own[0] for cells in plan.cell_rows(job.first, self.options.cells, 0) for cell in cells)
+            windows = tuple(
+                cell.own[0] for cells in plan.plan_cells(job.first, self.options.cells, 0) for cell in cells
+            )
             partner = Partner(second, job.second, estimate.geometry)
             options = replace(
                 choose_match_options(self.options, job.first), largest_sigma_px=TIE_SEARCH.completed_sigma_px
@@ -319,34 +336,36 @@ class TieSearch:
             self._results += [(part.job.number, found[part.key]) for part in parts]
         return bool(parts)
 
-    def _both_ways(self) -> Iterator[tuple[int, int, coarse.CoarseJob]]:
+    def _list_both_directions(self) -> Iterator[tuple[int, int, coarse.CoarseJob]]:
         """Give the images of the pairs that matched, either one first, where both are matched everywhere."""
         for pair in self.pairs:
             both = self.images[pair.first], self.images[pair.second]
             if pair.estimate is None or not all(map(plan.is_matched_everywhere, both)):
                 continue
-            if overlaps.resolution_step(*both) == 1:
+            if overlaps.compute_resolution_step(*both) == 1:
                 yield pair.first, pair.second, pair.job
                 yield pair.second, pair.first, replace(pair.job, first=both[1], second=both[0])
 
-    def _match(self, pairs: Sequence[EstimatedPair], linked: bool, progress: Progress, predicted: bool = False) -> bool:
+    def _match_windows(
+        self, pairs: Sequence[PairCandidate], linked: bool, progress: Progress, predicted: bool = False
+    ) -> bool:
         """Match the windows of pairs, as far as they were estimated; tell whether there are any."""
         partners: dict[int, list[Partner]] = {}
         for pair in pairs:
             if pair.estimate is not None:
-                step = overlaps.resolution_step(self.images[pair.first], self.images[pair.second])
+                step = overlaps.compute_resolution_step(self.images[pair.first], self.images[pair.second])
                 partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
                 partners.setdefault(pair.first, []).append(partner)
-        parts = [part for number, own in partners.items() for part in self._parts_of(number, own, linked, predicted)]
+        parts = [part for number, own in partners.items() for part in self._divide_work(number, own, linked, predicted)]
         if parts:
             found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
             self._results += [(part.job.number, found[part.key]) for part in parts]
         return bool(parts)
 
-    def _parts_of(self, number: int, partners: list[Partner], linked: bool, predicted: bool) -> list[WorkPart]:
+    def _divide_work(self, number: int, partners: list[Partner], linked: bool, predicted: bool) -> list[WorkPart]:
         image = self.images[number]
         cells_of_image = EVERY if self.options.dense else self.options.cells
-        rows = plan.cell_rows(image, cells_of_image, points_of_a_cell(self.options, image))
+        rows = plan.plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
@@ -360,7 +379,7 @@ class TieSearch:
         return parts
 
 
-def _mark(image: Image) -> str:
+def _compute_mark(image: Image) -> str:
     """Return what tells an image from another one, and from itself after a change of its file."""
     content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
     return digest(image.id, image.path, image.size, image.rpc, content)

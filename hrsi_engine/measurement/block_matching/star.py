@@ -23,8 +23,8 @@ from ..tile_matching.pair_matching import (
     match_tile,
     transfer_points,
 )
-from .local_geometry import local_geometry
-from .windows import TIE_WINDOWS, ImageWindow, predicted_window, read_tile
+from .local_geometry import fit_local_geometry
+from .windows import TIE_WINDOWS, ImageWindow, predict_window, read_tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class StarJob:
     step: int = 1
 
 
-class Rows(NamedTuple):
+class PartnerMatches(NamedTuple):
     """Matches of a window with one partner."""
 
     partner: int
@@ -73,13 +73,13 @@ def match_stars(job: StarJob) -> PartResult:
     """Return all matches of a job as columns, one row a match.
 
     ``first_xy``, ``second_xy (n, 2)``, ``partner (n,)`` the number of the second image, ``sigma_px``, ``quality``,
-    ``kind``, ``height_m (n,)`` apparent heights of the pair. Rows with equal ``first_xy`` are one point.
+    ``kind``, ``height_m (n,)`` apparent heights of the pair. PartnerMatches with equal ``first_xy`` are one point.
     """
     options = {partner.number: job.options for partner in job.partners}
-    return columns_of([row for cell in job.cells for row in _match_cell(job, cell, options)])
+    return stack_matches([row for cell in job.cells for row in _match_cell(job, cell, options)])
 
 
-def columns_of(rows: Sequence[Rows]) -> PartResult:
+def stack_matches(rows: Sequence[PartnerMatches]) -> PartResult:
     """Return matches of windows with partners as the columns that `match_stars` tells of."""
     if not rows:
         nothing = np.empty(0)
@@ -92,7 +92,7 @@ def columns_of(rows: Sequence[Rows]) -> PartResult:
     return columns | {"partner": np.repeat([row.partner for row in rows], [len(row.matches) for row in rows])}
 
 
-def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) -> Iterator[Rows]:
+def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) -> Iterator[PartnerMatches]:
     """Match the windows of a cell in turn, each with the partners that still lack points there.
 
     ``options`` are those of each partner: the band that one window tells is taken for the others.
@@ -101,13 +101,13 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
     for window, own in zip(cell.windows, cell.own, strict=True):
         if not lacking:
             return
-        near = [replace(partner, geometry=local_geometry(partner.geometry, window)) for partner in lacking]
-        places = [(partner, _place_in(partner, window)) for partner in near]
+        near = [replace(partner, geometry=fit_local_geometry(partner.geometry, window)) for partner in lacking]
+        places = [(partner, _predict_place(partner, window)) for partner in near]
         seen = [(partner, place) for partner, place in places if place is not None]
         tile = read_tile(job.reference, window, job.step) if seen else None
         if tile is None or tile.valid.mean() < TIE_WINDOWS.valid_share:
             continue
-        rows = _thin(_match_window(tile, own, seen, options), cell.most)
+        rows = _limit_points(_match_window(tile, own, seen, options), cell.most)
         yield from rows
         satisfied = {row.partner for row in rows if len(row.matches) >= cell.enough}
         lacking = [partner for partner in lacking if partner.number not in satisfied]
@@ -118,7 +118,7 @@ def _match_window(
     own: ImageWindow,
     places: Sequence[tuple[Partner, ImageWindow]],
     options: dict[int, TileMatchOptions],
-) -> list[Rows]:
+) -> list[PartnerMatches]:
     """Match one window with its places in partners, then transfer what only some of them gave."""
     shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, other) for partner, other in shown if other is not None]
@@ -126,26 +126,31 @@ def _match_window(
     for partner, other in tiles:
         how = options[partner.number]
         ways = [match_tile(tile, other.times(c), partner.geometry, how) for c in partner.geometry.contrasts]
-        matches = ways[0] if len(ways) == 1 else _best_of_ways(ways)
+        matches = ways[0] if len(ways) == 1 else _merge_contrasts(ways)
         if matches.band:
             options[partner.number] = replace(how, bands=(matches.band,))
         found.append(matches.select(own.contains(matches.first_xy)))
     if len(tiles) > 1:
         found = [
-            _complete(index, tile, tiles, found, options[partner.number]) for index, (partner, _) in enumerate(tiles)
+            _complete_partner(index, tile, tiles, found, options[partner.number])
+            for index, (partner, _) in enumerate(tiles)
         ]
-    return [Rows(partner.number, matches) for (partner, _), matches in zip(tiles, found, strict=True) if len(matches)]
+    return [
+        PartnerMatches(partner.number, matches)
+        for (partner, _), matches in zip(tiles, found, strict=True)
+        if len(matches)
+    ]
 
 
-def _best_of_ways(ways: Sequence[TileMatches]) -> TileMatches:
+def _merge_contrasts(ways: Sequence[TileMatches]) -> TileMatches:
     """Return the matches of a window in one contrast or another; of a point in both, the better one."""
     joined = join_tile_matches(ways)
     best = np.argsort(-joined.quality, kind="stable")
-    _, first = np.unique(_keys(joined.first_xy[best]), return_index=True)
+    _, first = np.unique(_make_keys(joined.first_xy[best]), return_index=True)
     return joined.select(np.sort(best[first]))
 
 
-def _complete(
+def _complete_partner(
     index: int,
     tile: ImageTile,
     tiles: Sequence[tuple[Partner, ImageTile]],
@@ -154,12 +159,14 @@ def _complete(
 ) -> TileMatches:
     """Return a partner's matches with those added that the others' heights lead to."""
     own = found[index]
-    others = [_heights_in(own, matches) for number, matches in enumerate(found) if number != index and len(matches)]
+    others = [
+        _transfer_heights(own, matches) for number, matches in enumerate(found) if number != index and len(matches)
+    ]
     if not others:
         return own
     xy, height = (np.concatenate(part) for part in zip(*others, strict=True))
     xy, first = np.unique(xy, axis=0, return_index=True)
-    new = ~np.isin(_keys(xy), _keys(own.first_xy))
+    new = ~np.isin(_make_keys(xy), _make_keys(own.first_xy))
     if not new.any():
         return own
     partner, other = tiles[index]
@@ -169,17 +176,17 @@ def _complete(
     return join_tile_matches([own, added]) if len(added) else own
 
 
-def _heights_in(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
+def _transfer_heights(own: TileMatches, other: TileMatches) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of another partner with their heights as this pair would see them.
 
     Apparent heights of two pairs differ by what the RPCs are off along the lines; common points tell how much.
     """
-    _, mine, theirs = np.intersect1d(_keys(own.first_xy), _keys(other.first_xy), return_indices=True)
+    _, mine, theirs = np.intersect1d(_make_keys(own.first_xy), _make_keys(other.first_xy), return_indices=True)
     shift = np.median(own.height_m[mine] - other.height_m[theirs]) if len(mine) >= TIE_WINDOWS.fewest_common else 0.0
     return other.first_xy, other.height_m + shift
 
 
-def _keys(xy: np.ndarray) -> np.ndarray:
+def _make_keys(xy: np.ndarray) -> np.ndarray:
     """Return positions ``(n, 2)`` as one number each; they are whole pixels or halves of them."""
     return np.round(2.0 * xy[:, 0]) * 2.0**32 + np.round(2.0 * xy[:, 1])
 
@@ -191,11 +198,11 @@ def join_tile_matches(tables: Sequence[TileMatches]) -> TileMatches:
     return TileMatches(**columns, bias_px=tables[0].bias_px, band=tables[0].band)
 
 
-def _thin(rows: list[Rows], most: int) -> list[Rows]:
+def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]:
     """Keep the points of a window that most partners show, then the best: at most ``most`` of each partner."""
     if not most or not rows:
         return rows
-    keys = np.concatenate([_keys(row.matches.first_xy) for row in rows])
+    keys = np.concatenate([_make_keys(row.matches.first_xy) for row in rows])
     quality = np.concatenate([row.matches.quality for row in rows])
     points, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
     mean = np.bincount(inverse, quality) / count
@@ -204,7 +211,7 @@ def _thin(rows: list[Rows], most: int) -> list[Rows]:
     thinned, start = [], 0
     for row in rows:
         own = place[inverse[start : start + len(row.matches)]]
-        thinned.append(Rows(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
+        thinned.append(PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
         start += len(row.matches)
     return thinned
 
@@ -212,8 +219,8 @@ def _thin(rows: list[Rows], most: int) -> list[Rows]:
 # ---- where a window is in a partner --------------------------------------------------------------------------------
 
 
-def _place_in(partner: Partner, window: ImageWindow) -> ImageWindow | None:
+def _predict_place(partner: Partner, window: ImageWindow) -> ImageWindow | None:
     """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
     border = TIE_WINDOWS.border_px * partner.step
-    there = predicted_window(partner.geometry, window, border).inside(partner.image.known_size)
+    there = predict_window(partner.geometry, window, border).inside(partner.image.known_size)
     return there if min(there.samples, there.lines) >= TIE_WINDOWS.side_px + border else None

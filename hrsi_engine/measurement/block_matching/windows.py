@@ -49,7 +49,7 @@ class ImageWindow(NamedTuple):
         right, bottom = min(self.sample + self.samples, size[0]), min(self.line + self.lines, size[1])
         return ImageWindow(sample, line, max(right - sample, 0), max(bottom - line, 0))
 
-    def grown(self, border: int) -> ImageWindow:
+    def grow(self, border: int) -> ImageWindow:
         """Return the window with a border on all sides."""
         return ImageWindow(self.sample - border, self.line - border, self.samples + 2 * border, self.lines + 2 * border)
 
@@ -66,7 +66,7 @@ class PyramidRaster(Raster, Protocol):
     def content_mark(self) -> str:
         """Return a text that differs when the content of the file or of its side files differs."""
 
-    def read_reduced(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+    def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the whole image as means of ``step`` x ``step`` pixels, and where they are valid."""
 
 
@@ -79,7 +79,7 @@ def read_tile(image: Image, window: ImageWindow, step: int = 1) -> ImageTile | N
     if not valid.any():
         return None
     if step > 1:
-        grey, valid = block_means(grey, valid, step)
+        grey, valid = average_blocks(grey, valid, step)
     origin = here.sample + (step - 1) / 2.0, here.line + (step - 1) / 2.0
     return ImageTile(np.asarray(grey, dtype=np.float32), valid, origin, float(step))
 
@@ -89,16 +89,16 @@ def read_overview(image: Image, step: int) -> ImageTile:
     raster, size = image.pixels, image.known_size
     origin = ((step - 1) / 2.0, (step - 1) / 2.0)
     if isinstance(raster, PyramidRaster):
-        return ImageTile(*raster.read_reduced(step), origin, float(step))
+        return ImageTile(*raster.read_means(step), origin, float(step))
     parts, lines = [], step * max(TIE_WINDOWS.strip_lines // step, 1)
     for line in range(0, step * (size[1] // step), lines):
         strip = raster.read(0, line, size[0], min(lines, size[1] - line))
-        parts.append(block_means(*strip, step))
+        parts.append(average_blocks(*strip, step))
     grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
     return ImageTile(grey, valid, origin, float(step))
 
 
-def block_means(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+def average_blocks(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of blocks of ``step`` x ``step`` pixels and whether all their pixels are valid."""
     lines, samples = grey.shape[0] // step, grey.shape[1] // step
     inner = np.s_[: lines * step, : samples * step]
@@ -108,13 +108,13 @@ def block_means(grey: np.ndarray, valid: np.ndarray, step: int) -> tuple[np.ndar
     return np.where(whole, mean, np.float32(0.0)), whole
 
 
-def predicted_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
+def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int) -> ImageWindow:
     """Return the window of the second image that shows a window of the first; empty where it is nowhere."""
     corners = np.array(
         [(window.sample + s * (window.samples - 1), window.line + t * (window.lines - 1))
          for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
     )  # fmt: skip
-    heights = np.concatenate(height_limits(geometry, corners))
+    heights = np.concatenate(compute_height_limits(geometry, corners))
     seen = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
     seen = seen[np.isfinite(seen).all(axis=1)] + geometry.bias_px
     if not len(seen):
@@ -124,7 +124,7 @@ def predicted_window(geometry: TilePairGeometry, window: ImageWindow, border: in
     return ImageWindow(int(first[0]), int(first[1]), int(last[0] - first[0]) + 1, int(last[1] - first[1]) + 1)
 
 
-def height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_height_limits(geometry: TilePairGeometry, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest heights ``(n,)`` that points of the first image may have."""
     if geometry.heights is None or geometry.height_sigma_m is None:
         return np.full(len(xy), geometry.lowest_m), np.full(len(xy), geometry.highest_m)

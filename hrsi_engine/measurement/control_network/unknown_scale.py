@@ -15,8 +15,8 @@ from ...block.block import Raster
 from ...foundation.pixel_filters import reduce_by_area, reduce_mask
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.windows import Area
-from ..tile_matching.features import SiftFeatures, root_sift, sift_features
-from ..tile_matching.rpc_consistency import mutual_matches
+from ..tile_matching.features import SiftFeatures, compute_root_sift, detect_sift_features
+from ..tile_matching.rpc_consistency import match_descriptors
 from .tolerances import NETWORK_PAIRS
 
 
@@ -67,7 +67,7 @@ def vote_by_features(
     here, there = (
         _detect_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
     )
-    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), SCALE.ratio)
+    i, j = match_descriptors(compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), SCALE.ratio)
     found = _find_common_similarity(here.xy[i], there.xy[j])
     if found is None:
         return FeatureVote()
@@ -111,4 +111,4 @@ def _detect_features(raster: Raster, area: Area, reduction: float) -> SiftFeatur
     if reduction > 1.0:
         size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
         grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
-    return sift_features(grey, valid, SCALE.features)
+    return detect_sift_features(grey, valid, SCALE.features)

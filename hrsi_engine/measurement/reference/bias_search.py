@@ -21,7 +21,7 @@ from ..window_matching.orientation_correlation import (
     correlate_fields,
     find_correlation_peak,
 )
-from .predicted_patches import image_patch, predicted_patch
+from .predicted_patches import predict_patch, read_patch
 
 
 @thresholds
@@ -63,7 +63,7 @@ def search_bias(
     reach = min(BIAS.first_search_px * max(step, 1.0), search_px)
     while True:
         coarse = max(step, min(reach / BIAS.reach, min(size) / BIAS.least_side))
-        peak = _peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
+        peak = _find_peak(image, reference, surface, gsd_m, coarse, np.zeros(2), int(np.ceil(reach / coarse)))
         if peak is not None and peak.contrast >= BIAS.contrast and peak.rival <= BIAS.rival:
             break
         if reach >= search_px:
@@ -72,14 +72,14 @@ def search_bias(
     offset = peak.shift
     while coarse > step:
         coarse = max(coarse / BIAS.growth, step)
-        finer = _peak(image, reference, surface, gsd_m, coarse, offset, BIAS.fine_reach)
+        finer = _find_peak(image, reference, surface, gsd_m, coarse, offset, BIAS.fine_reach)
         if finer is None:
             return None
         offset = finer.shift
     return ImageBias(offset, peak.contrast, peak.rival)
 
 
-def _peak(
+def _find_peak(
     image: Image, reference: Orthoimage, surface: HeightSurface, gsd_m: float, step: float, offset: np.ndarray,
     reach: int,
 ) -> CorrelationPeak | None:  # fmt: skip
@@ -96,11 +96,11 @@ def _peak(
         sides.append(side)
     sites = [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]
     for origin, shape in sites:
-        template = predicted_patch(image, reference, surface, origin, shape, step, offset, BIAS.node, gsd_m)
+        template = predict_patch(image, reference, surface, origin, shape, step, offset, BIAS.node, gsd_m)
         if not template.valid.any():
             continue
         window = (shape[0] + 2 * reach, shape[1] + 2 * reach)
-        search = image_patch(image.pixels, origin - step * reach, window, step)
+        search = read_patch(image.pixels, origin - step * reach, window, step)
         first, second = (compute_orientation_field(patch.grey, patch.valid) for patch in (template, search))
         total += correlate_fields(first, second)
         energy += float(np.square(np.abs(first)).sum())

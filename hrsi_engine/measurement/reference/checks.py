@@ -42,7 +42,7 @@ class ReferenceAccuracy:
     sigma_xy_m: float
     sigma_h_m: float
 
-    def of_points(self, ground: np.ndarray) -> tuple[float, float]:
+    def compute_sigmas(self, ground: np.ndarray) -> tuple[float, float]:
         """Return the sigmas of each of the points ``ground (k, 3)``: as GCPs, they know nothing of what they share."""
         return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), DEM.compute_equivalent_sigma(
             self.sigma_h_m, ground
@@ -69,11 +69,11 @@ class ReferenceShift:
         return float(np.hypot(self.east_m, self.north_m))
 
     @property
-    def excessive(self) -> bool:
+    def is_excessive(self) -> bool:
         return self.length_m > self.limit_m
 
 
-def reference_shift(
+def compute_reference_shift(
     image: Image, found: ImageControl, ground: np.ndarray, accuracy: ReferenceAccuracy
 ) -> ReferenceShift | None:
     """Return an image's shift against the reference in its middle; None where it does not show the reference at all.
@@ -93,9 +93,9 @@ def reference_shift(
     return ReferenceShift(image.id, float(east), float(north), limit, own, bool(image.rpc.err_bias))
 
 
-def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
+def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
     """Return what the user should know of shifts that neither RPCs nor reference explain."""
-    bad = [shift for shift in shifts if shift.excessive]
+    bad = [shift for shift in shifts if shift.is_excessive]
     if not bad:
         return []
     mean = np.mean([[shift.east_m, shift.north_m] for shift in bad], axis=0)
@@ -104,23 +104,23 @@ def shift_warnings(shifts: Sequence[ReferenceShift]) -> list[str]:
         first = bad[0]
         return [
             f"the RPCs of all {len(bad)} images lie {np.hypot(*mean):.1f} m beside the reference "
-            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explanation(first)}: "
+            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explain_limit(first)}: "
             "check the reference's CRS and datum, and that it is right"
         ]
     return [
         f"the RPC of {shift.image_id} lies {shift.length_m:.1f} m beside the reference ({shift.east_m:+.1f} m east, "
-        f"{shift.north_m:+.1f} m north), {_explanation(shift)}: check the reference's "
+        f"{shift.north_m:+.1f} m north), {_explain_limit(shift)}: check the reference's "
         "CRS and datum, and the RPC"
         for shift in bad
     ]
 
 
-def far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
+def describe_far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
     """Return the same of shifts that chance does not make: `REFERENCE_CHECKS.far` times the limit."""
-    return shift_warnings([shift for shift in shifts if shift.length_m > REFERENCE_CHECKS.far * shift.limit_m])
+    return describe_shifts([shift for shift in shifts if shift.length_m > REFERENCE_CHECKS.far * shift.limit_m])
 
 
-def _explanation(shift: ReferenceShift) -> str:
+def _explain_limit(shift: ReferenceShift) -> str:
     source = "its ERR_BIAS" if shift.stated else "assumed: it states no ERR_BIAS"
     return (
         f"more than the {shift.limit_m:.1f} m that the RPC's sigma of {shift.bias_m:.1f} m ({source}) and that of the "
@@ -138,7 +138,7 @@ class Contradiction:
     points: int
 
     @property
-    def excessive(self) -> bool:
+    def is_excessive(self) -> bool:
         return bool(np.hypot(self.east_m, self.north_m) > self.limit_m)
 
     @property
@@ -150,7 +150,7 @@ class Contradiction:
         )
 
 
-class MeasuredGcps(NamedTuple):
+class ImageGcps(NamedTuple):
     """GCPs of one image: survey ``(k, 3)`` lon, lat, height, its sigmas ``(k, 2)`` m, and sample, line ``(k, 2)``."""
 
     image_id: str
@@ -162,7 +162,7 @@ class MeasuredGcps(NamedTuple):
 def contradiction(
     images: Sequence[Image],
     control: ReferenceControl,
-    gcps: Sequence[MeasuredGcps],
+    gcps: Sequence[ImageGcps],
     accuracy: ReferenceAccuracy,
 ) -> Contradiction | None:
     """Return how surveyed GCPs and the reference differ; None where no image has both."""

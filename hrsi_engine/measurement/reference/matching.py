@@ -35,8 +35,8 @@ from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .bias_search import ImageBias, search_bias
 from .options import ReferenceOptions
 from .places import choose_places
-from .predicted_patches import image_patch, predicted_patch
-from .robust_offsets import Agreement, agree
+from .predicted_patches import predict_patch, read_patch
+from .robust_offsets import Agreement, find_agreement
 
 
 @thresholds
@@ -157,17 +157,17 @@ def _match_image(
     ratio = reference.gsd_m / gsd
     step = ratio if ratio > REFERENCE_MATCHES.coarser else 1.0
     if not len(places):
-        return _nothing(image, gsd, step, "no textured place of the reference, with a height, lies below it")
+        return _refuse_image(image, gsd, step, "no textured place of the reference, with a height, lies below it")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
     if bias is None:
-        return _nothing(
+        return _refuse_image(
             image, gsd, step, f"it does not look like the reference within {options.search_px:g} px of where its RPC "
             "puts it"
         )  # fmt: skip
     return _match_places(_Task(image, reference, surface, gsd, step, bias), places, options)
 
 
-def _nothing(
+def _refuse_image(
     image: Image, gsd_m: float, step: float, refusal: str, rough_bias_px: np.ndarray | None = None
 ) -> ImageControl:
     none = np.zeros(0)
@@ -207,12 +207,12 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     rows = rows[[match is not None for match in matches]]
     if not rows.size:
         refusal = "no place of the reference was found in it"
-        return _nothing(task.image, task.gsd_m, task.step, refusal, task.bias.offset_px)
+        return _refuse_image(task.image, task.gsd_m, task.step, refusal, task.bias.offset_px)
     xy = np.array([match.xy for match in chosen])
     sigma = np.array([match.sigma_px for match in chosen])
     score = np.array([match.score for match in chosen])
     offset = xy - projected[rows]
-    agreement = agree(
+    agreement = find_agreement(
         xy,
         offset,
         task.image.centre_px,
@@ -236,7 +236,7 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     half, reach = options.window_px // 2, options.reach_px
     side = 2 * half + 1
     origin = expected - task.step * (half + REFERENCE_MATCHES.border)
-    template = predicted_patch(
+    template = predict_patch(
         task.image, task.reference, task.surface, origin,
         (side + 2 * REFERENCE_MATCHES.border, side + 2 * REFERENCE_MATCHES.border), task.step, task.bias.offset_px,
         options.node_px, task.gsd_m,
@@ -246,7 +246,7 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     corner = expected - task.step * (half + reach + REFERENCE_MATCHES.border)
     corner = np.round(corner) if task.step == 1.0 else corner
     window = side + 2 * (reach + REFERENCE_MATCHES.border)
-    search = image_patch(task.image.pixels, corner, (window, window), task.step)
+    search = read_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
     inner = np.s_[

@@ -40,18 +40,18 @@ class PartShift(NamedTuple):
         )
 
 
-def without_wrong_parts(
+def drop_wrong_parts(
     images: Sequence[Image], control: ReferenceControl, accuracy: ReferenceAccuracy
 ) -> tuple[ReferenceControl, list[PartShift]]:
     """Return the control without the parts of the reference that lie beside the rest, and these parts."""
     by_id = {image.id: image for image in images}
-    part_of = _parts(control.ground)
+    part_of = _number_parts(control.ground)
     numbers = np.unique(part_of)
     middle, variance = np.full((len(numbers), 2), np.nan), np.full(len(numbers), np.inf)
     seen = [found for found in control.images if found.agreement is not None]
     if not seen or len(numbers) < 3:
         return control, []
-    beside = [_beside_m(by_id[found.image_id], control.ground, found) for found in seen]
+    beside = [_compute_offsets_m(by_id[found.image_id], control.ground, found) for found in seen]
     for index, number in enumerate(numbers):
         values = [
             away[part_of[found.places] == number] - np.median(away, axis=0)
@@ -87,7 +87,7 @@ def without_wrong_parts(
     return replace(control, images=found), shifts
 
 
-def _parts(ground: np.ndarray) -> np.ndarray:
+def _number_parts(ground: np.ndarray) -> np.ndarray:
     """Return the part that each place ``(m, 3)`` belongs to."""
     if not len(ground):
         return np.zeros(0, dtype=np.int64)
@@ -98,7 +98,7 @@ def _parts(ground: np.ndarray) -> np.ndarray:
     return np.asarray(cell[:, 1] * REFERENCE_CHECKS.parts + cell[:, 0])
 
 
-def _beside_m(image: Image, ground: np.ndarray, found: ImageControl) -> np.ndarray:
+def _compute_offsets_m(image: Image, ground: np.ndarray, found: ImageControl) -> np.ndarray:
     """Return where an image shows each place, less where the reference has it, in metres east and north ``(n, 2)``."""
     _, by_ground = image.rpc.project_with_metric_jacobian(ground[found.places])
     return np.linalg.solve(by_ground[:, :, :2], found.offset_px[:, :, None])[:, :, 0]

@@ -10,18 +10,18 @@ from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import SCHARR, blur, box_mean, erode, slopes
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
-from .predicted_patches import PATCH, read_reduced
+from .predicted_patches import PATCH, read_means
 
 
 def choose_places(
     images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, points: int, window_px: int
 ) -> np.ndarray:
     """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
-    below = [_ground_below(image, surface) for image in images]
+    below = [_locate_ground(image, surface) for image in images]
     below = [ground for ground in below if len(ground)]
     if not below:
         return np.zeros((0, 3))
-    areas = [_area_px(reference, ground) for ground in below]
+    areas = [_compute_area_px(reference, ground) for ground in below]
     cell = max(float(np.sqrt(min(areas) / points)), 4.0)
     step = max(round(_pixel_m(images[0], below[0]) / reference.gsd_m), 1)
     # Column and row of the cells that an image sees; evenly thinned out where there are too many
@@ -36,7 +36,7 @@ def choose_places(
     cells = dense[:: max(len(dense) // PATCH.most_cells, 1)]
     spots, texture = [], []
     for column, row in cells:
-        spot = _best_spot(reference, column * cell, row * cell, cell, step, window_px)
+        spot = _find_best_spot(reference, column * cell, row * cell, cell, step, window_px)
         if spot is not None:
             spots.append(spot[0])
             texture.append(spot[1])
@@ -48,12 +48,12 @@ def choose_places(
     return ground[np.isfinite(ground[:, 2])]
 
 
-def _ground_below(image: Image, surface: HeightSurface) -> np.ndarray:
+def _locate_ground(image: Image, surface: HeightSurface) -> np.ndarray:
     ground, status = intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface)
     return ground[status == Status.FOUND]
 
 
-def _area_px(reference: Orthoimage, ground: np.ndarray) -> float:
+def _compute_area_px(reference: Orthoimage, ground: np.ndarray) -> float:
     """Return the area in the orthoimage's pixels of the upright box around an image's ground."""
     pixels = reference.to_pixels(ground[:, :2])
     return float(np.prod(np.maximum(np.ptp(pixels, axis=0), 1.0)))
@@ -63,7 +63,7 @@ def _pixel_m(image: Image, ground: np.ndarray) -> float:
     return float(1.0 / image.rpc.px_per_m(ground[len(ground) // 2][None])[0])
 
 
-def _best_spot(
+def _find_best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
     """Return the pixel position of a cell's most textured window and its texture; None where it shows nothing."""
@@ -71,7 +71,7 @@ def _best_spot(
     margin = window_px // 2 + 2
     side = max(looked, 1) + 2 * margin
     start = np.floor(np.array([left, top]) + 0.5 * cell - 0.5 * step * side).astype(int)
-    grey, valid = read_reduced(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
+    grey, valid = read_means(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
     if not valid.any():
         return None
     # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.

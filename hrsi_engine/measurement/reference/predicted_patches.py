@@ -46,7 +46,7 @@ class Patch:
     step: float
 
 
-def read_reduced(
+def read_means(
     raster: Raster, sample: int, line: int, samples: int, lines: int, factor: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a window's means over ``factor`` x ``factor`` pixels and the mask of those whose pixels all are valid.
@@ -58,7 +58,7 @@ def read_reduced(
     rows = max(PATCH.strip_lines // factor, 1)
     for row in range(0, height, rows):
         count = min(rows, height - row)
-        part = _read_padded(raster, sample, line + row * factor, width * factor, count * factor)
+        part = _read_with_padding(raster, sample, line + row * factor, width * factor, count * factor)
         if part is None:
             continue
         pixels, mask = part
@@ -70,7 +70,7 @@ def read_reduced(
     return grey, valid
 
 
-def _read_padded(
+def _read_with_padding(
     raster: Raster, sample: int, line: int, samples: int, lines: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return float32 pixels and mask of a window that may reach over the edge; None where it lies outside."""
@@ -102,7 +102,7 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
     right, bottom = (int(np.ceil(c[known].max())) + margin + factor for c in (x, y))
     if (right - left) / factor * (bottom - top) / factor > PATCH.largest_px or max(abs(left), abs(top)) > 2**30:
         return nothing
-    grey, valid = read_reduced(raster, left, top, right - left, bottom - top, factor)
+    grey, valid = read_means(raster, left, top, right - left, bottom - top, factor)
     if not valid.any():
         return nothing
     rest = step / factor
@@ -117,18 +117,18 @@ def sample_patch(raster: Raster, x: np.ndarray, y: np.ndarray, step: float) -> t
     return np.where(mask, pixels, np.float32(0.0)), mask
 
 
-def image_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step: float) -> Patch:
+def read_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step: float) -> Patch:
     """Return a patch of an image; its pixels are used as they are where ``step`` is 1 and ``origin`` a whole pixel."""
     lines, samples = shape
     if step == 1.0 and np.array_equal(origin, np.round(origin)):
-        part = _read_padded(raster, int(origin[0]), int(origin[1]), samples, lines)
+        part = _read_with_padding(raster, int(origin[0]), int(origin[1]), samples, lines)
         grey, valid = part or (np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=bool))
         return Patch(grey, valid, origin, step)
     x, y = np.meshgrid(origin[0] + step * np.arange(samples), origin[1] + step * np.arange(lines))
     return Patch(*sample_patch(raster, x, y, step), origin, step)
 
 
-def predicted_patch(
+def predict_patch(
     image: Image,
     reference: Orthoimage,
     surface: HeightSurface,
@@ -157,11 +157,11 @@ def predicted_patch(
         design = np.column_stack([np.ones(len(grid)), grid])
         coefficients = np.linalg.lstsq(design[found], place[found], rcond=None)[0]
         place = np.where(found[:, None], place, design @ coefficients)
-    x, y = (_between_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
+    x, y = (_interpolate_nodes(place[:, axis].reshape(nodes[::-1]), shape, node_px) for axis in (0, 1))
     return Patch(*sample_patch(reference.raster, x, y, step * gsd_m / reference.gsd_m), origin, step)
 
 
-def _between_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:
+def _interpolate_nodes(values: np.ndarray, shape: tuple[int, int], node_px: float) -> np.ndarray:
     """Return node values ``(rows, columns)`` interpolated to every working pixel; NaN beside a node without one."""
     row, column = np.arange(shape[0]) / node_px, np.arange(shape[1]) / node_px
     i = np.minimum(row.astype(int), max(values.shape[0] - 2, 0))

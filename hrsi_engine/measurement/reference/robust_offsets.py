@@ -50,10 +50,10 @@ class Agreement:
 
     def bias(self, xy: np.ndarray) -> np.ndarray:
         """Return the bias at image points, ``(n, 2)``."""
-        return _design(xy, self.centre, self.half_size) @ self.coefficients.T
+        return _build_design(xy, self.centre, self.half_size) @ self.coefficients.T
 
 
-def agree(
+def find_agreement(
     xy: np.ndarray, offset: np.ndarray, centre: np.ndarray, half_size: np.ndarray, reach_px: float, tolerance_px: float
 ) -> Agreement | None:
     """Return the affine bias on which most offsets agree; None where fewer than six do.
@@ -67,7 +67,7 @@ def agree(
     start = near[int(near.sum(axis=1).argmax())]
     if start.sum() < OFFSETS.fewest:
         return None
-    design = _design(xy, centre, half_size)
+    design = _build_design(xy, centre, half_size)
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
     residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
@@ -95,5 +95,5 @@ def agree(
     return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
 
 
-def _design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:
+def _build_design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:
     return np.column_stack([np.ones(len(xy)), (xy - centre) / np.maximum(half_size, 1.0)])

@@ -51,7 +51,7 @@ def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | fl
     return target.project(source.localize(xy, height_m).ground)
 
 
-def epipolar_miss(
+def compute_epipolar_miss(
     first: RPC,
     second: RPC,
     first_xy: np.ndarray,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...foundation.pixel_filters import erode, opencv_is_wanted
 from ...foundation.thresholds import threshold, thresholds
-from .sift_arrays import sift_arrays
+from .sift_arrays import detect_sift_by_numpy
 
 
 @thresholds
@@ -32,18 +32,18 @@ class SiftFeatures(NamedTuple):
     descriptors: np.ndarray
 
 
-def sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
+def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> SiftFeatures:
     """Return the strongest SIFT features (Lowe 2004) of a window: by OpenCV where it is there, else by NumPy."""
     byte = stretch_to_byte(grey, valid)
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
     usable = erode(valid, FEATURES.valid_px)
     if opencv_is_wanted():
-        return _by_opencv(byte, usable, most)
-    return SiftFeatures(*sift_arrays(byte, usable, most, FEATURES.contrast))
+        return _detect_by_opencv(byte, usable, most)
+    return SiftFeatures(*detect_sift_by_numpy(byte, usable, most, FEATURES.contrast))
 
 
-def _by_opencv(byte: np.ndarray, usable: np.ndarray, most: int) -> SiftFeatures:
+def _detect_by_opencv(byte: np.ndarray, usable: np.ndarray, most: int) -> SiftFeatures:
     import cv2
 
     sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
@@ -65,13 +65,13 @@ def stretch_to_byte(grey: np.ndarray, valid: np.ndarray) -> np.ndarray | None:
     return np.clip((grey.astype(np.float32) - low) * (255.0 / (high - low)), 0.0, 255.0).astype(np.uint8)
 
 
-def root_sift(descriptors: np.ndarray) -> np.ndarray:
+def compute_root_sift(descriptors: np.ndarray) -> np.ndarray:
     """Return square roots of L1-normalised descriptors: their dot product is Hellinger's (Arandjelovic 2012)."""
     total = descriptors.sum(axis=1, keepdims=True, dtype=np.float32)
     return np.sqrt(descriptors / np.maximum(total, 1e-7)).astype(np.float32)
 
 
-def descriptors_of_negative(descriptors: np.ndarray) -> np.ndarray:
+def invert_descriptors(descriptors: np.ndarray) -> np.ndarray:
     """Return the SIFT descriptors ``(n, 128)`` that the same points have in the image's negative.
 
     All gradients are turned by 180 degrees, and with them the point's own direction, in which they count: the 4 x 4

@@ -37,7 +37,7 @@ class TileFrame:
         seen = transfer(self.geometry.first, self.geometry.second, xy, height) + self.geometry.bias_px
         return self.second.to_tile(seen)
 
-    def jacobians(self, points: np.ndarray) -> np.ndarray:
+    def compute_jacobians(self, points: np.ndarray) -> np.ndarray:
         """Return second by first at constant height, ``(n, 2, 2)``."""
         xy, reach = self.first.to_image(points), 8.0 * self.first.step
         height = self.geometry.heights_at(xy)
@@ -55,22 +55,22 @@ class TileFrame:
         moved = (self.predict(points, EPIPOLAR.height_step_m) - self.predict(points, -EPIPOLAR.height_step_m)) / (
             2.0 * EPIPOLAR.height_step_m
         )
-        slope = np.linalg.solve(self.jacobians(points), moved[..., None])[..., 0]
+        slope = np.linalg.solve(self.compute_jacobians(points), moved[..., None])[..., 0]
         stretch = np.linalg.norm(slope, axis=1)
         flat = stretch < EPIPOLAR.least_stretch
         return np.where(
             flat[:, None], (1.0, 0.0), slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None]
         ), stretch
 
-    def displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
+    def compute_displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
         """Return how far positions in the second tile are from their prediction, in this frame, ``(n, 2)``."""
-        return np.linalg.solve(self.jacobians(points), (found - self.predict(points))[..., None])[..., 0]
+        return np.linalg.solve(self.compute_jacobians(points), (found - self.predict(points))[..., None])[..., 0]
 
     @cached_property
     def scale(self) -> float:
         """Pixels of the second tile per pixel of the first, mean of both directions."""
         rows, columns = self.first.pixels.shape
-        jacobian = self.jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]
+        jacobian = self.compute_jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]
         return float(np.sqrt(abs(np.linalg.det(jacobian))))
 
     @cached_property
@@ -80,9 +80,9 @@ class TileFrame:
         corners = np.array([[x, y] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)])
         _, stretch = self.parallax(corners)
         along, across = (margin / (self.second.step * self.scale) for margin in self.geometry.margin_px)
-        return along + float(stretch.max()) * self._height_uncertainty(corners), across
+        return along + float(stretch.max()) * self._find_height_uncertainty(corners), across
 
-    def _height_uncertainty(self, points: np.ndarray) -> float:
+    def _find_height_uncertainty(self, points: np.ndarray) -> float:
         if self.geometry.height_sigma_m is not None:
             return 3.0 * self.geometry.height_sigma_m
         height = self.geometry.heights_at(self.first.to_image(points))
@@ -104,7 +104,7 @@ class TileFrame:
         seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
         if not np.isfinite(seen).all():
             seen = np.full_like(seen, NOWHERE_PX)
-        by_row, by_column = _between_nodes(rows, count[1]), _between_nodes(columns, count[0])
+        by_row, by_column = _make_interpolation_matrix(rows, count[1]), _make_interpolation_matrix(columns, count[0])
         x, y = (by_row @ seen[..., k] @ by_column.T for k in (0, 1))
         grey = self.second.pixels
         if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
@@ -113,7 +113,7 @@ class TileFrame:
         return ImageTile(interpolate(grey, x, y, order=3), known, (-self.pad_px, -self.pad_px), 1.0)
 
 
-def _between_nodes(length: int, nodes: int) -> np.ndarray:
+def _make_interpolation_matrix(length: int, nodes: int) -> np.ndarray:
     """Return the matrix of linear interpolation from nodes ``TILE_MATCH.node_px`` apart to every pixel."""
     position = np.arange(length) / TILE_MATCH.node_px
     node = np.minimum(position.astype(np.int64), nodes - 2)

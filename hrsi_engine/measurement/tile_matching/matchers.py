@@ -16,10 +16,10 @@ import numpy as np
 from ...block.block import ArrayRaster
 from ..control_network.matching import match_windows
 from ..control_network.options import ControlNetworkOptions as NetworkOptions
-from .features import FEATURES, root_sift, sift_features
+from .features import FEATURES, compute_root_sift, detect_sift_features
 from .options import TileMatchOptions
-from .patch_finder import distinct_places, seek
-from .rpc_consistency import mutual_matches
+from .patch_finder import find_distinct_places, seek
+from .rpc_consistency import match_descriptors
 from .types import ImageTile
 
 
@@ -36,16 +36,18 @@ Finder = Callable[[ImageTile, ImageTile, float, TileMatchOptions], CandidateMatc
 def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """SIFT (Lowe 2004) with square-rooted descriptors, mutual nearest neighbours and a lenient ratio test."""
     here = first.compute_once(
-        ("sift", options.features), lambda: sift_features(first.pixels, first.valid, options.features)
+        ("sift", options.features), lambda: detect_sift_features(first.pixels, first.valid, options.features)
     )
-    there = sift_features(second.pixels, second.valid, options.features)
-    i, j = mutual_matches(root_sift(here.descriptors), root_sift(there.descriptors), FEATURES.lenient_ratio)
-    return _near(here.xy[i] + first.origin_px, there.xy[j] + second.origin_px, reach_px)
+    there = detect_sift_features(second.pixels, second.valid, options.features)
+    i, j = match_descriptors(
+        compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), FEATURES.lenient_ratio
+    )
+    return _select_near(here.xy[i] + first.origin_px, there.xy[j] + second.origin_px, reach_px)
 
 
 def find_patches(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """A few distinct windows sought by correlation: quick where the prediction is known to some ten pixels."""
-    places = distinct_places(first.pixels, first.valid)
+    places = find_distinct_places(first.pixels, first.valid)
     number, where = seek(first.pixels, places, second.pixels, second.valid, second.origin_px, reach_px)
     return CandidateMatches(places[number].astype(np.float64), where)
 
@@ -59,10 +61,10 @@ def find_by_network(
     """
     rasters = ArrayRaster(first.pixels, first.valid), ArrayRaster(second.pixels, second.valid)
     result = match_windows(rasters[0], rasters[1], NetworkOptions(scales=(1.0, 1.0), detector=detector, threads=1))
-    return _near(result.positions.first + first.origin_px, result.positions.second + second.origin_px, reach_px)
+    return _select_near(result.positions.first + first.origin_px, result.positions.second + second.origin_px, reach_px)
 
 
-def _near(first: np.ndarray, second: np.ndarray, reach_px: float) -> CandidateMatches:
+def _select_near(first: np.ndarray, second: np.ndarray, reach_px: float) -> CandidateMatches:
     near = np.linalg.norm(first - second, axis=1) <= 1.5 * reach_px
     return CandidateMatches(first[near], second[near])
 

@@ -2,7 +2,7 @@
 
 1. The second window is resampled to the geometry of the first (`tile_frame`); finders (`matchers`) name candidates,
    and RPC geometry that tolerates a bias keeps the true ones: the seeds.
-2. Every interest point of the first window (`tile_points`) is sought where its neighbours among the seeds predict it,
+2. Every interest point of the first window (`points`) is sought where its neighbours among the seeds predict it,
    in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
    the original pixels of both windows. What is found are seeds of the next round.
 3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are dropped.
@@ -26,9 +26,9 @@ from .epipolar import EPIPOLAR
 from .frame import TileFrame
 from .matchers import MATCHERS
 from .options import TILE_MATCH, TileMatchOptions
-from .points import tile_points
-from .rpc_consistency import Consistency, rpc_consistency
-from .types import HeightGrid, ImageTile, TileMatches, TilePairGeometry, no_matches
+from .points import detect_tile_points
+from .rpc_consistency import Consistency, check_rpc_consistency
+from .types import HeightGrid, ImageTile, TileMatches, TilePairGeometry, make_empty_matches
 
 __all__ = [
     "HeightGrid",
@@ -36,8 +36,8 @@ __all__ = [
     "TileMatchOptions",
     "TileMatches",
     "TilePairGeometry",
+    "make_empty_matches",
     "match_tile",
-    "no_matches",
     "refine_points",
     "transfer_points",
 ]  # fmt: skip
@@ -48,24 +48,24 @@ def match_tile(
 ) -> TileMatches:
     """Return the interest points of the first tile that are found in the second."""
     options = options or TileMatchOptions()
-    points = first.compute_once(("points", *options.point_choice), lambda: tile_points(first, options))
+    points = first.compute_once(("points", *options.point_choice), lambda: detect_tile_points(first, options))
     task = _Task(TileFrame(first, second, geometry), options, points)
     if not len(task.points):
-        return no_matches()
-    seeds = _seeds(task)
+        return make_empty_matches()
+    seeds = _find_seeds(task)
     if len(seeds.points) < EPIPOLAR.fewest:
-        return no_matches()
-    found = _Matched.nothing(len(task.points))
+        return make_empty_matches()
+    found = _MatchTable.nothing(len(task.points))
     for window in options.windows_px:
         rows = np.flatnonzero(~found.done)
-        found.add(rows, *_find(task, rows, _expect(task, rows, seeds), window))
+        found.add(rows, *_match_points(task, rows, _predict(task, rows, seeds), window))
         known = np.flatnonzero(found.done)
-        found.done[known[~_consistency(task, task.points[known], found.xy[known]).good]] = False
+        found.done[known[~_check_consistency(task, task.points[known], found.xy[known]).good]] = False
         known = np.flatnonzero(found.done)
         if len(known) < EPIPOLAR.fewest:
-            return no_matches()
-        seeds = _Seeds(task.points[known], task.frame.displacements(task.points[known], found.xy[known]))
-    return _judge(task, found)
+            return make_empty_matches()
+        seeds = _Seeds(task.points[known], task.frame.compute_displacements(task.points[known], found.xy[known]))
+    return _select_matches(task, found)
 
 
 def transfer_points(
@@ -88,9 +88,9 @@ def transfer_points(
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
     if len(task.points) < EPIPOLAR.fewest:
-        return no_matches()
-    shift = frame.displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
-    return _judge(task, _find_near(task, shift))
+        return make_empty_matches()
+    shift = frame.compute_displacements(task.points, frame.predict(task.points, heights_m=np.asarray(height_m)[inside]))
+    return _select_matches(task, _match_near(task, shift))
 
 
 def refine_points(
@@ -113,17 +113,19 @@ def refine_points(
     inside = np.all((points >= 0) & (points < first.pixels.shape[::-1]), axis=1)
     task = _Task(frame, options, points[inside])
     if len(task.points) < EPIPOLAR.fewest:
-        return no_matches()
-    return _judge(task, _find_near(task, frame.displacements(at, second.to_tile(second_xy))[rows[inside]]))
+        return make_empty_matches()
+    return _select_matches(
+        task, _match_near(task, frame.compute_displacements(at, second.to_tile(second_xy))[rows[inside]])
+    )
 
 
-def _find_near(task: _Task, shift: np.ndarray) -> _Matched:
+def _match_near(task: _Task, shift: np.ndarray) -> _MatchTable:
     """Return what is found of the points a few pixels around known displacements ``(n, 2)``."""
-    found = _Matched.nothing(len(task.points))
+    found = _MatchTable.nothing(len(task.points))
     reach_px = task.options.reach_px[0], task.options.across_px
     for window in dict.fromkeys(task.options.windows_px):
         rows = np.flatnonzero(~found.done)
-        found.add(rows, *_find(task, rows, _Expected(shift[rows], np.tile(reach_px, (len(rows), 1))), window))
+        found.add(rows, *_match_points(task, rows, _Prediction(shift[rows], np.tile(reach_px, (len(rows), 1))), window))
     return found
 
 
@@ -145,7 +147,7 @@ class _Task:
 
     @cached_property
     def jacobian(self) -> np.ndarray:
-        return self.frame.jacobians(self.points)
+        return self.frame.compute_jacobians(self.points)
 
     @cached_property
     def searched(self) -> tuple[MatchImage, MatchImage]:
@@ -172,12 +174,12 @@ class _Task:
         return self._images[name]
 
     @cached_property
-    def chosen(self) -> list[_ChosenBand]:
+    def chosen(self) -> list[_BandChoice]:
         """The band that was chosen, once it is."""
-        return [_ChosenBand(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
+        return [_BandChoice(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
 
 
-class _ChosenBand(NamedTuple):
+class _BandChoice(NamedTuple):
     """The name of a band, and whether enough matches told it."""
 
     name: str
@@ -191,7 +193,7 @@ class _Seeds(NamedTuple):
     shift: np.ndarray
 
 
-class _Expected(NamedTuple):
+class _Prediction(NamedTuple):
     """Displacement of each point ``(n, 2)``, and half length and half width of the box to search, ``(n, 2)``."""
 
     shift: np.ndarray
@@ -199,7 +201,7 @@ class _Expected(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Matched:
+class _MatchTable:
     """What is known of each interest point: whether it is matched, where, correlation and sigma (px)."""
 
     done: np.ndarray
@@ -208,7 +210,7 @@ class _Matched:
     sigma: np.ndarray
 
     @classmethod
-    def nothing(cls, count: int) -> _Matched:
+    def nothing(cls, count: int) -> _MatchTable:
         return cls(np.zeros(count, bool), np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
 
     def add(
@@ -222,7 +224,7 @@ class _Matched:
 # ---- steps ---------------------------------------------------------------------------------------------------------
 
 
-def _seeds(task: _Task) -> _Seeds:
+def _find_seeds(task: _Task) -> _Seeds:
     """Return the candidates of all finders that geometry allows; without finders, the prediction itself."""
     frame, options = task.frame, task.options
     if not options.finders:
@@ -234,17 +236,17 @@ def _seeds(task: _Task) -> _Seeds:
     first, second = (np.concatenate(part) for part in zip(*found, strict=True))
     if len(first) < EPIPOLAR.fewest:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
-    good = _consistency(task, first, frame.predict(second)).good
+    good = _check_consistency(task, first, frame.predict(second)).good
     return _Seeds(first[good], (second - first)[good])
 
 
-def _expect(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
+def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
     """Return where points are sought: the middle of their neighbours' displacements, and as far as these differ."""
     options = task.options
     direction = task.direction[rows]
     if not options.finders and seeds.points is task.points:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
-        return _Expected(np.zeros((len(rows), 2)), reach)
+        return _Prediction(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
     count = min(TILE_MATCH.neighbours, len(seeds.points))
     distance, near = cKDTree(seeds.points).query(task.points[rows], k=np.arange(1, count + 1))
@@ -252,13 +254,13 @@ def _expect(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Expected:
     middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
     spread = along[:, -2] - along[:, 1] if count > 3 else along[:, -1] - along[:, 0]
     length = TILE_MATCH.spread * spread + TILE_MATCH.slope * distance[:, -1] + options.reach_px[0]
-    return _Expected(
+    return _Prediction(
         middle, np.column_stack([np.minimum(length, options.reach_px[1]), np.full(len(rows), options.across_px)])
     )
 
 
-def _find(
-    task: _Task, rows: np.ndarray, expected: _Expected, window: int
+def _match_points(
+    task: _Task, rows: np.ndarray, expected: _Prediction, window: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Search points and match them; return which of ``rows`` are found, positions, correlations and sigmas (px)."""
     frame, options, points = task.frame, task.options, task.points[rows]
@@ -271,17 +273,16 @@ def _find(
     hits = np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
     start = frame.predict(sought.xy[hits] - pad)
     if not task.chosen:
-        task.chosen.append(_best_band(task, rows[hits], start, sought.correlation[hits], window))
+        task.chosen.append(_choose_band(task, rows[hits], start, sought.correlation[hits], window))
     name = task.chosen[0].name
     band, images = MATCHING_BANDS[name], task.images(name)
-    fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _lsm(task, window))
+    fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
     own = band.sigma_factor * fine.sigma_px
     kept = np.flatnonzero(
         (fine.status == DONE) & (fine.correlation > options.min_correlation) & (own < options.largest_sigma_px)
     )
-    inner = match_patches(
-        *images, points[hits[kept]], fine.xy[kept], fine.affine[kept], _lsm(task, int(window * TILE_MATCH.inner))
-    )  # fmt: skip
+    smaller = _make_lsm_options(task, int(window * TILE_MATCH.inner))
+    inner = match_patches(*images, points[hits[kept]], fine.xy[kept], fine.affine[kept], smaller)
     change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[kept], axis=1), np.inf)
     sigma = np.hypot(own[kept], TILE_MATCH.change_weight * change)
     good = sigma < options.largest_sigma_px
@@ -289,50 +290,54 @@ def _find(
     return hits[found], fine.xy[found], fine.correlation[found], sigma[good]
 
 
-def _lsm(task: _Task, window: int) -> LsmOptions:
+def _make_lsm_options(task: _Task, window: int) -> LsmOptions:
     """Return the options of least-squares matching; windows grow where the second image is the coarser one."""
     grown = round(window // 2 * float(np.clip(1.0 / task.frame.scale, 1.0, 3.0)))
     return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
 
 
-def _best_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> _ChosenBand:
+def _choose_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> _BandChoice:
     """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
     clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_trial)]
     trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
     if len(trial) < TILE_MATCH.fewest_trial:
-        return _ChosenBand(task.options.bands[0], False)
+        return _BandChoice(task.options.bands[0], False)
     chosen = rows[trial]
     found = {
         name: match_patches(
-            *task.images(name), task.points[chosen], start[trial], task.jacobian[chosen], _lsm(task, window)
+            *task.images(name),
+            task.points[chosen],
+            start[trial],
+            task.jacobian[chosen],
+            _make_lsm_options(task, window),
         )
         for name in task.options.bands
     }
     everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
     if everywhere.sum() < TILE_MATCH.fewest_trial:
-        return _ChosenBand(task.options.bands[0], False)
+        return _BandChoice(task.options.bands[0], False)
     scatter = {
-        name: _consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
+        name: _check_consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
         for name, patches in found.items()
     }
-    return _ChosenBand(min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True)
+    return _BandChoice(min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True)
 
 
-def _consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
+def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
     frame = task.frame
     xy, geometry = frame.first.to_image(points), frame.geometry
     seen = frame.second.to_image(found) - geometry.bias_px
     unit = frame.second.step * max(frame.scale, 1.0)
-    return rpc_consistency(geometry.first, geometry.second, xy, seen, geometry.heights_at(xy), unit_px=unit)
+    return check_rpc_consistency(geometry.first, geometry.second, xy, seen, geometry.heights_at(xy), unit_px=unit)
 
 
-def _judge(task: _Task, found: _Matched) -> TileMatches:
+def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
     """Return the matches that fit the others within their own precision, with sigmas scaled to what is observed."""
     known = np.flatnonzero(found.done)
     if len(known) < EPIPOLAR.fewest:
-        return no_matches()
+        return make_empty_matches()
     frame = task.frame
-    fit = _consistency(task, task.points[known], found.xy[known])
+    fit = _check_consistency(task, task.points[known], found.xy[known])
     sigma = found.sigma[known] * frame.second.step
     normal = np.abs(fit.deviation_px) / sigma
     scale = max(1.0, float(robust_sigma(normal[fit.good]))) if fit.good.any() else 1.0
@@ -343,9 +348,9 @@ def _judge(task: _Task, found: _Matched) -> TileMatches:
     )
     xy = frame.first.to_image(task.points[known])
     offset = float(np.median(fit.miss.across_px[good])) if good.any() else 0.0
-    # The unit vector across the epipolar lines of the second image, with the sign of `epipolar_miss`
+    # The unit vector across the epipolar lines of the second image, with the sign of `compute_epipolar_miss`
     points = frame.first.to_tile(xy[:: max(1, len(xy) // 50)])
-    direction = np.mean(np.einsum("nij,nj->ni", frame.jacobians(points), frame.parallax(points)[0]), axis=0)
+    direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
         xy, frame.second.to_image(found.xy[known]), sigma * scale,

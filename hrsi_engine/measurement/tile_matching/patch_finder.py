@@ -30,7 +30,7 @@ FINDER = PatchFinderThresholds()
 SOBEL = np.array([1.0, 2.0, 1.0]) / 4.0, np.array([-1.0, 0.0, 1.0]) / 2.0
 
 
-def distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = FINDER.most) -> np.ndarray:
+def find_distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = FINDER.most) -> np.ndarray:
     """Return columns and rows ``(n, 2)`` of distinct corners whose window lies on valid pixels, evenly spread."""
     usable = erode(valid, 2 * FINDER.half_px + 1, outside=False)
     if not usable.any():
@@ -77,14 +77,14 @@ def seek(
             place[0] - FINDER.half_px : place[0] + FINDER.half_px + 1,
         ]
         surface = correlate_template(window, other[low[1] : high[1], low[0] : high[0]])
-        peak = _clear_peak(surface)
+        peak = _find_clear_peak(surface)
         if peak is not None:
             found.append(number)
             where.append(peak + low + FINDER.half_px + np.round(offset))
     return np.array(found, dtype=np.int64), np.array(where, dtype=np.float64).reshape(-1, 2)
 
 
-def _clear_peak(surface: np.ndarray) -> np.ndarray | None:
+def _find_clear_peak(surface: np.ndarray) -> np.ndarray | None:
     """Return column and row of the highest correlation to a fraction; None where it is low, at the edge or doubtful."""
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     best = surface[row, column]
@@ -97,10 +97,10 @@ def _clear_peak(surface: np.ndarray) -> np.ndarray | None:
     rest[top : row + FINDER.rival_px + 1, left : column + FINDER.rival_px + 1] = -1.0
     if rest.max() > FINDER.rival * best:
         return None
-    return np.array([column + _vertex(around[1]), row + _vertex(around[:, 1])])
+    return np.array([column + _locate_vertex(around[1]), row + _locate_vertex(around[:, 1])])
 
 
-def _vertex(three: np.ndarray) -> float:
+def _locate_vertex(three: np.ndarray) -> float:
     """Return where the parabola through three values has its vertex, from the middle one."""
     curvature = three[0] - 2.0 * three[1] + three[2]
     return 0.0 if curvature >= 0.0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))

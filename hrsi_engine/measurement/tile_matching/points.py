@@ -19,7 +19,7 @@ from .types import ImageTile
 _BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
-def tile_noise(tile: ImageTile) -> float:
+def estimate_tile_noise(tile: ImageTile) -> float:
     """Return the standard deviation of the noise of a tile's grey values."""
     if tile.noise is not None:
         return tile.noise
@@ -38,7 +38,7 @@ def tile_noise(tile: ImageTile) -> float:
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
 
 
-def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
+def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     """Return columns and rows ``(n, 2)``, int64, of the interest points of a tile; they depend on this tile alone."""
     half = max(options.windows_px) // 2
     if min(tile.pixels.shape) <= 2 * half + 2 * TILE_MATCH.edge_px:
@@ -51,7 +51,7 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     margin = smallest + TILE_MATCH.edge_px
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
-    noise = tile_noise(tile)
+    noise = estimate_tile_noise(tile)
     # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
     side = 2 * smallest + 1
     xx, xy, yy = (box_mean(layer, side)[rows, columns].astype(np.float64) for layer in tensor)
@@ -68,12 +68,12 @@ def tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
         points = points[
-            _spread(points, expected[good], (tile.pixels.shape[0], tile.pixels.shape[1]), options.most_points)
+            _select_by_cell(points, expected[good], (tile.pixels.shape[0], tile.pixels.shape[1]), options.most_points)
         ]
     return points
 
 
-def _spread(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:
+def _select_by_cell(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:
     """Return indices of the best points of each cell of a grid, the same number in each as far as there are any."""
     cell = np.floor(points * (TILE_MATCH.cells / np.array(shape[::-1]))).astype(np.int64) @ [1, TILE_MATCH.cells]
     order = np.lexsort((expected, cell))

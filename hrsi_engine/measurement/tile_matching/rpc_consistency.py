@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import robust_sigma
-from .epipolar import EPIPOLAR, EpipolarMiss, epipolar_miss
+from .epipolar import EPIPOLAR, EpipolarMiss, compute_epipolar_miss
 
 
-def mutual_matches(
+def match_descriptors(
     first: np.ndarray, second: np.ndarray, ratio: float = EPIPOLAR.ratio
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
@@ -57,7 +57,7 @@ class Consistency(NamedTuple):
     miss: EpipolarMiss
 
 
-def rpc_consistency(
+def check_rpc_consistency(
     first: RPC,
     second: RPC,
     first_xy: np.ndarray,
@@ -74,7 +74,7 @@ def rpc_consistency(
     Along the lines a match must not leave its neighbours by more than terrain does. ``unit_px`` is the size of a
     matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
-    miss = epipolar_miss(first, second, first_xy, second_xy, height_m)
+    miss = compute_epipolar_miss(first, second, first_xy, second_xy, height_m)
     across, along = miss.across_px / unit_px, miss.along_px / unit_px
     known = np.isfinite(across) & np.isfinite(miss.height_m)
     nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
@@ -97,18 +97,18 @@ def rpc_consistency(
         if sigma > EPIPOLAR.mode_px:
             return nothing
         good = np.abs(deviation) < max(3.5 * sigma, floor_px)
-    good = good & _like_neighbours(first_xy, along, good)
+    good = good & _compare_with_neighbours(first_xy, along, good)
     return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
 
 
 def rpc_consistent(
     first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, floor_px: float = 0.5
 ) -> np.ndarray:
-    """Return the mask of the matches that `rpc_consistency` allows."""
-    return rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
+    """Return the mask of the matches that `check_rpc_consistency` allows."""
+    return check_rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
 
 
-def _like_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
+def _compare_with_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
     index = np.flatnonzero(good)
     result = np.zeros(len(xy), bool)

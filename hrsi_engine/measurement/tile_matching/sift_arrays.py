@@ -57,7 +57,7 @@ class _Extrema(NamedTuple):
     contrast: np.ndarray
 
 
-def sift_arrays(
+def detect_sift_by_numpy(
     grey: np.ndarray, usable: np.ndarray, most: int, contrast: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions ``(n, 2)``, strengths ``(n,)`` and descriptors ``(n, 128)`` uint8 of the strongest.
@@ -65,8 +65,8 @@ def sift_arrays(
     ``grey`` has 8 bit; features lie on usable pixels; ``contrast`` is the least, as a share of the range.
     """
     octaves = []
-    for size_px, scales in _octaves(grey):
-        found = _extrema(scales, contrast)
+    for size_px, scales in _build_octaves(grey):
+        found = _find_extrema(scales, contrast)
         xy = found.xy * size_px
         column, row = np.clip(np.rint(xy).astype(np.int64), 0, np.array(grey.shape[::-1]) - 1).T
         keep = usable[row, column]
@@ -78,7 +78,7 @@ def sift_arrays(
         strong = _Extrema(*(values[found.contrast >= least] for values in found))
         for layer in np.unique(strong.layer).tolist():
             part = _Extrema(*(values[strong.layer == layer] for values in strong))
-            feature, angle = _directions(scales[layer], part)
+            feature, angle = _assign_directions(scales[layer], part)
             descriptors = _describe(scales[layer], part.xy[feature], part.sigma[feature], angle)
             described.append((part.xy[feature] * size_px, part.contrast[feature], descriptors))
     if not described:
@@ -88,7 +88,7 @@ def sift_arrays(
     return xy[order], strength[order], descriptors[order]
 
 
-def _octaves(grey: np.ndarray) -> Iterator[tuple[float, list[np.ndarray]]]:
+def _build_octaves(grey: np.ndarray) -> Iterator[tuple[float, list[np.ndarray]]]:
     """Yield the side of each octave's pixels in those of the image, and its smoothed images, float32."""
     rows, columns = grey.shape
     first = np.empty((2 * rows, 2 * columns), np.float32)
@@ -109,16 +109,16 @@ def _octaves(grey: np.ndarray) -> Iterator[tuple[float, list[np.ndarray]]]:
             return
 
 
-def _extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
+def _find_extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
     """Return the features of an octave."""
     difference = np.stack([after - before for before, after in pairwise(scales)])
-    layer, row, column = _peaks(difference, 0.5 * contrast * 255.0 / SIFT.layers)
+    layer, row, column = _find_peaks(difference, 0.5 * contrast * 255.0 / SIFT.layers)
     settled = np.zeros(len(layer), dtype=bool)
     offset = np.zeros((len(layer), 3))
     value, edge = np.zeros(len(layer)), np.full(len(layer), np.inf)
     going = np.arange(len(layer))
     for _ in range(SIFT.moves):
-        slope, curvature, here = _derivatives(difference, layer[going], row[going], column[going])
+        slope, curvature, here = _compute_derivatives(difference, layer[going], row[going], column[going])
         regular = np.abs(np.linalg.det(curvature)) > 1e-12
         going, slope, curvature, here = going[regular], slope[regular], curvature[regular], here[regular]
         step = -np.linalg.solve(curvature, slope[..., None])[..., 0]  # column, row, layer
@@ -150,7 +150,7 @@ def _extrema(scales: list[np.ndarray], contrast: float) -> _Extrema:
     )  # fmt: skip
 
 
-def _peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _find_peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return layer, row and column of pixels that are the largest or smallest of the 27 around them."""
     found = []
     inner = np.s_[SIFT.border_px : -SIFT.border_px, SIFT.border_px : -SIFT.border_px]
@@ -178,23 +178,23 @@ def _peaks(difference: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray
     return layer_of, row, column
 
 
-def _derivatives(
+def _compute_derivatives(
     difference: np.ndarray, layer: np.ndarray, row: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return slopes ``(n, 3)`` and second derivatives ``(n, 3, 3)`` by column, row and layer, and values ``(n,)``."""
 
-    def at(dx: int = 0, dy: int = 0, ds: int = 0) -> np.ndarray:
+    def value_at(dx: int = 0, dy: int = 0, ds: int = 0) -> np.ndarray:
         return difference[layer + ds, row + dy, column + dx].astype(np.float64)
 
     axes = {0: {"dx": 1}, 1: {"dy": 1}, 2: {"ds": 1}}
-    here = at()
+    here = value_at()
     slope, curvature = np.empty((len(layer), 3)), np.empty((len(layer), 3, 3))
     for a, along in axes.items():
-        after, before = at(**along), at(**{name: -1 for name in along})
+        after, before = value_at(**along), value_at(**{name: -1 for name in along})
         slope[:, a], curvature[:, a, a] = (after - before) / 2.0, after + before - 2.0 * here
         for b in range(a):
             corners = [
-                at(**{name: s for name in along}, **{name: t for name in axes[b]}) * s * t
+                value_at(**{name: s for name in along}, **{name: t for name in axes[b]}) * s * t
                 for s in (1, -1) for t in (1, -1)
             ]  # fmt: skip
             curvature[:, a, b] = curvature[:, b, a] = sum(corners) / 4.0
@@ -204,7 +204,7 @@ def _derivatives(
 # ---- directions and descriptors ------------------------------------------------------------------------------------
 
 
-def _gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return length and direction (radians, counterclockwise from the rows) of the gradients next to positions.
 
     0 beyond the image.
@@ -219,7 +219,7 @@ def _gradients(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     return np.where(inside, np.hypot(by_x, by_y), np.float32(0.0)), np.arctan2(by_y, by_x)
 
 
-def _directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.ndarray]:
+def _assign_directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.ndarray]:
     """Return features and their directions (radians): the peaks of the histogram of gradients around each."""
     line = np.linspace(-SIFT.reach, SIFT.reach, 15)
     dx, dy = (offset.ravel() for offset in np.meshgrid(line, line))
@@ -228,7 +228,7 @@ def _directions(image: np.ndarray, features: _Extrema) -> tuple[np.ndarray, np.n
     for start in range(0, len(histogram), SIFT.batch):
         part = slice(start, start + SIFT.batch)
         xy, sigma = features.xy[part], features.sigma[part, None]
-        length, angle = _gradients(image, xy[:, :1] + sigma * dx, xy[:, 1:] + sigma * dy)
+        length, angle = _compute_gradients(image, xy[:, :1] + sigma * dx, xy[:, 1:] + sigma * dy)
         bin_of = np.rint(angle * (SIFT.bins / (2.0 * np.pi))).astype(np.int64) % SIFT.bins
         place = bin_of + SIFT.bins * np.arange(len(xy))[:, None]
         sums = np.bincount(place.ravel(), (length * near).ravel(), SIFT.bins * len(xy))
@@ -257,7 +257,7 @@ def _describe(image: np.ndarray, xy: np.ndarray, sigma: np.ndarray, angle: np.nd
         part = slice(start, start + SIFT.batch)
         side = (SIFT.part_scales * sigma[part])[:, None]
         cosine, sine = np.cos(angle[part])[:, None] * side, np.sin(angle[part])[:, None] * side
-        length, direction = _gradients(
+        length, direction = _compute_gradients(
             image, xy[part, :1] + cosine * across + sine * down, xy[part, 1:] - sine * across + cosine * down
         )
         turn = (direction - angle[part, None].astype(np.float32)) * np.float32(TURNS / (2.0 * np.pi))

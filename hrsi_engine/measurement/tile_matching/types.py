@@ -59,7 +59,7 @@ class HeightGrid:
     origin_px: tuple[float, float] = (0.0, 0.0)
     spacing_px: float = 64.0
 
-    def at(self, xy: np.ndarray) -> np.ndarray:
+    def interpolate(self, xy: np.ndarray) -> np.ndarray:
         """Return heights ``(n,)`` at positions ``(n, 2)`` of the first image."""
         node = (np.asarray(xy, dtype=np.float64) - self.origin_px) / self.spacing_px
         return ndimage.map_coordinates(self.heights_m, node[:, ::-1].T, order=1, mode="nearest")
@@ -92,7 +92,7 @@ class TilePairGeometry:
         """Return approximate heights ``(n,)`` at positions of the first image."""
         if self.heights is None:
             return np.full(len(xy), 0.5 * (self.lowest_m + self.highest_m))
-        return self.heights.at(xy)
+        return self.heights.interpolate(xy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class TileMatches:
         return TileMatches(**columns, bias_px=self.bias_px, band=self.band)
 
 
-def no_matches() -> TileMatches:
+def make_empty_matches() -> TileMatches:
     """Return a result without rows."""
     nothing = np.empty(0)
     return TileMatches(np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, np.empty(0, "U9"), nothing)
