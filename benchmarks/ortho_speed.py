@@ -31,7 +31,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp, warp_chunk
 from hrsi.hrsi_engine.io.rasters.orthoimages import chunk_size
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
-from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear
+from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _interpolate_nodes
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
 
@@ -127,7 +127,7 @@ def position_errors(image: str, dem: str, grid: MapGrid) -> tuple[np.ndarray, np
         theirs = np.array(points)[:, :2] - 0.5
         keep = np.array(good, dtype=bool)
         for errors_of, ours in zip(
-            errors, (_bilinear(found.positions, at / found.step), mapping.exact(at + window[:2])), strict=True
+            errors, (_interpolate_nodes(found.positions, at / found.step), mapping.exact(at + window[:2])), strict=True
         ):
             errors_of.append(np.hypot(*(ours - theirs).T)[keep])
     return tuple(np.concatenate(parts) for parts in errors)  # type: ignore[return-value]

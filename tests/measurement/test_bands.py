@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.block_matching.bands import Lines, match_in_bands
+from hrsi.hrsi_engine.measurement.block_matching.bands import EpipolarLines, match_in_bands
 from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW
 from hrsi.hrsi_engine.measurement.tile_matching.features import compute_root_sift
 
@@ -23,7 +23,7 @@ def test_what_is_found_is_what_comparing_all_with_all_finds(monkeypatch, compile
     origin = rng.uniform(0.0, 500.0, (700, 2))
     xy = origin[partner] + rng.normal(0.0, 25.0, (700, 2))
     angle = 0.4 + rng.normal(0.0, 0.05, 700)
-    lines = Lines(origin, np.column_stack([np.cos(angle), np.sin(angle)]), rng.uniform(5.0, 60.0, 700))
+    lines = EpipolarLines(origin, np.column_stack([np.cos(angle), np.sin(angle)]), rng.uniform(5.0, 60.0, 700))
     lines.origin[::50] = np.nan
     found = match_in_bands(first, second, lines, xy, MARGIN_PX)
 

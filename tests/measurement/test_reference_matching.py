@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, ma
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
 from hrsi.hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import predict_patch, read_patch
-from hrsi.hrsi_engine.measurement.reference.robust_offsets import agree
+from hrsi.hrsi_engine.measurement.reference.robust_offsets import find_agreement
 from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import (
     compute_orientation_field,
     correlate_orientations,
@@ -255,7 +255,7 @@ def test_agreement_follows_an_affine_bias_among_false_matches(false_share):
     offset = design @ truth.T + rng.normal(0.0, 0.1, (300, 2))
     false = rng.random(300) < false_share
     offset[false] = truth[:, 0] + rng.uniform(-8.0, 8.0, (int(false.sum()), 2))
-    found = agree(xy, offset, centre, half, 8.0, 1.5)
+    found = find_agreement(xy, offset, centre, half, 8.0, 1.5)
     assert found is not None and found.chance_log10 < -20.0
     np.testing.assert_allclose(found.coefficients, truth, atol=0.08)
     assert found.agreeing[~false].mean() > 0.95
@@ -267,7 +267,7 @@ def test_agreement_of_chance_is_told():
     worst = 0.0
     for _ in range(20):
         xy, offset = rng.uniform(0, 3000, (200, 2)), rng.uniform(-8.0, 8.0, (200, 2))
-        found = agree(xy, offset, np.full(2, 1500.0), np.full(2, 1500.0), 8.0, 1.5)
+        found = find_agreement(xy, offset, np.full(2, 1500.0), np.full(2, 1500.0), 8.0, 1.5)
         worst = min(worst, 0.0 if found is None else found.chance_log10)
     assert worst > -6.0
 

@@ -13,7 +13,7 @@ from osgeo import gdal
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
-from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _bilinear, _Chunk
+from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _Chunk, _interpolate_nodes
 from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
@@ -63,7 +63,7 @@ def test_positions_keep_the_error_asked_for(tmp_path: Path, cell_deg: float, rou
             continue  # beside the image
         at = pixels_of(MapGrid(found.grid.crs, 1.0, 0, 0, window.columns, window.rows), 100)
         theirs = by_gdal(tmp_path, found, at + (window.column, window.row))
-        errors.append(np.hypot(*(_bilinear(chunk.positions, at / chunk.step) - theirs).T))
+        errors.append(np.hypot(*(_interpolate_nodes(chunk.positions, at / chunk.step) - theirs).T))
         steps.append(chunk.step)
         assert chunk.errors_px.max() <= error_px
     assert len(errors) >= 4 and np.concatenate(errors).max() <= error_px
