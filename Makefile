@@ -40,8 +40,8 @@ demo-images: set-up
 	  --output-dir $(IMAGES)/check --overwrite
 
 .PHONY: lint
-lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's readiness for Qt 6 and its zip's security
-	@echo "lint: ruff, mypy, numpydoc, flake8-qgis, enumerations, bandit, detect-secrets"
+lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's readiness for Qt 6
+	@echo "lint: ruff, mypy, numpydoc, flake8-qgis, enumerations"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check . || { echo "make format mends this"; exit 1; }
 	@mkdir -p $(BUILD)/typing && ln -sfn $(CURDIR) $(BUILD)/typing/hrsi  # modules have names in a clone of any name
@@ -49,20 +49,31 @@ lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's rea
 	@$(BIN)/python scripts/check_docstrings.py
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
+
+.PHONY: scan
+scan: set-up-test  ## what the plugin repository's scan finds in the plugin's zip (bandit, detect-secrets, flake8)
 	@$(BIN)/python scripts/scan_plugin.py
 
 .PHONY: format
 format: set-up-test  ## bring the code into ruff's format
 	@$(BIN)/ruff check --fix --quiet .; $(BIN)/ruff format .
 
-.PHONY: test
-test: set-up-test lint  ## lint, then the whole test suite, QGIS included (two runs of pytest, the second on all cores)
-	@install -d -m 700 $(BUILD)/runtime
-	@echo "test: inside QGIS, then all the others; they end with a summary each"
-	@status=0; \
-	$(QGIS_ENV) $(PYTEST) tests/qgis || status=$$?; \
-	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis tests || status=$$?; \
+# Tests that prove something with many blocks, images, processes or kinds; pyproject.toml says what each marker means.
+# A plain test beside them in `make test` shows that the feature works.
+LONG := coverage or rendered or killed or wrong_inputs or real or programs or large
+# Inside QGIS, then all the others on all cores; $(1) selects.
+run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
+	$(QGIS_ENV) $(PYTEST) $(1) tests/qgis || status=$$?; \
+	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis $(1) tests || status=$$?; \
 	exit $$status
+
+.PHONY: test test-all
+test: set-up-test lint  ## lint, then the tests of every feature, QGIS included, in 15 minutes of processor time
+	@echo "test: inside QGIS, then all the others; they end with a summary each. make test-all has the long ones too"
+	@$(call run_tests,-m "not ($(LONG))")
+test-all: set-up-test lint scan  ## lint, the scan of the zip, and all tests, also the long ones: nightly, and what CI runs
+	@echo "test-all: inside QGIS, then all the others; they end with a summary each"
+	@$(call run_tests,)
 
 .PHONY: qt6
 qt6: set-up-test  ## the plugin's code and widgets on PyQt6, which goes to build/qt6 and nowhere else

@@ -60,6 +60,16 @@ def hobart_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def sound_inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Inputs of every algorithm (`every_algorithm.make_scene`), once a process; copy them to write there."""
+    from every_algorithm import make_scene
+
+    folder = tmp_path_factory.mktemp("sound") / "scene"
+    make_scene(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def thesis_data() -> Path:
     """Tables printed in the thesis."""
     return _data_folder("thesis")

@@ -83,6 +83,7 @@ def test_commands_in_texts_are_right(page: str, command: str):
     checked_options(REGISTRY[name], {key: value for key, value in given.items() if key not in own})
 
 
+@pytest.mark.programs
 def test_tutorial_prints_what_it_says(tmp_path: Path):
     """The numbers of the Hobart tutorial are those of its command."""
     text = (ROOT / "docs" / "tutorial" / "hobart.md").read_text(encoding="utf-8")
@@ -100,6 +101,7 @@ def test_tutorial_prints_what_it_says(tmp_path: Path):
         )  # the last printed digit
 
 
+@pytest.mark.programs
 def test_site_builds_without_warnings(tmp_path: Path):
     pytest.importorskip("sphinx")
     call = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", str(tmp_path / "trees")]

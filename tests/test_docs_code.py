@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import pytest
 import yaml
+from long_tests import mark_beyond
 
 from examples import COMMANDS
 from hrsi.processing_algorithms import REGISTRY
@@ -106,6 +107,7 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.programs
 def test_tasks_are_done(worked: Path):
     """Commands and Python leave what the page says."""
     for name in ("refined/hobart_ikonos_1_RPC.TXT", "pair/image_3.tif", "triangulated/image_1.tif"):
@@ -115,6 +117,7 @@ def test_tasks_are_done(worked: Path):
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in DONE_BY_TASKS])
+@pytest.mark.programs
 def test_examples_of_algorithms_run(name: str, worked: Path, capsys):
     """The commands on the algorithms' pages; `docs/site/examples.py` keeps what they print."""
     with contextlib.chdir(worked):
@@ -128,7 +131,7 @@ def test_every_algorithm_has_an_example():
     assert {path.stem for path in (ROOT / "docs" / "examples").glob("*.txt")} == set(REGISTRY)
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("notebook", mark_beyond(1, "programs", NOTEBOOKS), ids=lambda path: path.stem)
 def test_notebook_runs(notebook: Path, place: Path, capsys):
     """Its cells, in order, as a notebook runs them; they keep no output."""
     document = json.loads(notebook.read_text(encoding="utf-8"))

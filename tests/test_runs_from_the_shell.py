@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from every_algorithm import make_scene, sound_options, words_of
+from every_algorithm import sound_options, words_of
 
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.cli import main
@@ -34,10 +34,10 @@ MATCHING = {"match", "tie-points", "gcps-from-reference", "triangulate"}
 
 
 @pytest.fixture(scope="module")
-def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def block(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that holds ``block``, as the examples of the help pages take it, and a table of correspondences."""
     folder = tmp_path_factory.mktemp("work")
-    make_scene(folder / "block")
+    shutil.copytree(sound_inputs, folder / "block")
     shutil.copy(folder / "block" / "points.csv", folder / "grid.csv")
     return folder
 
@@ -78,6 +78,7 @@ def files_of(folder: Path) -> dict[str, tuple[int, int]]:
 # ---- examples --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.programs
 def test_examples_of_the_help_pages_run(block: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """In the order in which they build on one another; patterns are not replaced by a shell here."""
     monkeypatch.chdir(block)

@@ -114,6 +114,7 @@ def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
     assert result.decision[row] == Decision.BLUNDER
 
 
+@pytest.mark.coverage
 def test_clean_control_is_not_accused():
     accused = 0
     for seed in range(40):
@@ -143,6 +144,7 @@ def noisy_groups(seed):
     return replace(block, measurements=measured, points=points)
 
 
+@pytest.mark.coverage
 def test_variance_components_recover_the_sigmas():
     found = []
     for seed in range(8):

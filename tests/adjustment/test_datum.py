@@ -232,6 +232,7 @@ def test_redundancy_numbers_sum_to_the_redundancy():
     assert np.nansum(result.redundancy_numbers) + survey.sum() == pytest.approx(result.redundancy, rel=1e-4)
 
 
+@pytest.mark.coverage
 def test_monte_carlo_over_100_seeds():
     """Observed over predicted RMSE of check points (E, N, H), and of the parameters, over 100 blocks."""
     observed, predicted, scaled = [], [], []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, drift_prior
@@ -38,7 +39,7 @@ def test_which_parameters_drift():
         assert found == parameters.split(), name
 
 
-@pytest.mark.parametrize("drift", [3e-5, 1e-4])
+@pytest.mark.parametrize("drift", mark_beyond(1, "coverage", [3e-5, 1e-4]))
 def test_the_drift_is_found(drift):
     """Four images with four drifts each: a block knows the sigma to about 20 %, the mean of twelve to 6 %."""
     found = []
@@ -50,6 +51,7 @@ def test_the_drift_is_found(drift):
 
 
 @pytest.mark.parametrize(("gcps", "drift"), [(3, 3e-5), (4, 0.0), (12, 3e-4)])
+@pytest.mark.coverage
 def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
     """Shift and affine are each wrong somewhere; the estimated prior keeps up with the better one."""
     squares = {"shift": [], "affine": [], "estimated": []}
@@ -83,6 +85,7 @@ def test_cross_validation_uses_the_estimated_prior():
     assert np.mean(held.error_m**2) < np.mean(loose.error_m**2)
 
 
+@pytest.mark.large
 def test_the_drift_of_many_images_is_found():
     """63 000 measurements, 700 an image: as large as that it is no dense pair, and its GCPs are as they were said."""
     result = adjust(simulated(90, per_image=700))

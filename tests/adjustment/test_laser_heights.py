@@ -53,6 +53,7 @@ def test_every_laser_point_says_what_became_of_it(scene):
     assert wrong.sum() > 5 and not used[wrong].any()
 
 
+@pytest.mark.coverage
 def test_canopy_and_clouds_do_little_harm():
     clean = laser_scene(5, LaserSpec(3, canopy=0.0, clouds=0.0))
     dirty = laser_scene(5, LaserSpec(3, canopy=0.25, clouds=0.05))
@@ -107,6 +108,7 @@ def codes(result: Adjustment) -> set[str]:
     return {reason.code for reason in judge(result).reasons}
 
 
+@pytest.mark.wrong_inputs
 def test_the_verdict_doubts_sources_that_contradict(scene):
     """Laser heights in the other datum beside a DEM; two passes of which one must be wrong. Sound sources: nothing."""
     dem = dem_of(scene, 1.0)
@@ -124,6 +126,7 @@ def with_heights(points: LaserPoints, height_m: np.ndarray) -> LaserPoints:
     return replace(points, ground=np.column_stack([points.ground[:, :2], height_m]))
 
 
+@pytest.mark.wrong_inputs
 def test_the_verdict_doubts_laser_points_on_tops(scene):
     """Two thirds of the points on 15 m of canopy hold the block too high; those on the ground are the lower ones."""
     height = scene.points.ground[:, 2]

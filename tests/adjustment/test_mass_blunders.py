@@ -97,6 +97,7 @@ def test_of_two_halves_nobody_can_tell_which_is_wrong():
     assert all(name in finding.message for name in finding.concerned)
 
 
+@pytest.mark.coverage
 def test_height_control_is_tested_as_such():
     """1000 m in plan lends the heights no credit, is no reason to accuse anybody, and hides no wrong height."""
     accused, found = 0, 0
@@ -136,6 +137,7 @@ def test_leaving_out_by_cofactors_is_leaving_out():
     assert one_by_one == pytest.approx(squares, rel=1e-9)
 
 
+@pytest.mark.large
 def test_many_wrong_gcps_cost_no_solution_each():
     """Of 60 GCPs each is compared with its neighbourhood; those left out are so by cofactors, all of them at once."""
     block, _, _ = blocks.block(gcps=60, checks=0, ties=200, drift=2e-5)

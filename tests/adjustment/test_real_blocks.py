@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.benchmarks import real_blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -52,6 +53,7 @@ def test_hobart_with_estimated_drift():
         assert centres[0] < loose[0]
 
 
+@pytest.mark.real
 def test_hobart_corners_are_twice_as_noisy_as_centres():
     sigmas = []
     for block in (real_blocks.hobart(()), real_blocks.hobart()):
@@ -71,7 +73,7 @@ def test_zy3():
     assert np.all(rmse < [3.205, 4.305, 3.715])
 
 
-@pytest.mark.parametrize("name", real_blocks.ZY3_CONTROL)
+@pytest.mark.parametrize("name", mark_beyond(1, "real", real_blocks.ZY3_CONTROL))
 def test_zy3_names_a_wrong_gcp(name):
     """Found and left out, the block is what it would be without that observation: nobody can do better."""
     block = real_blocks.zy3()
@@ -87,6 +89,7 @@ def test_zy3_names_a_wrong_gcp(name):
         assert np.all(real_blocks.check_rmse(result) < 1.03 * real_blocks.check_rmse(adjust(block)))
 
 
+@pytest.mark.real
 def test_triplet_with_independent_tracks():
     """sat-bundleadjust and CARS reach 0.154 px, in 225 and 203 s for the whole chain."""
     began = time.perf_counter()
@@ -99,7 +102,7 @@ def test_triplet_with_independent_tracks():
     assert np.mean(result.decision > 0) < 0.05
 
 
-@pytest.mark.parametrize(("model", "px"), [("shift", 0.235), ("affine", 0.215)])
+@pytest.mark.parametrize(("model", "px"), mark_beyond(0, "real", [("shift", 0.235), ("affine", 0.215)]))
 def test_spot7_pair(model, px):
     """115 109 tie points of MicMac; the gross errors among them are found whatever the model.
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
@@ -36,7 +37,7 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize("drift", [3e-5, 1e-4])
+@pytest.mark.parametrize("drift", mark_beyond(1, "coverage", [3e-5, 1e-4]))
 def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
     """Ties taken as independent move it by more than what it states, those with a common error hardly at all."""
     without, _ = height_errors(0.0)
@@ -48,7 +49,7 @@ def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
     assert rms(ignored - without) > rms(sigma)
 
 
-@pytest.mark.parametrize(("gcps", "drift"), [(4, 0.0), (4, 3e-5), (10, 3e-5)])
+@pytest.mark.parametrize(("gcps", "drift"), mark_beyond(1, "coverage", [(4, 3e-5), (4, 0.0), (10, 3e-5)]))
 def test_with_gcps_it_costs_nothing_and_the_prediction_holds(gcps, drift):
     squares = {"allowed": [], "ignored": [], "predicted": []}
     for seed in SEEDS:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from dense_adjustment import dense_solution
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
@@ -61,7 +62,7 @@ def sigmas(options: AdjustOptions, seeds: int = 5, **scene) -> dict[str, float]:
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
-@pytest.mark.parametrize("stated", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("stated", mark_beyond(1, "coverage", [0.2, 1.0, 5.0]))
 def test_tests_of_measurements_follow_the_sigmas_found(stated: float) -> None:
     """Tests of good measurements on four rays have two conditions each: their squares are chi² of 2, mean 2."""
     block = two_sensors(1, noise=(0.3,) * 4)
@@ -80,6 +81,7 @@ def test_two_sensors_are_told_apart_by_their_pixels():
     assert found["image points: 2 m"] == pytest.approx(0.5, rel=0.06)
 
 
+@pytest.mark.coverage
 def test_the_sigmas_make_the_cameras_better():
     """With the sigmas that the residuals show, tie points are weighted as they deserve."""
     with_, without = [], []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -14,6 +15,7 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 ERR_BIAS_M = 4.0  # pixels of one metre
 
 
+@pytest.mark.coverage
 def test_stated_ce90_and_le90_hold_at_their_rate_over_100_seeds():
     """Biases of the images are drawn from ERR_BIAS; sigmas of the image points are given three times too large."""
     inside_circle, inside_line, scaled = [], [], []

@@ -152,6 +152,7 @@ def test_a_database_that_another_program_writes_is_read(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["points.gpkg"]
 
 
+@pytest.mark.large
 def test_millions_of_points_are_looked_through_quickly(tmp_path: Path) -> None:
     """The time of looking through is a small part of reading; the figure for 7 million: 1.7 s of 9.4 s."""
     path = points_file(tmp_path / "points.gpkg", 200_000)
@@ -399,6 +400,7 @@ def test_a_report_nested_without_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.fuzz
+@pytest.mark.wrong_inputs
 def test_damaged_files_through_every_reader(tmp_path: Path, repository: Path) -> None:
     """Some hundred; under ``make fuzz`` ten thousand others than those of `benchmarks/damaged_files.py`."""
     script, runs = repository / "benchmarks" / "damaged_files.py", 120 if settings().max_examples <= 1000 else 10_000

@@ -205,6 +205,7 @@ def test_a_row_leads_to_the_map_and_the_map_to_the_row(page: Browser, simulated:
     assert page.messages == []
 
 
+@pytest.mark.programs
 def test_filters_and_colours(page: Browser, simulated: Path) -> None:
     report = report_of(simulated)
     count = {role: report[name]["points"] for role, name in (("gcp", "control"), ("check", "check"), ("tie", "ties"))}
@@ -242,6 +243,7 @@ def test_filters_and_colours(page: Browser, simulated: Path) -> None:
     assert page.messages == []
 
 
+@pytest.mark.programs
 def test_arrows_are_the_residuals_of_report_json(page: Browser, simulated: Path) -> None:
     """Their lengths on the drawing, by the key beneath, are those of the residuals in report.json."""
     report = report_of(simulated)
@@ -259,6 +261,7 @@ def test_arrows_are_the_residuals_of_report_json(page: Browser, simulated: Path)
             np.testing.assert_allclose(drawn, [row["east_m"], -row["north_m"]], atol=0.15 / per_metre)
 
 
+@pytest.mark.programs
 def test_move_and_zoom(page: Browser) -> None:
     def state() -> list[float]:
         return page.value(
@@ -285,6 +288,7 @@ def test_move_and_zoom(page: Browser) -> None:
     assert state() == [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
 
 
+@pytest.mark.programs
 def test_keyboard_alone(page: Browser) -> None:
     """From the top: skip to the content, come to the map, zoom, go from point to point, leave it again."""
     page.press("Tab")
@@ -314,6 +318,7 @@ def test_keyboard_alone(page: Browser) -> None:
     assert page.value("document.activeElement.closest('th').getAttribute('aria-sort')") == "ascending"
 
 
+@pytest.mark.programs
 def test_tables_are_sorted_by_their_numbers(page: Browser, simulated: Path) -> None:
     selector = "#known details:first-of-type table"
     page.value(f"document.querySelector('{selector}').closest('details').open = true")
@@ -325,6 +330,7 @@ def test_tables_are_sorted_by_their_numbers(page: Browser, simulated: Path) -> N
     assert page.value(column) == found[::-1]
 
 
+@pytest.mark.programs
 def test_what_the_images_show(page: Browser) -> None:
     visible = (
         "[...document.querySelectorAll('.cards .{}')].filter((g) => getComputedStyle(g).display !== 'none').length"
@@ -339,6 +345,7 @@ def test_what_the_images_show(page: Browser) -> None:
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.programs
 def test_it_can_be_read(browser: Browser, result: Path, dark: bool) -> None:
     browser.open(result / "report.html", dark=dark)
     browser.value("for (const part of document.querySelectorAll('details')) part.open = true")
@@ -347,6 +354,7 @@ def test_it_can_be_read(browser: Browser, result: Path, dark: bool) -> None:
     assert len(browser.value(PALE)) == int(not dark)  # what is too pale is seen
 
 
+@pytest.mark.programs
 def test_those_who_hear_it(page: Browser) -> None:
     """Headings without a gap, tables with headings of rows and columns, names for pictures and controls."""
     levels = page.value("[...document.querySelectorAll('h1, h2, h3')].map((h) => Number(h.tagName[1]))")
@@ -367,6 +375,7 @@ def test_those_who_hear_it(page: Browser) -> None:
 @pytest.mark.parametrize(
     ("name", "width", "phone"), [("wall", 2560, False), ("desk", 1400, False), ("phone", 390, True)]
 )
+@pytest.mark.programs
 def test_fits_the_screen(browser: Browser, result: Path, name: str, width: int, phone: bool) -> None:
     """The page is not wider than the screen (wide tables scroll within it); its picture stays."""
     PICTURES.mkdir(parents=True, exist_ok=True)
@@ -378,6 +387,7 @@ def test_fits_the_screen(browser: Browser, result: Path, name: str, width: int, 
     assert picture.stat().st_size > 50_000
 
 
+@pytest.mark.programs
 def test_print(page: Browser, simulated: Path) -> None:
     """Every part is printed, also what is closed on the screen; the map as a whole; controls are not."""
     PICTURES.mkdir(parents=True, exist_ok=True)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
@@ -93,8 +94,8 @@ with transactions.Transaction(str(folders[0])) as changes:
 """
 
 
-@pytest.mark.parametrize("step", [0, 1, 4, 5, 6, 9, 16, 23, 26, 28, 40])
-@pytest.mark.parametrize("found_from", [0, 1, 2])
+@pytest.mark.parametrize("step", mark_beyond(3, "killed", [0, 6, 28, 1, 4, 5, 9, 16, 23, 26, 40]))
+@pytest.mark.parametrize("found_from", mark_beyond(1, "killed", [0, 1, 2]))
 def test_killed_at_any_step_all_or_none(folders: list[Path], step: int, found_from: int) -> None:
     """The process is killed before its (step + 1)th rename or removal; the next run comes upon one of the folders."""
     command = [sys.executable, "-c", KILLED, str(step), *map(str, folders)]

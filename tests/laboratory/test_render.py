@@ -41,6 +41,7 @@ def hilly() -> BlockSimulation:
     return simulated(SceneSpec(relief_m=80.0))
 
 
+@pytest.mark.rendered
 def test_pixels_do_not_depend_on_the_window():
     block = simulated(SceneSpec(relief_m=80.0, cliff_m=30.0), size=400, radiometry=Radiometry())
     image = make_renderer(block, "image_1")
@@ -132,6 +133,7 @@ def test_two_views_of_flat_ground_register_as_the_truth_says():
     assert np.abs(offsets).max() < 0.05
 
 
+@pytest.mark.rendered
 def test_noise_and_radiometry():
     radiometry = Radiometry(gain=0.8, offset=50.0, noise_dn=3.0, shot_dn=0.05)
     noisy, clean = (make_renderer(simulated(SceneSpec(), radiometry=r), "image_1") for r in (radiometry, CLEAN))

@@ -85,6 +85,7 @@ def pixel_of(block: BlockSimulation, place: np.ndarray, height_m: float) -> tupl
     return int(line), int(sample)
 
 
+@pytest.mark.rendered
 def test_a_shadow_falls_away_from_the_sun():
     """Seen from above, sun from the east and from the west, 45 degrees high: shadows as long as the house."""
     (block, index), (other, _) = (one_building(sun) for sun in SUNS)
@@ -167,6 +168,7 @@ def local_correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.corrcoef(fine[0].ravel(), fine[1].ravel())[0, 1])
 
 
+@pytest.mark.rendered
 def test_dates_close_by_look_alike_and_half_a_year_apart_they_do_not():
     """One view direction, days 150, 158 and 330: what is left in common are roads, borders and part of the texture."""
     spec = SceneSpec(relief_m=0.0, seed=7)

@@ -126,6 +126,7 @@ def test_points_are_on_the_surface_and_gcps_spread():
     assert np.ptp(gcps, axis=0).min() > 0.8 * SIZE[0] * 0.7
 
 
+@pytest.mark.large
 def test_strips_make_a_connected_block():
     views = make_strip_views(SENSORS["pleiades"], 2, 3, 2, SIZE)
     simulated = simulate_block(SceneSpec(), views, PointCounts(6, 10, 600))

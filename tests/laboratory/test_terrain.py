@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from scipy.interpolate import RegularGridInterpolator
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
@@ -74,7 +75,7 @@ def brute_force(camera, ground: TerrainSurface, image: np.ndarray) -> np.ndarray
     return np.array(found)
 
 
-@pytest.mark.parametrize("cliff_m", [0.0, 60.0])
+@pytest.mark.parametrize("cliff_m", mark_beyond(1, "rendered", [60.0, 0.0]))
 def test_first_intersection_against_small_steps(cliff_m: float):
     ground = terrain(cliff_m=cliff_m)
     camera = aim_camera(SENSORS["pleiades"], (1200, 1200), np.array([5.45, 43.53, 250.0]), 28.0, -15.0)

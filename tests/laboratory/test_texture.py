@@ -58,6 +58,7 @@ def test_periodic_sampling_is_bilinear_and_wraps():
     np.testing.assert_allclose(sample_periodic(field, 1.5, east, north), oracle, atol=2e-4)
 
 
+@pytest.mark.rendered
 def test_another_date_looks_different_by_the_share_asked_for():
     """Correlation of the fine textures sqrt(1 - change²); the first date and a change of 0 stay as they are."""
     texture = Texture(Landscape(seed=5))
@@ -88,6 +89,7 @@ def test_objects_do_not_depend_on_the_extent():
     assert set(small.kind) == {"roof", "tank", "roundabout", "island"}
 
 
+@pytest.mark.rendered
 def test_grey_values_stay_in_eleven_bits_and_have_contrast():
     texture = Texture(Landscape(seed=5)).blur(0.35, 0)
     east, north = np.meshgrid(np.arange(0.0, 1000.0, 0.7), np.arange(0.0, 1000.0, 0.7))

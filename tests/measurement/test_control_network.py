@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from network_scenes import (
     FALSE_PX,
     TEXTURES,
@@ -215,7 +216,7 @@ def test_children_of_a_dropped_node_go_to_its_father():
 # ---- whole windows -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rotation_deg", [0.0, 45.0, 315.0])
+@pytest.mark.parametrize("rotation_deg", mark_beyond(1, "rendered", [45.0, 0.0, 315.0]))
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_homogeneous_texture(texture: str, rotation_deg: float):
     """Hundreds of correspondences (the thesis has 264 to 641 on 400 x 400 px) and none of them false."""

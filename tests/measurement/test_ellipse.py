@@ -45,6 +45,7 @@ def test_covariance_is_that_of_repeated_measurements():
     np.testing.assert_allclose(stated, scatter, rtol=0.15)
 
 
+@pytest.mark.coverage
 def test_variance_of_few_points_counts_what_the_ellipse_takes():
     """Eight points of five parameters: three are left to tell the noise, not eight."""
     rng = np.random.default_rng(8)

@@ -53,6 +53,7 @@ def found(images: list[Image]) -> TiePoints:
     return find_tie_points(images)
 
 
+@pytest.mark.rendered
 def test_fewer_pairs_are_tried_than_overlap(found: TiePoints):
     tried = sum(hold.tried for hold in found.holds) / 2
     assert tried <= 5 * DATES < DATES * (DATES - 1) / 2
@@ -62,6 +63,7 @@ def held_images(found: TiePoints) -> set[str]:
     return {hold.image for hold in found.holds if hold.links}
 
 
+@pytest.mark.rendered
 def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints, images: list[Image]):
     """Nine others at least: at this size snow may leave an image with nothing in common, and then it is named too."""
     hopeless = {images[CLOUD].id, images[WRONG].id}
@@ -79,6 +81,7 @@ def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints
     )
 
 
+@pytest.mark.rendered
 def test_every_held_image_is_right_to_half_a_pixel(found: TiePoints, images: list[Image], year: BlockSimulation):
     """Exact image points of the ground, under the refined RPCs: each predicted from the others."""
     tied = [image for image in images if image.id in held_images(found)]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -157,7 +158,7 @@ def test_transfer_finds_points_at_known_heights(pair, found):
     assert np.sqrt(np.mean(error**2)) < 0.15
 
 
-@pytest.mark.parametrize("name", MATCHERS)
+@pytest.mark.parametrize("name", mark_beyond(2, "rendered", MATCHERS))
 def test_every_finder_leads_to_matches(pair, name: str):
     matches = match_tile(*pair, geometry(), TileMatchOptions(finders=(name,), windows_px=(31,), most_points=300))
     assert len(matches) > 100, name
@@ -250,6 +251,7 @@ REAL = {  # images, their folder, height (m), across-epipolar NMAD (px) of OpenC
 
 
 @pytest.mark.parametrize("name", REAL)
+@pytest.mark.real
 def test_real_pairs_beat_sift(real_data, name: str):
     """Scatter across the epipolar lines (norm of the 4-vector of both images, so / sqrt 2) ≤ 0.7 of SIFT's."""
     folder, files, height, baseline, least = REAL[name]

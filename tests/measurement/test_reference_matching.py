@@ -82,6 +82,7 @@ def test_reference_of_another_season(scene):
     assert 0.2 < np.sqrt(np.mean((error / found.sigma_px[found.used, None]) ** 2)) < 2.0  # sigmas tell the truth
 
 
+@pytest.mark.rendered
 def test_coarser_reference_with_another_band_and_a_large_bias():
     error = OrientationError(position_m=(110.0, -70.0, 20.0))
     scene = scenes.make(seed=2, size=700, ratio=2.6, band="red", error=error)
@@ -176,6 +177,7 @@ def test_a_corner_of_the_reference_that_lies_off_is_named_and_left_out(scene, co
     assert drop_wrong_parts(scene.images, shifted_corner(scene, control, 2.0)[0], accuracy)[1] == []
 
 
+@pytest.mark.rendered
 def test_surveyed_gcps_contradict_a_displaced_reference(scene):
     block, truth = scene.simulated.block, scene.simulated.truth
     moved = shifted(scene, 12.0, 16.0)

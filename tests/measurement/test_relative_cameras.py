@@ -106,6 +106,7 @@ def test_without_matches_there_are_no_cameras(year: BlockSimulation):
     assert estimate_relative_cameras(matches.select(np.zeros(len(matches), bool)), year.block.images) is None
 
 
+@pytest.mark.rendered
 def test_points_are_completed_in_images_that_miss_them(monkeypatch: pytest.MonkeyPatch):
     """Four images: points that the second shares with the last two are on the first, which no star asks."""
     side, spec = 240, SceneSpec(relief_m=20.0, seed=8)

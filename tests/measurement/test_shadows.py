@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
@@ -32,7 +33,7 @@ def picture(towards_sun: np.ndarray, with_crowns: bool) -> ArrayRaster:
     return ArrayRaster(grey.astype(np.uint16), np.ones(grey.shape, dtype=bool))
 
 
-@pytest.mark.parametrize("azimuth_deg", [20.0, 150.0, 260.0])
+@pytest.mark.parametrize("azimuth_deg", mark_beyond(1, "rendered", [20.0, 150.0, 260.0]))
 def test_shadows_are_where_the_sun_says(azimuth_deg: float):
     towards = np.array([np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))])
     options = DetectionOptions(centres=CentreOptions(quality=0.2), threads=1)

@@ -69,6 +69,7 @@ def test_points_that_are_less_certain_count_less() -> None:
     assert rmse["none"] > 2.0 * rmse["sigmas"]
 
 
+@pytest.mark.large
 def test_walls_stay_steep() -> None:
     """Blocks of houses of 15 m, 30 m wide and 20 m apart; points every 6 m on roofs and ground, 0.3 m uncertain.
 

@@ -6,11 +6,13 @@ are told by what is read, not by that it cannot be.
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 from bad_inputs import OUTPUTS, Case, cases, judge, judge_output, reads_pixels
-from every_algorithm import GRID, inputs_of, make_scene
+from every_algorithm import GRID, inputs_of
+from long_tests import mark_beyond
 
 from hrsi.processing_algorithms import REGISTRY
 
@@ -19,10 +21,8 @@ OUTPUT_KINDS = ("output: in a read-only folder", "output: is a file")
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scene")
-    make_scene(folder)
-    return folder
+def scene(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copytree(sound_inputs, tmp_path_factory.mktemp("own") / "scene"))
 
 
 def is_quick(case: Case) -> bool:
@@ -46,7 +46,7 @@ def test_inputs(scene: Path, tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", REGISTRY)
-@pytest.mark.parametrize("kind", OUTPUT_KINDS)
+@pytest.mark.parametrize("kind", mark_beyond(1, "wrong_inputs", OUTPUT_KINDS))
 def test_output_folders(scene: Path, tmp_path: Path, name: str, kind: str) -> None:
     assert kind in OUTPUTS
     outcome = judge_output(REGISTRY[name], kind, scene, tmp_path / "case")

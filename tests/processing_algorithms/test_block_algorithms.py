@@ -272,6 +272,7 @@ def test_ties_without_gcps_stay_near_the_vendors_position(triplet, real_data):
     assert abs(np.median(heights) - 206) < 60
 
 
+@pytest.mark.real
 def test_dem_narrows_the_search(real_data, tmp_path):
     """Ventoux: 28 % overlap at the terrain's height, none at the RPCs' HEIGHT_OFF; a -3.4 px bias goes away."""
     folder = real_data / "ventoux_phr_pair"

@@ -89,6 +89,7 @@ def encrypted(tmp_path: Path) -> Iterator[tuple[str, dict[str, Path]]]:
         yield workers.scheduler_address, named
 
 
+@pytest.mark.programs
 def test_a_scheduler_that_encrypts(
     in_scene: Path, tmp_path: Path, encrypted: tuple[str, dict[str, Path]], capsys: pytest.CaptureFixture[str]
 ) -> None:

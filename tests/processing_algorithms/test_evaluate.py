@@ -116,6 +116,7 @@ def test_faults_are_told(block: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.real
 def test_the_triplet_under_raw_and_adjusted_rpcs(real_data: Path, tmp_path: Path, monkeypatch) -> None:
     """SIFT's tracks, found without RPCs, took no part. An independent calculation gives the raw RPCs' figures:
     medians across the epipolar lines of 0.482, 0.844 and 0.367 px, three-view tracks 0.583 px."""

@@ -101,6 +101,7 @@ def test_stubs_are_of_now():
     assert stale == []
 
 
+@pytest.mark.programs
 def test_types_are_seen(tmp_path: Path):
     pytest.importorskip("mypy")
     (tmp_path / "user.py").write_text(

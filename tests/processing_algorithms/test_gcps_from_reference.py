@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.height_datum import height_difference
@@ -93,6 +94,7 @@ def test_triangulate_takes_its_gcps_from_a_reference(block, tmp_path):
     assert not report["outliers"]  # GCPs of the reference are not judged by the image sigma alone
 
 
+@pytest.mark.rendered
 def test_surveyed_gcps_win_over_a_reference_that_contradicts_them(block, moved, tmp_path):
     surveyed = {"gcps": str(block / "ground_points.csv"), "image_points": str(block / "image_points.csv")}
     report = triangulate(block, tmp_path, reference=str(moved), **surveyed)
@@ -104,6 +106,7 @@ def test_surveyed_gcps_win_over_a_reference_that_contradicts_them(block, moved, 
     assert report["check"]["rmse_east_m"] < 0.5
 
 
+@pytest.mark.wrong_inputs
 def test_the_verdict_doubts_a_reference_of_another_place(block, tmp_path):
     """The same orthoimage upside down: it lies over the block, and shows nothing of it."""
     other = tmp_path / "other.tif"
@@ -135,7 +138,7 @@ def test_command_line_and_errors(block, tmp_path, capsys):
 # ---- height datums -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("datum", "flagged"), [("egm96", False), ("ellipsoidal", True)])
+@pytest.mark.parametrize(("datum", "flagged"), mark_beyond(1, "real", [("ellipsoidal", True), ("egm96", False)]))
 def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, datum, flagged):
     """The DEM is above EGM2008, which EGM96 equals to a metre here; the GCPs are ellipsoidal."""
     folder = real_data / "qb2_gcp"
@@ -149,6 +152,7 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
     assert all("the geoid is +28" in reason["message"] and "dem_datum" in reason["advice"] for reason in said)
 
 
+@pytest.mark.real
 def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     """With the wrong datum the ground lies N tan(incidence) aside, in the direction of the view."""
     from hrsi.hrsi_engine.block.imaging_geometry import ViewDirection

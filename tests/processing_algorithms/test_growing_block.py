@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.block_records import read_record
@@ -71,7 +72,9 @@ def test_all_free_is_one_adjustment(scene: Path, first: Path, at_once: dict[str,
     assert grown["observations"] == at_once["observations"]
 
 
-@pytest.mark.parametrize(("model", "control"), [("shift", True), ("affine", True), ("shift", False)])
+@pytest.mark.parametrize(
+    ("model", "control"), mark_beyond(1, "rendered", [("affine", True), ("shift", True), ("shift", False)])
+)
 def test_observed_cameras_make_two_steps_one(scene: Path, tmp_path: Path, model: str, control: bool) -> None:
     """Nothing of the old points is used again but what they say of all cameras together: values, sigmas, redundancy.
 
@@ -199,6 +202,7 @@ def test_a_search_goes_on_with_new_pairs_only(scene: Path, searched: Path, tmp_p
         run("tie-points", images=[str(scene / f"{OLD[2]}.tif")], add_to=str(scene), output_dir=str(tmp_path / "other"))
 
 
+@pytest.mark.rendered
 def test_triangulate_joins_a_block(scene: Path, searched: Path, tmp_path: Path) -> None:
     """Cameras of both steps agree with one run of everything within what both can know: the ties are others."""
     options = {"model": "shift", "write": "none", "report": False, "gcps": str(scene / "ground_points.csv")}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from killed_runs import writers
+from long_tests import mark_beyond
 
 from hrsi.processing_algorithms import REGISTRY
 
@@ -28,15 +29,18 @@ def test_every_algorithm_is_among_the_writers() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")
-def test_ended_at_any_moment() -> None:
+@pytest.mark.parametrize(
+    ("kills", "names"),
+    mark_beyond(1, "killed", [(9, ["fit-rpc"]), (27, ["adjust in-place", "fit-rpc", "orthorectify"])]),
+)
+def test_ended_at_any_moment(kills: int, names: list[str]) -> None:
     """A process of its own, because it forks: what writes in place, one that appears at once, one of separate files."""
-    command = [sys.executable, str(ROOT / "benchmarks" / "kills.py"), "--kills", "27", "--seed"]
+    command = [sys.executable, str(ROOT / "benchmarks" / "kills.py"), "--kills", str(kills), "--seed"]
     seed = str(random.Random(5).randrange(1000))
-    names = ["adjust in-place", "fit-rpc", "orthorectify"]
     done = subprocess.run(
         [*command, seed, "--writers", *names], capture_output=True, text=True, timeout=500, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     ended = re.search(r"(\d+) runs ended, 0 with any fault", done.stdout)
-    assert ended and int(ended[1]) >= 27, done.stdout
+    assert ended and int(ended[1]) >= kills, done.stdout
     assert all(word in done.stdout for word in ("SIGKILL -9", "SIGTERM 143", "SIGINT 130"))

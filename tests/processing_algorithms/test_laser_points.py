@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -84,7 +85,11 @@ def with_heights(block: Path, file: Path, change: Callable[[float], float]) -> s
     return str(file)
 
 
-@pytest.mark.parametrize("change", [lambda h: h + 97.2, lambda h: h / 0.3048], ids=["undulation twice", "feet"])
+@pytest.mark.parametrize(
+    "change",
+    mark_beyond(0, "wrong_inputs", [lambda h: h + 97.2, lambda h: h / 0.3048]),
+    ids=["undulation twice", "feet"],
+)
 def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_path, change):
     """No check point and no DEM is there; the block follows the laser over several look-ups, and that is said."""
     laser = with_heights(block, tmp_path / "wrong.csv", change)
@@ -96,6 +101,7 @@ def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_
     assert reason["message"].startswith("the heights of laser hold the block")
 
 
+@pytest.mark.rendered
 def test_the_verdict_doubts_laser_points_that_hold_nothing(block: Path, tmp_path: Path):
     file = tmp_path / "dim.csv"
     rows = list(csv.DictReader((block / "laser.csv").open()))

@@ -17,7 +17,7 @@ import numpy as np
 import pyproj
 import pytest
 import simulated_blocks as blocks
-from every_algorithm import make_scene, sound_options, words_of
+from every_algorithm import sound_options, words_of
 from osgeo import gdal
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -38,10 +38,8 @@ WITH_FOLDER = [name for name, algorithm in REGISTRY.items() if "output_dir" in a
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scene")
-    make_scene(folder)
-    return folder
+def scene(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copytree(sound_inputs, tmp_path_factory.mktemp("own") / "scene"))
 
 
 @pytest.mark.parametrize("name", [name for name in WITH_FOLDER if name not in SLOW and name != "write-rpc"])
@@ -251,6 +249,7 @@ def test_orthoimage_names_image_rpc_and_terrain(scene: Path, tmp_path: Path) -> 
         assert told["HRSI_SOURCE"] == "image_1.tif" and len(told["HRSI_RPC_SHA256"]) == 64
 
 
+@pytest.mark.coverage
 def test_stated_errors_hold_over_sixty_blocks() -> None:
     """ERR_BIAS is the root mean square of what all points of an image share, by the truth of simulated cameras."""
     scaled, rest = [], []

@@ -93,6 +93,7 @@ def points_of(folder: Path) -> np.ndarray:
     return np.array([[feature["sample"], feature["line"]] for feature in layer])
 
 
+@pytest.mark.killed
 def test_a_worker_is_killed(images: list[str], undisturbed: np.ndarray, start: Start, tmp_path: Path) -> None:
     """Its parts go to the other one."""
     output = tmp_path / "out"
@@ -106,6 +107,7 @@ def test_a_worker_is_killed(images: list[str], undisturbed: np.ndarray, start: S
     np.testing.assert_array_equal(points_of(output), undisturbed)
 
 
+@pytest.mark.killed
 def test_the_scheduler_is_killed(images: list[str], undisturbed: np.ndarray, start: Start, tmp_path: Path) -> None:
     """The run ends with a word on it; the next one, without a scheduler, goes on with the parts that are kept."""
     output = tmp_path / "out"

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal, ogr, osr
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -84,7 +85,7 @@ def extent_m(code: int, extent: np.ndarray, lat: float) -> float:
     return float(sides.max())
 
 
-@pytest.fixture(scope="module", params=PLACES)
+@pytest.fixture(scope="module", params=mark_beyond(3, "rendered", PLACES))
 def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Place, Path]:
     """A scene with everything that is made of it."""
     chosen = PLACES[request.param]

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from network_scenes import TruePair, true_pair
 from osgeo import gdal, ogr
 
@@ -157,7 +158,7 @@ def test_with_rpc_the_layer_lies_on_the_ground(real_data: Path, tmp_path: Path):
     assert 5.43 < west < east < 5.46 and 43.25 < south < north < 43.27
 
 
-@pytest.mark.parametrize(("scale", "turn_deg"), [(0.65, 200.0), (1.6, -40.0)])
+@pytest.mark.parametrize(("scale", "turn_deg"), mark_beyond(1, "rendered", [(0.65, 200.0), (1.6, -40.0)]))
 def test_unknown_scale_and_rotation_are_found(tmp_path: Path, scale: float, turn_deg: float) -> None:
     """The second image made from the first by a known similarity, with noise of its own."""
     rng = np.random.default_rng(5)

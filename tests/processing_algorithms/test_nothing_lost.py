@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -136,7 +137,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", mark_beyond(1, "killed", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
 def test_a_block_in_place_is_written_whole_or_not_at_all(folder: Path, tmp_path: Path, number: signal.Signals) -> None:
     """Killed at random moments: after the next run all images have the new RPC and there is a report, or neither."""
     images = [folder / f"image_{k}.tif" for k in (1, 2, 3)]

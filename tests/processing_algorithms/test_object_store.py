@@ -105,6 +105,7 @@ def test_finished_parts_in_a_store(store: Path):
     assert parts.load("b") is None
 
 
+@pytest.mark.programs
 def test_tie_points_of_workers_that_share_no_disk(store: Path, cluster: str, at_home: Path):
     """Images, finished parts and results in the bucket: the bytes of threads with files; nothing is left behind."""
     run("tie-points", images=IMAGES, output_dir=f"{BUCKET}/run", scheduler=cluster, csv=True, **TIES)
@@ -113,6 +114,7 @@ def test_tie_points_of_workers_that_share_no_disk(store: Path, cluster: str, at_
     assert not Path("/vsis3").exists()
 
 
+@pytest.mark.programs
 def test_a_stopped_search_goes_on_with_the_parts_in_the_store(store: Path, cluster: str, at_home: Path, tmp_path: Path):
     """Parts that were finished before are taken from the bucket, by another client with another output directory."""
     options = {"images": IMAGES, "work_dir": f"{BUCKET}/work", "scheduler": cluster, "csv": True, **TIES}
@@ -128,6 +130,7 @@ def test_a_stopped_search_goes_on_with_the_parts_in_the_store(store: Path, clust
     assert len(list_virtual(f"{BUCKET}/work")) > finished  # a work directory stays
 
 
+@pytest.mark.programs
 def test_without_a_work_directory_nothing_of_the_search_stays(store: Path, cluster: str):
     run("tie-points", images=IMAGES[:2], output_dir=f"{BUCKET}/short", **TIES)
     assert UNFINISHED not in list_virtual(f"{BUCKET}/short")

@@ -68,6 +68,7 @@ def test_before_and_after_in_one_table(sets: Path, tmp_path: Path) -> None:
     assert page.count("<svg") == 2 and "before" in page
 
 
+@pytest.mark.rendered
 def test_shifts_larger_than_the_search_are_found(tmp_path: Path) -> None:
     """Before the adjustment 12 px right and 5 px up, of other contrast; after it none: around each pair's own shift."""
     grey = 500.0 + 2000.0 * texture(SIDE, SIDE)
@@ -151,6 +152,7 @@ def test_faults_are_told(sets: Path, tmp_path: Path) -> None:
 # ---- the whole way ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.rendered
 def test_refined_orthoimages_lie_on_the_true_orthophoto(tmp_path: Path) -> None:
     """Five well-measured GCPs (0.1 px, 3 cm, 5 cm) bring orthoimages of 0.7 m within 0.2 px of the truth."""
     block = tmp_path / "block"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import run
@@ -51,7 +52,7 @@ def begin(session: PointSession, name: str, xy: tuple[float, float], image: str 
     session.add_tie(new_tie(session, name, image, xy), image, Measured(*xy, kind="point"))
 
 
-@pytest.mark.parametrize("is_adjusted", [False, True])
+@pytest.mark.parametrize("is_adjusted", mark_beyond(1, "rendered", [False, True]))
 def test_ties_are_transferred(session: PointSession, truth: Truth, is_adjusted: bool) -> None:
     """Before anything is adjusted and after it: most points are found, within the matcher's accuracy, none far off."""
     if is_adjusted:

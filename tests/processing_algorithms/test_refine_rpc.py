@@ -53,6 +53,7 @@ def test_quickbird_is_written(orthority, real_data, tmp_path):
     assert dataset.GetLayerByName("residuals_utm").GetFeatureCount() == 10
 
 
+@pytest.mark.real
 def test_several_images_by_themselves(hobart, tmp_path):
     report = run("refine-rpc", **hobart, output_dir=str(tmp_path), compare=True)
     assert set(report["image_models"]) == {"hobart_ikonos_1", "hobart_ikonos_2", "hobart_ikonos_3"}

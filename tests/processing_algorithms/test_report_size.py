@@ -94,6 +94,7 @@ def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tupl
     return result, path.stat().st_size, time.process_time() - start
 
 
+@pytest.mark.large
 def test_a_thousand_images(small: tuple[Adjustment, Residuals], tmp_path: Path) -> None:
     copied = -(-1000 // len(small[0].block.images))
     result, size, seconds = page_of(small, copied, tmp_path / "page.html")

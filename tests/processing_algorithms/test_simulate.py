@@ -95,6 +95,7 @@ def test_the_adjustment_finds_the_vendors_error(tmp_path: Path):
     assert check["rmse_height_m"] < 0.5
 
 
+@pytest.mark.rendered
 def test_dates_over_a_year(tmp_path: Path):
     """Three dates with two images each: named by date, under their own sun, with the truth of what changed."""
     run("simulate", output_dir=str(tmp_path), dates=3, images=2, off_nadir=5.0, size=128, gcps=0, checks=2, ties=5)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rendered_blocks as scenes
+from long_tests import mark_beyond
 from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
@@ -198,6 +199,7 @@ def test_virtual_file_system_that_takes_no_files(pair, tmp_path):
         run("tie-points", images=pair, output_dir="/vsicurl/http://127.0.0.1:9/ties", cells=2)
 
 
+@pytest.mark.rendered
 def test_thousands_of_ties_do_not_outvote_the_gcps(tmp_path):
     """A shift cannot follow the drift of the vendor's attitude; GCPs of 0.1 m must hold the block all the same."""
     block = tmp_path / "block"
@@ -235,7 +237,7 @@ def test_changed_pixels_are_matched_again_though_size_and_time_are_the_same(pair
     assert {name.partition("-")[0] for name in made} == {"pair", "windows"}
 
 
-@pytest.mark.parametrize("trap", ["negative", "cliffs"])
+@pytest.mark.parametrize("trap", mark_beyond(1, "rendered", ["negative", "cliffs"]))
 def test_a_negative_and_cliffs_give_no_false_tie_points(tmp_path: Path, trap: str) -> None:
     """Through the command line, against the cameras and the surface that made the images."""
     simulated = simulate_block(

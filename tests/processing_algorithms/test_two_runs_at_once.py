@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from bad_inputs import digests, faults_of_error, run_words
-from every_algorithm import make_scene, sound_options, words_of
+from every_algorithm import sound_options, words_of
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.safety.folder_lock import LOCK, only_writer
@@ -20,10 +21,8 @@ from hrsi.processing_algorithms import REGISTRY
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scene")
-    make_scene(folder)
-    return folder
+def scene(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copytree(sound_inputs, tmp_path_factory.mktemp("own") / "scene"))
 
 
 @pytest.mark.parametrize("name", REGISTRY)

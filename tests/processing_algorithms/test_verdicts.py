@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from rpc_samples import write_image
 from simulated_blocks import VIEWS, oblique_rpc
 
@@ -86,7 +87,7 @@ def test_verdict_is_first_in_the_report(scene: Path, tmp_path: Path):
     assert page.index('class="verdict ok"') < page.index("<dt>sigma0</dt>")
 
 
-@pytest.mark.parametrize("how", [*WRITTEN, "in-place"])
+@pytest.mark.parametrize("how", mark_beyond(1, "wrong_inputs", [*WRITTEN, "in-place"]))
 @pytest.mark.parametrize("algorithm", ["adjust", "triangulate", "refine-rpc"])
 def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     for file in scene.iterdir():
@@ -113,7 +114,7 @@ def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
 
 
-@pytest.mark.parametrize("how", [*WRITTEN, "in-place"])
+@pytest.mark.parametrize("how", mark_beyond(1, "wrong_inputs", [*WRITTEN, "in-place"]))
 def test_force_write_writes_all_the_same(how, scene, tmp_path, capsys):
     for file in scene.iterdir():
         shutil.copyfile(file, tmp_path / file.name)

@@ -33,6 +33,7 @@ def inputs(block: Path) -> dict[str, object]:
     }  # fmt: skip
 
 
+@pytest.mark.programs
 def test_model_runs_in_qgis_process(block: Path, tmp_path: Path) -> None:
     """The whole chain by one command: the orthoimages fit one another better than with the vendor's RPCs."""
     if qgis_process_program() is None:

@@ -55,6 +55,7 @@ def test_zip_triangulates_in_a_clean_profile(profile: Path, tmp_path: Path):
     assert report["check"]["rmse_height_m"] < 3.0
 
 
+@pytest.mark.programs
 def test_a_stock_qgis_needs_no_packages(profile: Path, tmp_path: Path):
     """Adjustment and matching in pixels run without OpenCV, numba and Dask, and no help asks for them."""
     (tmp_path / "sitecustomize.py").write_text(HIDE_PACKAGES)

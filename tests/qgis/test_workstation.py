@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from qgis.core import (
     Qgis,
     QgsApplication,
@@ -451,7 +452,7 @@ def large(simulated: Path) -> PointSession:
     return PointSession(images, points, measured)
 
 
-@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("live", mark_beyond(1, "large", [False, True]))
 def test_many_images_and_points_answer_at_once(dock, large: PointSession, live: bool) -> None:
     """50 images x 500 points: from a click to redrawn markers and tables, with live residuals too, in 0.2 s."""
     dock.ui.number.setCurrentText("4")

@@ -27,6 +27,7 @@ def files() -> list[Path]:
 
 
 @pytest.mark.parametrize("path", files() or [None], ids=lambda path: path.name if path else "no data")
+@pytest.mark.real
 def test_written_rpcs_do_what_the_model_does(path, real_data):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

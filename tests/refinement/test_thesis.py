@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.benchmarks.thesis_tables import check_residuals, edge_difference, generic_model, rmse
@@ -55,7 +56,7 @@ def test_residuals_of_single_points(spot5, thesis_data, model, count):
     assert away.max() <= 0.1
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case])
+@pytest.mark.parametrize("case", mark_beyond(3, "coverage", [case for case in CASES if case]))
 def test_generic_method_in_the_nine_cases(spot5, case):
     assert (figures(spot5, "generic", case, 7) <= 1.25).all()
     assert (figures(spot5, "generic", case, 3) <= 1.75).all()

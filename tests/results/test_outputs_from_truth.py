@@ -276,6 +276,7 @@ def test_sigmas_beside_the_residuals(dense):
 # ---- figures that promise something of the truth ---------------------------------------------------------------------
 
 
+@pytest.mark.coverage
 def test_ce90_and_le90_hold_90_percent():
     """Errors of known size in every direction: the circle and the band that the report states hold 90 of 100."""
     block, truth, _ = blocks.block(gcps=20, checks=1500, ties=0, noise_px=0.02, noise_m=0.01, seed=3)
