@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.foundation.progress import stage
+from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
@@ -36,7 +37,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     laser = read_laser_points(images, options.laser, context)
     how = with_free_control(how, options.dem, options.points, laser)
     if context.dry_run:
-        return block_outputs.plan_results(options, images, block, warnings, reasons, context)
+        return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explained_by(reasons):
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
@@ -45,4 +46,6 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
     entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
     reasons += ground_reasons(result, dem_surface(options.dem, options.points.height_datum), how.sigma_dem_m)
-    return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons)
+    with plausibility.explained_by(reasons):
+        assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
+    return block_outputs.write_results(options.output, assembled, clock, rest)

@@ -14,6 +14,7 @@ from ..hrsi_engine.refinement.models import MODELS
 from ..hrsi_engine.refinement.options import RefineOptions
 from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
 from ..hrsi_engine.refinement.selection import select_control
+from ..hrsi_engine.results.block_results import assemble_result
 from ..hrsi_engine.results.figures import control_and_check
 from ..hrsi_engine.results.residuals import residuals
 from ..hrsi_engine.results.separate_images import separate_result
@@ -43,7 +44,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     reasons = plausibility.input_reasons(block, options.points, None, *expected)
     clock.lap("check")
     if context.dry_run:
-        return block_outputs.plan_results(options, images, block, warnings, reasons, context, together=False)
+        return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)
     with plausibility.explained_by(reasons):
         refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)
@@ -67,8 +68,9 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         more["models"] = _compare(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
-    report = block_outputs.write_results(options, result, warnings, clock, rest, more, reasons)
-    return report
+    with plausibility.explained_by(reasons):
+        assembled = assemble_result(result, context.record, warnings, reasons, more, clock.lap)
+    return block_outputs.write_results(options.output, assembled, clock, rest)
 
 
 def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:

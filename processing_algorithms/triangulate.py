@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from ..hrsi_engine.block.reference_places import ReferencePlaces
 from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
@@ -76,7 +77,9 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
     warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
     entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
-    return block_outputs.write_results(options, result, warnings, clock, rest, entries, reasons, kept)
+    with plausibility.explained_by(reasons):
+        assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
+    return block_outputs.write_results(options.output, assembled, clock, rest, kept)
 
 
 def _plan(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
@@ -88,10 +91,10 @@ def _plan(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOp
         surface = dem_surface(options.dem, points.height_datum)
         pairs = count_pairs(images, options.search, surface, earlier.image_ids)
     if pairs and not points.gcps and not points.image_points and not earlier.ties:
-        return block_outputs.plan_results(options, images, None, [], [], context, pairs)
+        return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
     reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
-    return block_outputs.plan_results(options, images, block, warnings, reasons, context, pairs)
+    return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, pairs)
 
 
 def _automatic_ties(

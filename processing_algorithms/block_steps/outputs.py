@@ -5,19 +5,15 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance, stage
-from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
-from ...hrsi_engine.foundation.workers.threads import one_thread_calls
 from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
@@ -26,21 +22,15 @@ from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import require_in_place
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
-from ...hrsi_engine.results import statistics as residual_statistics
-from ...hrsi_engine.results.block_record import joint_arrays, record_of
-from ...hrsi_engine.results.drawings import report_figures
-from ...hrsi_engine.results.figures import block_report, rejection_warnings
-from ...hrsi_engine.results.layers import block_layers, residuals_epsg
-from ...hrsi_engine.results.lineage import lineage_items, state_accuracy
-from ...hrsi_engine.results.residuals import residuals
+from ...hrsi_engine.results.block_record import joint_arrays
+from ...hrsi_engine.results.block_results import BlockResult
+from ...hrsi_engine.results.lineage import lineage_items
 from ...hrsi_engine.results.stac import RefinedFiles, has_time, item_collection, item_of_image
-from ...hrsi_engine.results.tables import thinning_warnings
-from ...hrsi_engine.results.verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
+from ...hrsi_engine.results.verdict import Verdict
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
-from .plausibility import explained_by
 from .rpc_outputs import (
     IN_PLACE,
     WRITE_NOTHING,
@@ -51,20 +41,11 @@ from .rpc_outputs import (
     write_new_files,
 )
 
-FIT_WARNING_PX = 0.01  # a refined RPC farther than this from its model is worth a warning
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 #: What a dry run counts, and the roles of the points.
 COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE}
-
-
-class BlockOptions(Protocol):
-    """What the options of every algorithm on blocks have."""
-
-    @property
-    def output(self) -> BlockOutput:
-        """What is written, and where."""
 
 
 class Clock:
@@ -109,7 +90,7 @@ def _item_file(image: Image) -> str:
 
 
 def plan_results(
-    options: BlockOptions,
+    output: BlockOutput,
     images: Sequence[Image],
     block: Block | None,
     warnings: Sequence[str],
@@ -122,7 +103,7 @@ def plan_results(
 
     Parameters
     ----------
-    options : of the algorithm
+    output : what is written, and where
     images : opened
     block : as far as it is known before tie points are found; None where nothing is
     warnings : what the user should know
@@ -137,7 +118,6 @@ def plan_results(
         counts["image points"] = len(block.measurements)
     if pairs is not None:
         counts["overlapping pairs to be matched"] = pairs
-    output = options.output
     names = [name for name in _file_names(output, images) if together or name != CAMERAS_FILE]
     if output.write == IN_PLACE:
         names += [os.path.abspath(image.path) for image in images if image.raster is not None]
@@ -145,62 +125,25 @@ def plan_results(
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 
-@one_thread_calls()  # cameras are refitted by small matrices, between which BLAS's other threads would spin
 def write_results(
-    options: BlockOptions,
-    result: Adjustment,
-    warnings: Sequence[str],
-    clock: Clock,
-    context: Context,
-    more: Mapping[str, Any] | None = None,
-    reasons: Sequence[Reason] = (),
-    discarded: Sequence[str] = (),
+    output: BlockOutput, result: BlockResult, clock: Clock, context: Context, discarded: Sequence[str] = ()
 ) -> Report:
     """Write everything that the options ask for and the verdict allows; return the report.
 
-    ``more`` are entries that the report has besides; ``reasons`` are what was found before the adjustment;
     ``discarded`` are folders that are not needed any more when all is written.
     """
-    images = result.block.images
-    left = residuals(result)
-    with explained_by(reasons):  # corrections that wrong inputs made may lead where a camera has no ground
-        refined = [
-            result.model.compute_refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
-        ]
-        refined = state_accuracy(result, refined)
-    clock.lap("residuals")
-    evidence = Evidence(result, left, refined)
-    report = {
-        **context.record, "verdict": {}, "seconds": {},
-        "crs": {**context.record["crs"], "residuals": f"EPSG:{residuals_epsg(result)}"},
-        **block_report(result, left, refined),
-        **residual_statistics.entries(result, left),
-        "warnings": [*warnings, *result.warnings, *rejection_warnings(result), *thinning_warnings(result),
-                     *_fit_warnings(images, refined), *describe_residual_fields(evidence)],
-        **(more or {}),
-    }  # fmt: skip
-    verdict = Verdict.create(summarise_accuracy(report), find_reasons(evidence, reasons))
-    report["verdict"] = verdict.entry()
-    output = options.output
-    how = output.write
-    stale: list[str] = []
-    if verdict.level is Level.UNUSABLE and how != WRITE_NOTHING and not output.force_write:
-        how = WRITE_NOTHING
-        stale = earlier_rpcs(output.folder.output_dir, context.inputs)
-        report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
-    clock.lap("judge")
-    target = output.folder
-    cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
-    if result.joint is None and os.path.exists(cameras_file):  # of an earlier run: it would pass for one of this
-        stale.append(cameras_file)
+    report, images, refined, target = result.report, result.images, result.refined, output.folder
+    how, stale = _choose_writing(output, result, context)
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
+        # Refined RPCs in files of their own
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
         names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
         _name_outputs(report, output, how, images, names, result.joint is not None)
         advance(context.progress, 0.5, "writing layers")
-        layers = block_layers(result, left, output.residual_crs)
+        layers = result.make_layers(output.residual_crs)
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=stage(context.progress, 0.5, 0.7), lineage=items)
+        # What earlier runs and other programs left, which would win over what is written now
         for file in stale:
             changes.remove(file)
         report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
@@ -210,11 +153,11 @@ def write_results(
             _write_items(folder, report, images, refined, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
+        # The report is complete
         if output.report:
-            delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
-            write_report_html(str(folder / PAGE_FILE), report, report_figures(result, left, delivered, find_outline))
+            write_report_html(str(folder / PAGE_FILE), report, result.draw_figures(find_outline))
         write_report_json(str(folder / REPORT_FILE), report)
-        write_report_json(str(folder / RECORD_FILE), record_of(result))
+        write_report_json(str(folder / RECORD_FILE), result.record)
         if result.joint is not None:
             write_arrays(str(folder / CAMERAS_FILE), joint_arrays(result.joint))
         advance(context.progress, 1.0, "done")
@@ -222,6 +165,19 @@ def write_results(
         for image, new in images_with_pixels(images, refined):
             require_in_place(image.path, new.rpc)
     return report
+
+
+def _choose_writing(output: BlockOutput, result: BlockResult, context: Context) -> tuple[str, list[str]]:
+    """Return how refined RPCs are written, as asked or not at all, and files of earlier runs that have to go."""
+    how, folder = output.write, output.folder.output_dir
+    stale: list[str] = []
+    if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
+        how, stale = WRITE_NOTHING, earlier_rpcs(folder, context.inputs)
+        result.report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
+    cameras_file = os.path.join(folder, CAMERAS_FILE)
+    if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
+        stale.append(cameras_file)
+    return how, stale
 
 
 def _name_outputs(
@@ -271,11 +227,3 @@ def _write_items(
         report["warnings"].append(
             f"no file tells when {list_ids(unknown)} was taken: STAC items have a span of time instead"
         )
-
-
-def _fit_warnings(images: Sequence[Image], refined: Sequence[RefitRPC]) -> list[str]:
-    return [
-        f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
-        for image, new in zip(images, refined, strict=True)
-        if new.fit_max_px > FIT_WARNING_PX
-    ]
