@@ -48,7 +48,9 @@ class Code(NamedTuple):
 
 
 def code_of(page: Path) -> list[Code]:
-    """Return the commands and programs of a page."""
+    """Return the commands and programs of a page; those of the recipes run in copies (`test_recipes`)."""
+    if page.name == "heirs.md":
+        return []
     text = page.read_text(encoding="utf-8")
     found = []
     for fence in FENCE.finditer(text):
