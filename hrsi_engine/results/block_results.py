@@ -30,13 +30,13 @@ from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, 
 
 
 @thresholds
-class RefitThresholds:
+class RefinedRpcThresholds:
     """When a refined RPC does not reproduce its model."""
 
     warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 
 
-REFIT = RefitThresholds()
+REFINED_RPC = RefinedRpcThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def assemble_result(
     beside_model = [
         f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
         for image, new in zip(images, refined, strict=True)
-        if new.fit_max_px > REFIT.warned_px
+        if new.fit_max_px > REFINED_RPC.warned_px
     ]
     report = {
         **record, "verdict": {}, "seconds": {},
