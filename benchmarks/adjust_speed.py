@@ -39,7 +39,7 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS
+from hrsi.hrsi_engine.refinement import MODELS
 
 #: The competitor's priors, and its rules that the measurements of check points are ties and nothing is left out.
 OPTIONS = AdjustOptions(model="affine", sigma_shift_px=20.0, sigma_drift=1e-3, check_as_ties=True, reject_sigma=0.0)
@@ -114,7 +114,7 @@ def print_models(folder: str, to_docs: bool) -> None:
     """
     block, best = read_folder(folder), {}
     for _ in range(2):
-        for name in BLOCK_MODELS:
+        for name in MODELS:
             numbers = timed(block, replace(OPTIONS, model=name))
             numbers.pop("result")
             before = best.get(name, numbers)
@@ -134,7 +134,7 @@ def models_table(best: dict[str, dict[str, Any]]) -> list[str]:
     affine = best["affine"]["cpu_s"]
     head = "| model | parameters | CPU s | of affine's | peak MB | systems | cost |"
     return [head, "|---|---|---|---|---|---|---|"] + [
-        f"| {name} | {len(BLOCK_MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
+        f"| {name} | {len(MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
         f"{n['all_mb']:.0f} | {n['solves']} | {n['cost']:.2f} |"
         for name, n in best.items()
     ]

@@ -33,8 +33,9 @@ from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
+from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "convergence.md"
 TIGHT = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13, "x_scale": "jac", "max_nfev": 80}  # of the reference
@@ -78,7 +79,7 @@ class Run:
 
 def run_image(image: Image, control: Control, check: Control, name: str) -> Run:
     """Return how a model of one image ends, and where SciPy does."""
-    model = MODELS[name]
+    model = SINGLE_IMAGE_MODELS[name]
     found = estimate(model, image, control)
     sigmas = model.prior_sigmas(image, CONTROL_ONLY)
     usable = sigmas > 0.0
@@ -228,10 +229,10 @@ def runs(names: Sequence[str]) -> Iterator[tuple[str, list[Run], list[str]]]:
     chosen: Callable[[str], bool] = lambda title: not names or any(name in title for name in names)  # noqa: E731
     for title, image, control, check in images():
         if chosen(title):
-            yield (title, *_each(MODELS, partial(run_image, image, control, check), len(control)))
+            yield (title, *_each(SINGLE_IMAGE_MODELS, partial(run_image, image, control, check), len(control)))
     for title, block, options, judged in blocks():
         if chosen(title):
-            yield (title, *_each(BLOCK_MODELS, partial(run_block, block, options, judged=judged), None))
+            yield (title, *_each(MODELS, partial(run_block, block, options, judged=judged), None))
 
 
 def _each(models: dict, run: Callable[[str], Run], points: int | None) -> tuple[list[Run], list[str]]:

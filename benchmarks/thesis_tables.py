@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.selection import choose_by_number
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "thesis"
@@ -75,8 +75,8 @@ def generic_model(image: Image, control: Control) -> str:
 
 def check_residuals(model: str, image: Image, control: Control, check: Control) -> np.ndarray:
     """Return observed - computed ``(n, 2)`` of check points."""
-    values = estimate(MODELS[model], image, control).values
-    return np.asarray(check.xy - MODELS[model].project(image, values, check.ground))
+    values = estimate(SINGLE_IMAGE_MODELS[model], image, control).values
+    return np.asarray(check.xy - SINGLE_IMAGE_MODELS[model].project(image, values, check.ground))
 
 
 def rmse(residual: np.ndarray) -> Pair:
@@ -150,7 +150,7 @@ def rows_by_case(spot5: Spot5, count: int) -> list[list[str]]:
 def rows_of_models(spot5: Spot5, case: int) -> list[list[str]]:
     """Return every model with 3, 7 and 37 GCPs."""
     image, rows = spot5.image(case), []
-    for name, model in MODELS.items():
+    for name, model in SINGLE_IMAGE_MODELS.items():
         cells = [name]
         for count in (3, 7, 37):
             control, check = spot5.control(count)

@@ -10,7 +10,6 @@ import numpy as np
 from ..hrsi_engine.block.block import Block, Role
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.refinement.models import MODELS
 from ..hrsi_engine.refinement.options import RefineOptions
 from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
 from ..hrsi_engine.refinement.selection import select_control
@@ -27,6 +26,7 @@ from .block_steps.summary import summarise as summarise_block
 from .declarations.refine_rpc import RefineAlgorithmOptions
 from .files.image_files import open_input_images
 from .interface.declare import Context, Report
+from .laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 #: Sigmas of shift (px) and drift where control may lie anywhere about: generic models are for orientations of any
 #: error, 0.1 rad and more.
@@ -79,15 +79,15 @@ def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refi
     for index, image in enumerate(block.images):
         advance(context.progress, index / len(block.images), f"refining {image.id}")
         control = select_control(block, index, Role.GCP)
-        refinements.append(refine_image(image, control, options))
+        refinements.append(refine_image(image, control, options, SINGLE_IMAGE_MODELS))
     return refinements
 
 
 def _compare(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
     table = {}
-    for done, name in enumerate(MODELS):
-        advance(context.progress, done / len(MODELS), f"model {name}")
+    for done, name in enumerate(SINGLE_IMAGE_MODELS):
+        advance(context.progress, done / len(SINGLE_IMAGE_MODELS), f"model {name}")
         table[name] = _figures(block, refinements, name)
     return table
 
@@ -95,11 +95,10 @@ def _compare(block: Block, refinements: Sequence[Refinement], context: Context) 
 def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
     """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
     try:
+        model = SINGLE_IMAGE_MODELS[name]
         others = [
-            Refinement(
-                found.image, MODELS[name], solve_refinement(MODELS[name], found.image, found.control), found.control
-            )
-            for found in refinements
+            Refinement(one.image, model, solve_refinement(model, one.image, one.control), one.control)
+            for one in refinements
         ]
     except (InputError, SolveError) as error:
         return {"control": {}, "check": {}, "prediction_rmse_px": None, "note": str(error)}

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from hrsi.benchmarks import real_blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.foundation.levenberg_marquardt import Step, descend
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS
+from hrsi.hrsi_engine.refinement import MODELS
 
 MOST = 30
 
@@ -95,7 +95,7 @@ def test_no_step_helps_where_the_derivatives_are_wrong():
     assert not found.converged
 
 
-@pytest.mark.parametrize("name", list(BLOCK_MODELS))
+@pytest.mark.parametrize("name", list(MODELS))
 def test_every_model_of_a_real_block_converges(name, thesis_data, monkeypatch):
     """All 71 points of Hobart are GCPs: a curved valley for generic-full."""
     monkeypatch.setattr(real_blocks, "DATA", thesis_data.parent)

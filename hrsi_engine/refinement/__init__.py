@@ -13,7 +13,6 @@
 | pseudo_sensor      | the generic method: corrections of a pseudo sensor                               |
 | corrected_rays     | … its formula: where a corrected ray passes, and the equations of it             |
 | compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
-| direct_rpc         | corrections of the coefficients themselves                                       |
 | estimate           | parameters of one image from its GCPs                                            |
 | selection          | which model the GCPs support, and which GCPs disagree                            |
 | control_checks     | GCPs that cannot be right                                                        |
@@ -24,5 +23,5 @@ from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
-    {"model": "Equations Priors RefitRPC RefinementModel select_priors", "models": "BLOCK_MODELS MODELS"},
+    {"model": "Equations Priors RefitRPC RefinementModel select_priors", "models": "MODELS"},
 )

@@ -13,7 +13,6 @@
 | pseudo_sensor      | the generic method: corrections of a pseudo sensor                               |
 | corrected_rays     | … its formula: where a corrected ray passes, and the equations of it             |
 | compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
-| direct_rpc         | corrections of the coefficients themselves                                       |
 | estimate           | parameters of one image from its GCPs                                            |
 | selection          | which model the GCPs support, and which GCPs disagree                            |
 | control_checks     | GCPs that cannot be right                                                        |
@@ -27,5 +26,4 @@ from .model import Priors as Priors
 from .model import RefinementModel as RefinementModel
 from .model import RefitRPC as RefitRPC
 from .model import select_priors as select_priors
-from .models import BLOCK_MODELS as BLOCK_MODELS
 from .models import MODELS as MODELS

@@ -24,7 +24,6 @@ from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
 from ..foundation.thresholds import threshold, thresholds
-from .direct_rpc import DirectRPC
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 
@@ -57,8 +56,6 @@ class EstimationThresholds:
 
 
 ESTIMATION = EstimationThresholds()
-LINEAR_STEPS = 3  # of the direct methods, before any other
-HARMLESS = 0.1  # distance from the minimum, in sigmas, of methods that are not iterated
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
 CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)
@@ -161,7 +158,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class _WeightedEquations:
+class WeightedEquations:
     """Weighted observation equations, linearised at ``values``.
 
     values : (p,); roots : (n, 2, 2) R with R'R = P; matrix : (2n, p) R A by scaled parameters; right : (2n,) R v
@@ -177,7 +174,7 @@ class _WeightedEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class _Equations:
+class ObservationEquations:
     """The observation equations of a model and the control of an image, with the priors of the parameters."""
 
     model: RefinementModel
@@ -186,12 +183,12 @@ class _Equations:
     linearise: Linearise
     sigmas: np.ndarray
 
-    def select_point(self, index: int) -> _Equations:
+    def select_point(self, index: int) -> ObservationEquations:
         """Return the equations of one control point."""
         control = self.control.select(np.array([index]))
         return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
 
-    def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> _WeightedEquations:
+    def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> WeightedEquations:
         """Return the weighted equations at ``values``; the ``roots`` of P are those of the values if not given."""
         control = self.control
         at = self.linearise(values, control.ground)
@@ -209,16 +206,16 @@ class _Equations:
         matrix = self._normalize(roots, at.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
-        return _WeightedEquations(values, roots, matrix, right, residual, cost)
+        return WeightedEquations(values, roots, matrix, right, residual, cost)
 
     def _normalize(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
-    def gradient(self, at: _WeightedEquations) -> np.ndarray:
+    def gradient(self, at: WeightedEquations) -> np.ndarray:
         """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
 
-    def compute_hessian(self, at: _WeightedEquations) -> np.ndarray:
+    def compute_hessian(self, at: WeightedEquations) -> np.ndarray:
         """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.
 
         With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
@@ -240,19 +237,24 @@ class _Equations:
         return np.asarray((axes * np.maximum(np.abs(bends), ESTIMATION.least_curvature)) @ axes.T)
 
 
+#: From the equations of an image to values ``(p,)``, number of steps and status; a model may bring its own as `solve`.
+Estimator = Callable[[ObservationEquations], tuple[np.ndarray, int, str]]
+
+
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
     """Return the least-squares estimate of a model's parameters from control points.
 
     Raises `SolveError` where the iteration leaves the domain of the RPC.
     """
     sigmas = model.prior_sigmas(image, priors)
-    equations = _Equations(model, image, control, model.equations(image, control.xy), sigmas)
-    values, iterations, status = UPDATES.get(model.name, iterate_least_squares)(equations)
+    equations = ObservationEquations(model, image, control, model.equations(image, control.xy), sigmas)
+    solver: Estimator = getattr(model, "solve", iterate_least_squares)
+    values, iterations, status = solver(equations)
     return _compute_estimate(equations.linearise_at(values), sigmas, iterations, status)
 
 
 def iterate_least_squares(
-    equations: _Equations, values: np.ndarray | None = None, steps: int = 0
+    equations: ObservationEquations, values: np.ndarray | None = None, steps: int = 0
 ) -> tuple[np.ndarray, int, str]:
     """Iterate damped least squares (Levenberg-Marquardt) over all points; return values, steps and status.
 
@@ -266,14 +268,14 @@ def iterate_least_squares(
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
     compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a refused step begins at the same place again
 
-    def by_slopes(at: _WeightedEquations, damping: float) -> Step[_WeightedEquations]:
-        return try_step(at, _solve(at.matrix, at.right, at.values, sigmas, damping), damping)
+    def by_slopes(at: WeightedEquations, damping: float) -> Step[WeightedEquations]:
+        return try_step(at, solve_step(at.matrix, at.right, at.values, sigmas, damping), damping)
 
-    def by_curvature(at: _WeightedEquations, damping: float) -> Step[_WeightedEquations]:
+    def by_curvature(at: WeightedEquations, damping: float) -> Step[WeightedEquations]:
         normal = compute_hessian(at) + damping * np.diag(_diagonal(at.matrix))
         return try_step(at, np.linalg.solve(normal, equations.gradient(at)), damping)
 
-    def try_step(at: _WeightedEquations, by_values: np.ndarray, damping: float) -> Step[_WeightedEquations]:
+    def try_step(at: WeightedEquations, by_values: np.ndarray, damping: float) -> Step[WeightedEquations]:
         braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
         promised = 0.5 * float(by_values @ equations.gradient(at)) + braked
         try:
@@ -282,7 +284,7 @@ def iterate_least_squares(
             lost.append(error)
             return Step(replace(at, cost=np.inf), promised, braked)
 
-    def variance(at: _WeightedEquations) -> float:
+    def variance(at: WeightedEquations) -> float:
         return max(1.0, 2.0 * at.cost / freedom)
 
     at = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
@@ -291,7 +293,7 @@ def iterate_least_squares(
         steps < first + ESTIMATION.scaled_steps
         and (misfit := float(np.sqrt(np.mean(at.right**2)))) > ESTIMATION.large_residual
     ):
-        nearer = try_step(at, _solve(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
+        nearer = try_step(at, solve_step(at.matrix / misfit, at.right / misfit, at.values, sigmas), 0.0).ahead
         steps += 1
         if not nearer.cost < at.cost:
             break
@@ -315,59 +317,6 @@ def iterate_least_squares(
     return values, steps, ended.status + (why if unsettled and not ended.converged else "")
 
 
-def iterate_from_linear(equations: _Equations) -> tuple[np.ndarray, int, str]:
-    """Begin with what is linear in the coefficients of a rational function, then iterate_least_squares."""
-    model, sigmas = equations.model, equations.sigmas
-    if not isinstance(model, DirectRPC):
-        raise ValueError(f"{type(model).__name__} is no rational function of which the coefficients are estimated")
-    linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
-    at = best = linear.linearise_at(np.zeros(len(sigmas)))
-    for _ in range(LINEAR_STEPS):
-        at = linear.linearise_at(at.values + sigmas * _solve(at.matrix, at.right, at.values, sigmas), at.roots)
-        best = min(best, at, key=lambda place: place.cost)
-    return iterate_least_squares(equations, best.values, LINEAR_STEPS)
-
-
-def estimate_in_one_step(equations: _Equations) -> tuple[np.ndarray, int, str]:
-    """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
-    sigmas = equations.sigmas
-    values = np.zeros(len(sigmas))
-    at = equations.linearise_at(values)
-    values = sigmas * _solve(at.matrix, at.right, values, sigmas)
-    return values, 1, _describe_single_pass(equations, values)
-
-
-def estimate_by_kalman_filter(equations: _Equations) -> tuple[np.ndarray, int, str]:
-    """Incremental discrete Kalman filter: each GCP updates state and covariance, linearised at the state before it."""
-    sigmas = equations.sigmas
-    values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
-    for index in range(len(equations.control)):
-        at = equations.select_point(index).linearise_at(values)
-        innovation = at.matrix @ covariance @ at.matrix.T + np.eye(2)
-        gain = np.linalg.solve(innovation, at.matrix @ covariance).T
-        values = values + sigmas * (gain @ at.right)
-        covariance = covariance - gain @ at.matrix @ covariance
-        covariance = (covariance + covariance.T) / 2.0
-    return values, len(equations.control), _describe_single_pass(equations, values)
-
-
-def _describe_single_pass(equations: _Equations, values: np.ndarray) -> str:
-    """Return the status of a method that passes over the points once: converged where that leads to the minimum."""
-    at = equations.linearise_at(values)
-    step = _solve(at.matrix, at.right, values, equations.sigmas)
-    freedom = max(2 * len(equations.control) - len(values), 1)
-    away = float(np.sqrt(max(step @ equations.gradient(at), 0.0) / max(1.0, 2.0 * at.cost / freedom)))
-    return CONVERGED if away < HARMLESS else f"passed over the points once, {away:.2g} sigma from the minimum"
-
-
-#: How the models that are not estimated by `iterate_least_squares` are: by the name of the model.
-UPDATES: dict[str, Callable[..., tuple[np.ndarray, int, str]]] = {
-    **dict.fromkeys(("direct", "bils", "pg", "upoe"), iterate_from_linear),
-    "slss": estimate_in_one_step,
-    "idkf": estimate_by_kalman_filter,
-}
-
-
 def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
     """Return values in units of their prior standard deviations, 0 for fixed ones."""
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
@@ -378,7 +327,7 @@ def _diagonal(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(np.sum(matrix**2, axis=0) + 1.0)
 
 
-def _solve(
+def solve_step(
     matrix: np.ndarray, right: np.ndarray, values: np.ndarray, sigmas: np.ndarray, damping: float = 0.0
 ) -> np.ndarray:
     """Return the step of the scaled parameters ``(p,)``, with their priors (values of zero) and the damping."""
@@ -391,7 +340,7 @@ def _solve(
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
 
 
-def _compute_estimate(at: _WeightedEquations, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
+def _compute_estimate(at: WeightedEquations, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
     """Return precision, redundancy and leave-one-out residuals at the solution."""
     count, p = len(at.residual), len(sigmas)
     triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")

@@ -1,7 +1,8 @@
 """The table of refinement models: one entry a model, from which it is made and from which declarations have its name.
 
 It imports no numerics, so that the command line knows the choices without loading them. The files of the
-families make the models (`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`, `direct_rpc`).
+families make the models (`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`,
+`laboratory.direct_methods`).
 """
 
 from __future__ import annotations

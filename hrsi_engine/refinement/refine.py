@@ -94,6 +94,7 @@ def refine_rpc(
     sigma_m: np.ndarray | tuple[float, float] = (DefaultSigmas.sigma_gcp_xy_m, DefaultSigmas.sigma_gcp_h_m),
     model: str = RefineOptions.model,
     leave_out: bool = RefineOptions.leave_out,
+    models: Mapping[str, RefinementModel] = MODELS,
 ) -> Refinement:
     """Return an image's RPC refined from ground control points.
 
@@ -112,9 +113,11 @@ def refine_rpc(
     sigma_m : (n, 2) ndarray or tuple of float
         … of the survey, horizontal and height.
     model : str
-        A name of `MODELS`, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule).
+        A name of ``models``, or ``auto`` (chosen by prediction) or ``generic`` (the thesis's rule).
     leave_out : bool
         Whether GCPs that disagree with the others are left out; they are named in any case.
+    models : mapping of str to RefinementModel
+        The models by name; with `laboratory.direct_methods.DIRECT` also the thesis's direct methods.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def refine_rpc(
     elif not isinstance(image, Image):
         image = Image("image", image.rpc, image.size)
     control = Control.create(ground, xy, ids, sigma_px, sigma_m)
-    found = refine_image(image, control, RefineOptions(model, leave_out))
+    found = refine_image(image, control, RefineOptions(model, leave_out), models)
     # What in the input cannot be what it claims; of a block, its own check says so for all images together
     points = GroundPoints.create(control.ids, control.ground, Role.GCP, control.sigma_m)
     measured = ImagePoints.create(control.ids, np.full(len(control), image.id), control.xy, control.sigma_px)
@@ -142,7 +145,12 @@ def refine_rpc(
     return replace(found, warnings=(*implausible, *found.warnings))
 
 
-def refine_image(image: Image, control: Control, options: RefineOptions | None = None) -> Refinement:
+def refine_image(
+    image: Image,
+    control: Control,
+    options: RefineOptions | None = None,
+    models: Mapping[str, RefinementModel] = MODELS,
+) -> Refinement:
     """Return an image refined from its control; see `refine_rpc`."""
     options = options or RefineOptions()
     model = options.model
@@ -151,18 +159,18 @@ def refine_image(image: Image, control: Control, options: RefineOptions | None =
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
     used, said = _leave_out_suspects(control, suspects, options.leave_out)
     warnings += [*(choice.warnings if choice else ()), *said]
-    chosen = get_model(choice.model if choice else model)
+    chosen = get_model(choice.model if choice else model, models)
     found = solve_refinement(chosen, image, used)
     return Refinement(
         image, chosen, found, used, tuple(suspects), choice, (*warnings, *_warn_of_uncertainty(chosen, image, found))
     )
 
 
-def get_model(name: str) -> RefinementModel:
-    """Return an entry of `MODELS`; raises `InputError` that lists the names."""
-    if name not in MODELS:
-        raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *MODELS])}")
-    return MODELS[name]
+def get_model(name: str, models: Mapping[str, RefinementModel]) -> RefinementModel:
+    """Return a model by its name; raises `InputError` that lists the names."""
+    if name not in models:
+        raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
+    return models[name]
 
 
 def solve_refinement(model: RefinementModel, image: Image, control: Control) -> Estimate:

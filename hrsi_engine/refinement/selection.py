@@ -33,7 +33,7 @@ from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from .estimate import Control, Estimate, estimate
-from .models import BLOCK_MODELS
+from .models import MODELS
 
 #: Candidates of `auto`, the simplest first.
 CANDIDATE_MODELS = ("shift", "shift-drift", "affine", "generic-affine")
@@ -161,7 +161,7 @@ def _can_follow_drift(block: Block) -> bool:
     used = holds[rows.point]
     per_image = np.bincount(rows.image[used], minlength=len(block.images))
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
-    unknown = 3 * int(holds.sum()) + len(BLOCK_MODELS[DRIFTING].parameters) * len(block.images)
+    unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(block.images)
     enough = (per_image >= SELECTION.drift_points).all() and observed >= unknown
     return bool(enough and can_estimate_drift(len(rows), len(block.images)))
 
@@ -195,7 +195,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         if name == DISTORTED and any(one.sigmas < SELECTION.expected_error for one in found.values()):
             found[name] = Prediction(None)
         else:
-            found[name] = _predict_if_redundant(name, clean, BLOCK_MODELS[name].least_points)
+            found[name] = _predict_if_redundant(name, clean, MODELS[name].least_points)
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
         reason = f"{_count_gcps(count)} on an image: too few to support more than a shift"
@@ -255,7 +255,7 @@ class Prediction(NamedTuple):
 
 def _predict_if_redundant(name: str, controls: Controls, spare: int) -> Prediction:
     """Return the prediction by a model; none with fewer than ``spare`` GCPs more than it needs."""
-    least = BLOCK_MODELS[name].least_points + max(spare, 1)
+    least = MODELS[name].least_points + max(spare, 1)
     if any(len(control) < least for _, control in controls):
         return Prediction(None)
     return _predict_by_leave_one_out(name, controls)
@@ -266,7 +266,7 @@ def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
     errors, in_sigmas = [], []
     for image, control in controls:
         try:
-            found = estimate(BLOCK_MODELS[name], image, control)
+            found = estimate(MODELS[name], image, control)
         except SolveError:
             return Prediction(None, f"has no solution on {image.id}")
         if not found.converged:
@@ -341,10 +341,10 @@ def _find_outliers(name: str, image: Image, control: Control) -> dict[int, tuple
 
 
 def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | None:
-    if len(control) <= BLOCK_MODELS[name].least_points:
+    if len(control) <= MODELS[name].least_points:
         return None
     try:
-        found = estimate(BLOCK_MODELS[name], image, control)
+        found = estimate(MODELS[name], image, control)
     except SolveError:
         return None
     return found if found.converged else None

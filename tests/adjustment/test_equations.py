@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
 from hrsi.hrsi_engine.adjustment.observations import select
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
+from hrsi.hrsi_engine.refinement import MODELS
 
 
 def grid_matrix(width: int, size: int, seed: int = 0) -> tuple[Pattern, np.ndarray, np.ndarray]:
@@ -139,7 +139,7 @@ def blocks_priors():
 
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
 @pytest.mark.parametrize("shared", [False, True])
-@pytest.mark.parametrize("name", BLOCK_MODELS)
+@pytest.mark.parametrize("name", MODELS)
 def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
     """Every model, also where images share a set of parameters (a point is then measured twice by one camera)."""
     observations, model, pattern, state, weight = linearised(name)

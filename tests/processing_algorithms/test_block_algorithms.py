@@ -17,7 +17,8 @@ from hrsi.hrsi_engine.adjustment import WEIGHTS
 from hrsi.hrsi_engine.adjustment.options import GROUPING_NAMES, MODEL_NAMES, WEIGHT_NAMES
 from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS
+from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
+from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.model_table import DIRECT_MODEL_NAMES
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.processing_algorithms import run
@@ -63,8 +64,8 @@ def layer_columns(path: Path, name: str) -> dict[str, np.ndarray]:
 def test_choices_are_the_engines():
     """Declarations know names without loading what they name; each list is held against what is there."""
     for names, where, known, table in (
-        (MODEL_NAMES, "refinement/model_table.py and RULE_NAMES", {**BLOCK_MODELS, **RULES}, "models.py and RULES"),
-        (DIRECT_MODEL_NAMES, "refinement/model_table.py", set(MODELS) - set(BLOCK_MODELS), "refinement/models.py"),
+        (MODEL_NAMES, "refinement/model_table.py and RULE_NAMES", {**MODELS, **RULES}, "models.py and RULES"),
+        (DIRECT_MODEL_NAMES, "refinement/model_table.py", DIRECT, "laboratory/direct_methods.py"),
         (WEIGHT_NAMES, "adjustment/options.py", WEIGHTS, "WEIGHTS"),
         (GROUPING_NAMES, "adjustment/options.py", GROUPINGS, "GROUPINGS"),
     ):

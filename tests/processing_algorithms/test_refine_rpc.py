@@ -12,9 +12,9 @@ from osgeo import gdal
 from real_control import quickbird, rmse_2d
 
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 TEN = "H003,H022,H024,H035,H048,H058,H077,H098,H103,H105"
 
@@ -59,7 +59,7 @@ def test_several_images_by_themselves(hobart, tmp_path):
     assert set(report["image_models"]) == {"hobart_ikonos_1", "hobart_ikonos_2", "hobart_ikonos_3"}
     assert report["check"]["points"] == 61
     assert report["check"]["rmse_east_m"] < 0.75 and report["check"]["rmse_height_m"] < 2.0
-    assert set(report["models"]) == set(MODELS)
+    assert set(report["models"]) == set(SINGLE_IMAGE_MODELS)
     assert report["models"]["shift"]["check"]["rmse_east_m"] == pytest.approx(report["check"]["rmse_east_m"])
     assert "needs 6 GCPs" in report["models"]["quadratic"]["note"]
     page = (tmp_path / "report.html").read_text()
@@ -72,7 +72,7 @@ def test_each_image_has_its_own_model(hobart, tmp_path):
     models = {name: entry["model"] for name, entry in report["image_models"].items()}
     assert all(model.startswith("generic-") for model in models.values())
     for name, entry in report["image_models"].items():
-        assert set(entry["parameters"]) == set(MODELS[models[name]].parameters)
+        assert set(entry["parameters"]) == set(SINGLE_IMAGE_MODELS[models[name]].parameters)
 
 
 def test_the_table_is_printed(orthority, tmp_path, capsys):

@@ -10,11 +10,11 @@ import pytest
 from hrsi.benchmarks import convergence, real_blocks
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import ESTIMATION, estimate
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 ONE_PASS = ("idkf", "slss")
-ITERATED = [name for name in MODELS if name not in ONE_PASS]
+ITERATED = [name for name in SINGLE_IMAGE_MODELS if name not in ONE_PASS]
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +39,14 @@ def test_models_end_where_scipy_does(name, hobart):
 def test_large_errors_do_not_keep_them_from_it(name, thesis_data):
     """0.1 rad: 33 000 px; the residuals of generic-shift, which knows no yaw, are hundreds of pixels."""
     spot5 = read_spot5(thesis_data)
-    found = estimate(MODELS[name], spot5.image(1), spot5.control(7)[0])
+    found = estimate(SINGLE_IMAGE_MODELS[name], spot5.image(1), spot5.control(7)[0])
     assert found.converged, found.status
     assert found.iterations <= ESTIMATION.most_steps
 
 
 def test_a_single_pass_says_how_far_it_got(thesis_data):
     spot5 = read_spot5(thesis_data)
-    near, far = (estimate(MODELS["slss"], spot5.image(case), spot5.control(7)[0]) for case in (0, 1))
+    near, far = (estimate(SINGLE_IMAGE_MODELS["slss"], spot5.image(case), spot5.control(7)[0]) for case in (0, 1))
     assert near.converged
     assert not far.converged
     assert "passed over the points once" in far.status
@@ -57,7 +57,7 @@ def test_easy_models_need_no_curvature(hobart, monkeypatch):
     image, control, _ = hobart
     monkeypatch.setattr("hrsi.hrsi_engine.refinement.estimate.ESTIMATION", replace(ESTIMATION, gauss_newton_steps=6))
     for name in ("shift", "affine", "ground-linear", "generic-shift", "generic-affine"):
-        found = estimate(MODELS[name], image, control)
+        found = estimate(SINGLE_IMAGE_MODELS[name], image, control)
         assert found.converged
         assert found.iterations <= 6, name
         assert np.isfinite(found.values).all()

@@ -1,4 +1,4 @@
-"""The contract of every refinement model, over all of `MODELS`."""
+"""The contract of every refinement model, over all of `SINGLE_IMAGE_MODELS`."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
-from hrsi.hrsi_engine.refinement import BLOCK_MODELS, MODELS, Priors
-from hrsi.hrsi_engine.refinement.direct_rpc import DIRECT
+from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
+from hrsi.hrsi_engine.refinement import MODELS, Priors
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, select_priors
 from hrsi.hrsi_engine.refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 SEVERAL_PX = Priors(shift_px=100.0, drift=1e-3)  # a tenth of it: as large as vendors' errors are
 SAME_PX = 1e-6
 
 
-@pytest.fixture(params=MODELS.values(), ids=MODELS.keys())
+@pytest.fixture(params=SINGLE_IMAGE_MODELS.values(), ids=SINGLE_IMAGE_MODELS.keys())
 def model(request):
     return request.param
 
@@ -38,7 +39,7 @@ def values_of(model, image, seed=3):
 
 
 def test_name_is_the_key(model):
-    assert MODELS[model.name] is model
+    assert SINGLE_IMAGE_MODELS[model.name] is model
     assert len(set(model.parameters)) == len(model.parameters)
     assert model.title
     assert model.least_points >= (0 if model.name == "none" else 1)
@@ -158,13 +159,13 @@ def test_simulated_parameters_come_back_within_three_sigma(model, image):
     assert excess.max(initial=0.0) <= 3.0
 
 
-@pytest.mark.parametrize("name", list(BLOCK_MODELS))
+@pytest.mark.parametrize("name", list(MODELS))
 def test_the_camera_comes_back(name, image):
     """Also where parameters cannot be told apart: what they do together is right.
 
     Not for the direct methods: 78 coefficients follow the noise of 60 points wherever their priors let them.
     """
-    model = MODELS[name]
+    model = SINGLE_IMAGE_MODELS[name]
     values = values_of(model, image)
     found = estimate(model, image, simulated_control(model, image, values), CONTROL_ONLY)
     ground = blocks.ground(200, 8)
@@ -172,12 +173,12 @@ def test_the_camera_comes_back(name, image):
     assert np.sqrt(np.mean(difference**2)) < 0.3  # noise of one measurement; 60 carry up to 20 parameters
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(SINGLE_IMAGE_MODELS))
 def test_the_origin_of_the_image_does_not_matter(name, image):
-    model = MODELS[name]
+    model = SINGLE_IMAGE_MODELS[name]
     here = Image("image", image.rpc)
     there = Image("image", image.rpc.shift(1000.0, -500.0))
-    control = simulated_control(MODELS["affine"], here, np.array([5.0, 1e-3, 0.0, -3.0, 0.0, 5e-4]), 20)
+    control = simulated_control(SINGLE_IMAGE_MODELS["affine"], here, np.array([5.0, 1e-3, 0.0, -3.0, 0.0, 5e-4]), 20)
     moved = replace(control, xy=control.xy + [1000.0, -500.0])
     ground = blocks.ground(50, 9)
     expected = model.project(here, estimate(model, here, control).values, ground)
@@ -185,16 +186,16 @@ def test_the_origin_of_the_image_does_not_matter(name, image):
     np.testing.assert_allclose(found - [1000.0, -500.0], expected, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", [name for name in BLOCK_MODELS if name != "none"])
+@pytest.mark.parametrize("name", [name for name in MODELS if name != "none"])
 def test_the_unit_of_the_image_does_not_matter(name, image):
     """Pixels of half the size: twice the numbers."""
-    model, rpc = MODELS[name], image.rpc
+    model, rpc = SINGLE_IMAGE_MODELS[name], image.rpc
     finer = replace(
         rpc, samp_off=2 * rpc.samp_off, line_off=2 * rpc.line_off, samp_scale=2 * rpc.samp_scale,
         line_scale=2 * rpc.line_scale,
     )  # fmt: skip
     here, there = Image("image", rpc), Image("image", finer)
-    control = simulated_control(MODELS["affine"], here, np.array([5.0, 1e-3, 0.0, -3.0, 0.0, 5e-4]), 20)
+    control = simulated_control(SINGLE_IMAGE_MODELS["affine"], here, np.array([5.0, 1e-3, 0.0, -3.0, 0.0, 5e-4]), 20)
     scaled = replace(control, xy=2.0 * control.xy, sigma_px=2.0 * control.sigma_px)
     ground = blocks.ground(50, 9)
     expected = model.project(here, estimate(model, here, control).values, ground)
@@ -205,18 +206,18 @@ def test_the_unit_of_the_image_does_not_matter(name, image):
 @pytest.mark.parametrize("name", ["shift", "affine"])
 def test_sigmas_of_parameters_follow_from_the_residuals(name, image):
     """Sigmas given a third of what they are, or three times: sigma0 tells, and the parameters are as good as before."""
-    control = simulated_control(MODELS[name], image, values_of(MODELS[name], image), 20)
-    given = estimate(MODELS[name], image, control)
+    control = simulated_control(SINGLE_IMAGE_MODELS[name], image, values_of(SINGLE_IMAGE_MODELS[name], image), 20)
+    given = estimate(SINGLE_IMAGE_MODELS[name], image, control)
     for factor in (1.0 / 3.0, 3.0):
         other = replace(control, sigma_px=factor * control.sigma_px, sigma_m=factor * control.sigma_m)
-        found = estimate(MODELS[name], image, other)
+        found = estimate(SINGLE_IMAGE_MODELS[name], image, other)
         assert found.sigma0 == pytest.approx(given.sigma0 / factor, rel=1e-3)
         np.testing.assert_allclose(found.sigmas, given.sigmas, rtol=1e-3)  # the priors are loose
 
 
 def test_priors_of_drift_say_what_it_may_be_at_the_edge_of_the_image():
     """A drift of 1e-4 px/px over 2000 px from the middle are 0.2 px there, whatever the degree of its monomial."""
-    model = MODELS["quadratic"]
+    model = SINGLE_IMAGE_MODELS["quadratic"]
     image = Image("image", blocks.oblique_rpc(0.0, 0.0), (4001, 3001))
     sigma = model.prior_sigmas(image, Priors(shift_px=7.0, drift=1e-4))
     corner = image.rpc.localize(np.array([[4000.0, 1500.0 + 2000.0]]), blocks.HEIGHT).ground  # u = v = 2000
@@ -230,7 +231,7 @@ def test_priors_of_drift_say_what_it_may_be_at_the_edge_of_the_image():
 
 @pytest.mark.parametrize("name", ["shift", "affine", "quadratic", "ground-linear", "generic-affine", "object-affine"])
 def test_residuals_of_points_left_out_are_those_of_leaving_them_out(name, image):
-    model = MODELS[name]
+    model = SINGLE_IMAGE_MODELS[name]
     control = simulated_control(model, image, values_of(model, image), 15)
     found = estimate(model, image, control)
     for index in range(0, 15, 4):
@@ -244,10 +245,11 @@ def test_residuals_of_points_left_out_are_those_of_leaving_them_out(name, image)
 
 def test_filter_and_batch_agree_where_the_problem_is_linear(image):
     """Point by point, in one step, and iterated: the same normal equations (small corrections are linear)."""
-    control = simulated_control(MODELS["shift"], image, np.array([0.05, -0.03]), 20, 0.01)
+    control = simulated_control(SINGLE_IMAGE_MODELS["shift"], image, np.array([0.05, -0.03]), 20, 0.01)
     ground = blocks.ground(50, 10)
     results = [
-        MODELS[n].project(image, estimate(MODELS[n], image, control).values, ground) for n in ("bils", "idkf", "slss")
+        SINGLE_IMAGE_MODELS[n].project(image, estimate(SINGLE_IMAGE_MODELS[n], image, control).values, ground)
+        for n in ("bils", "idkf", "slss")
     ]
     np.testing.assert_allclose(results[1], results[0], atol=1e-3)
     np.testing.assert_allclose(results[2], results[0], atol=1e-3)
@@ -256,7 +258,7 @@ def test_filter_and_batch_agree_where_the_problem_is_linear(image):
 def test_a_given_covariance_is_used(image):
     """Coefficients that are known exactly do not change."""
     model = DIRECT["bils"].with_covariance(1e-16 * np.eye(78))
-    control = simulated_control(MODELS["shift"], image, np.array([5.0, -3.0]), 20)
+    control = simulated_control(SINGLE_IMAGE_MODELS["shift"], image, np.array([5.0, -3.0]), 20)
     found = estimate(model, image, control)
     np.testing.assert_allclose(
         model.project(image, found.values, control.ground), image.rpc.project(control.ground), atol=0.01

@@ -11,7 +11,8 @@ from conftest import TEST_DATA
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.refinement import MODELS, Priors
+from hrsi.hrsi_engine.refinement import Priors
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 REAL = TEST_DATA / "real"
 PATTERNS = (
@@ -35,7 +36,7 @@ def test_written_rpcs_do_what_the_model_does(path, real_data):
             image = open_image(str(path))
         except HrsiError as error:
             pytest.skip(f"no RPC: {error}")
-    largest = {name: difference_px(model, image) for name, model in MODELS.items()}
+    largest = {name: difference_px(model, image) for name, model in SINGLE_IMAGE_MODELS.items()}
     worst = max(largest, key=lambda name: largest[name])
     print(f"{path.name}: {len(largest)} models, largest difference {largest[worst]:.1e} px ({worst})")
     assert largest[worst] <= 0.01

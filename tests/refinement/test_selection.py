@@ -14,6 +14,7 @@ from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.options import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import compare_models, refine_image
 from hrsi.hrsi_engine.refinement.selection import choose_by_number, choose_by_prediction, choose_model
+from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
 
 @pytest.fixture
@@ -165,7 +166,7 @@ def test_ziyuan(real_data, name, most):
     used = np.isin(everything.ids, ZY3_CONTROL)
     control, check = everything.select(used), everything.select(~used)
     chosen, generic = refine_image(image, control), refine_image(image, control, RefineOptions("generic"))
-    table = compare_models(image, control, check)
+    table = compare_models(image, control, check, SINGLE_IMAGE_MODELS)
     figures = {key: rmse_2d(entry.check_px) for key, entry in table.items() if entry.refinement}
     best = min(figures, key=lambda key: figures[key])
     ours = rmse_2d(generic.residuals_px(check))

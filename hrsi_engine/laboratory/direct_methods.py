@@ -4,7 +4,7 @@ The 78 coefficients (20 + 19 of sample, 20 + 19 of line; the constants of the de
 ``L w``, where ``L L'`` is a prior covariance C of the coefficients and the parameters w are standard normal before any
 observation. So every method is the same model with another C, and the same equations serve an estimation in one batch,
 point by point, or in one step. With N the normal matrix of the coefficients from the RPC's own virtual grid
-(10 x 10 x 5: image points at several heights, so weighted that together they hold the image to `SYSTEMATIC_PX`):
+(10 x 10 x 5: image points at several heights, weighted so that together they determine the image to 20 px):
 
 | method   | source               | information C^-1                          | estimation                          |
 |----------|----------------------|-------------------------------------------|-------------------------------------|
@@ -12,17 +12,17 @@ point by point, or in one step. With N the normal matrix of the coefficients fro
 | `bils`   | Hu and Tao 2002      | N                                         | batch, iterated                     |
 | `idkf`   | Hu and Tao 2002      | the same                                  | Kalman filter, one GCP at a time    |
 | `pg`     | Bang et al. 2003     | N of few pseudo GCPs, 3 x 3 x 3           | batch, iterated                     |
-| `upoe`   | Bang et al. 2003     | diagonal, `SYSTEMATIC_PX` px each        | batch, iterated                     |
+| `upoe`   | Bang et al. 2003     | diagonal, 20 px each                      | batch, iterated                     |
 | `slss`   | Bang et al. 2003     | N                                         | one update of the old solution      |
 
-What the sources leave open is chosen here. The covariance of the coefficients, which no vendor gives, comes from the
-virtual grid (a given one enters through `with_covariance`). It describes the *systematic* error of a vendor's RPC,
-about 20 px, not the noise of the fit: else no GCP could move the image. Pseudo GCPs weigh as much together. A
+What the sources leave open is in `DIRECT_METHOD`. The covariance of the coefficients, which no vendor gives, comes from
+the virtual grid (a given one enters through `with_covariance`). It describes the *systematic* error of a vendor's RPC,
+about 20 px, not the noise of the fit: otherwise no GCP could move the image. Pseudo GCPs weigh as much together. A
 parameter observation is as good as its effect in the image at the edge of the normalised domain, again 20 px.
-Combinations of coefficients that the grid determines `WEAKEST` times worse than its best count as known that well:
-numerators and denominators are nearly collinear, and left free they give the RPC poles between the GCPs; for the same
-reason `direct`, which knows nothing else, believes that a denominator changes by a few hundredths over the image.
-Coefficients of equal denominators are corrected separately.
+Eigenvalues of the information are at least `DIRECT_METHOD.least_eigenvalue` of the largest: numerators and denominators
+are nearly collinear, and left free they give the RPC poles between the GCPs; for the same reason `direct`, without
+other information, takes a prior by which a denominator changes by a few hundredths over the image. Coefficients of
+equal denominators are corrected separately.
 
 Iteration begins with what is linear. With the denominators D of the last step and y what was observed, the equations
 ``(y D(w) - N(w)) / D`` have no poles (Sanathanan and Koerner 1963); their solution is near that of y - N(w) / D(w),
@@ -41,15 +41,28 @@ from ..camera.rpc import RPC
 from ..camera.rpc_fit import make_virtual_grid
 from ..camera.rpc_terms import monomials
 from ..foundation.errors import InputError
-from .model import Equations, Linearise, Priors, RefitRPC
-from .model_table import DIRECT_TABLE, make_models
+from ..foundation.levenberg_marquardt import CONVERGED
+from ..foundation.thresholds import threshold, thresholds
+from ..refinement.estimate import Estimator, ObservationEquations, iterate_least_squares, solve_step
+from ..refinement.model import Equations, Linearise, Priors, RefitRPC
+from ..refinement.model_table import DIRECT_TABLE, make_models
 
 COEFFICIENTS = 78
 SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice(39, 59), "line_den": slice(59, 78)}
-SYSTEMATIC_PX = 20.0
-LOOSE_DENOMINATOR = 0.01  # sigma of a coefficient for `direct`
-WEAKEST = 1e-4  # smallest eigenvalue of the information, over the largest
 
+
+@thresholds
+class DirectMethodThresholds:
+    """What the sources of the direct methods leave open."""
+
+    systematic_px: float = threshold(20.0, "px", "systematic error of a vendor's RPC, as prior of its coefficients")
+    denominator_sigma: float = threshold(0.01, "", "standard deviation of the denominators' coefficients for `direct`")
+    least_eigenvalue: float = threshold(1e-4, "", "smallest eigenvalue of the information, over the largest")
+    linear_steps: int = threshold(3, "steps", "with linear equations, before the iteration")
+    harmless_sigmas: float = threshold(0.1, "sigma", "distance from the minimum at which a single pass has converged")
+
+
+DIRECT_METHOD = DirectMethodThresholds()
 Information = Callable[[Image], np.ndarray]
 
 
@@ -62,6 +75,7 @@ class DirectRPC:
     information: Information
     parameters: tuple[str, ...] = tuple(f"w_{k + 1}" for k in range(COEFFICIENTS))
     least_points: int = 1
+    solve: Estimator = iterate_least_squares
     roots: dict[tuple[str, RPC], np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -123,7 +137,9 @@ class DirectRPC:
         if key not in self.roots:
             self.roots.clear()
             eigenvalues, vectors = np.linalg.eigh(self.information(image))
-            self.roots[key] = vectors / np.sqrt(np.maximum(eigenvalues, WEAKEST * eigenvalues[-1]))
+            self.roots[key] = vectors / np.sqrt(
+                np.maximum(eigenvalues, DIRECT_METHOD.least_eigenvalue * eigenvalues[-1])
+            )
         return self.roots[key]
 
 
@@ -155,7 +171,7 @@ def differentiate_by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) 
 def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarray:
     """Return the normal matrix of the coefficients from a virtual grid over the image."""
     xy, (ground, converged) = make_virtual_grid(image.rpc, image.domain_px, image.rpc.height_range, shape)
-    sigma_px = SYSTEMATIC_PX * np.sqrt(np.count_nonzero(converged))
+    sigma_px = DIRECT_METHOD.systematic_px * np.sqrt(np.count_nonzero(converged))
     matrix = (
         differentiate_by_coefficients(image.rpc, ground[converged], xy[converged]).reshape(-1, COEFFICIENTS) / sigma_px
     )
@@ -165,7 +181,7 @@ def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarra
 def _loose_information() -> np.ndarray:
     """Return the information of coefficients of which only the size is known: of order 1, denominators nearly 1."""
     sigma = np.ones(COEFFICIENTS)
-    sigma[SLICES["samp_den"]] = sigma[SLICES["line_den"]] = LOOSE_DENOMINATOR
+    sigma[SLICES["samp_den"]] = sigma[SLICES["line_den"]] = DIRECT_METHOD.denominator_sigma
     return np.diag(1.0 / sigma**2)
 
 
@@ -175,16 +191,67 @@ def _parameter_information(image: Image) -> np.ndarray:
     effect = np.empty(COEFFICIENTS)
     effect[: SLICES["line_num"].start] = abs(rpc.samp_scale)
     effect[SLICES["line_num"].start :] = abs(rpc.line_scale)
-    return np.diag((effect / SYSTEMATIC_PX) ** 2)
+    return np.diag((effect / DIRECT_METHOD.systematic_px) ** 2)
 
 
-def _grid_method(name: str, title: str, shape: tuple[int, int, int]) -> DirectRPC:
-    return DirectRPC(name, title, lambda image: _virtual_information(image, shape))
+def iterate_from_linear(equations: ObservationEquations) -> tuple[np.ndarray, int, str]:
+    """Solve the equations that are linear in the coefficients, then iterate the others from there."""
+    model, sigmas = equations.model, equations.sigmas
+    if not isinstance(model, DirectRPC):
+        raise ValueError(f"{type(model).__name__} is no rational function of which the coefficients are estimated")
+    linear = replace(equations, linearise=model.linear_equations(equations.image, equations.control.xy))
+    at = best = linear.linearise_at(np.zeros(len(sigmas)))
+    for _ in range(DIRECT_METHOD.linear_steps):
+        at = linear.linearise_at(at.values + sigmas * solve_step(at.matrix, at.right, at.values, sigmas), at.roots)
+        best = min(best, at, key=lambda place: place.cost)
+    return iterate_least_squares(equations, best.values, DIRECT_METHOD.linear_steps)
+
+
+def estimate_in_one_step(equations: ObservationEquations) -> tuple[np.ndarray, int, str]:
+    """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
+    sigmas = equations.sigmas
+    values = np.zeros(len(sigmas))
+    at = equations.linearise_at(values)
+    values = sigmas * solve_step(at.matrix, at.right, values, sigmas)
+    return values, 1, _describe_single_pass(equations, values)
+
+
+def estimate_by_kalman_filter(equations: ObservationEquations) -> tuple[np.ndarray, int, str]:
+    """Incremental discrete Kalman filter: each GCP updates state and covariance, linearised at the state before it."""
+    sigmas = equations.sigmas
+    values, covariance = np.zeros(len(sigmas)), np.eye(len(sigmas))
+    for index in range(len(equations.control)):
+        at = equations.select_point(index).linearise_at(values)
+        innovation = at.matrix @ covariance @ at.matrix.T + np.eye(2)
+        gain = np.linalg.solve(innovation, at.matrix @ covariance).T
+        values = values + sigmas * (gain @ at.right)
+        covariance = covariance - gain @ at.matrix @ covariance
+        covariance = (covariance + covariance.T) / 2.0
+    return values, len(equations.control), _describe_single_pass(equations, values)
+
+
+def _describe_single_pass(equations: ObservationEquations, values: np.ndarray) -> str:
+    """Return the status of a method with a single pass: converged if it ends near the minimum."""
+    at = equations.linearise_at(values)
+    step = solve_step(at.matrix, at.right, values, equations.sigmas)
+    freedom = max(2 * len(equations.control) - len(values), 1)
+    away = float(np.sqrt(max(step @ equations.gradient(at), 0.0) / max(1.0, 2.0 * at.cost / freedom)))
+    if away < DIRECT_METHOD.harmless_sigmas:
+        return CONVERGED
+    return f"passed over the points once, {away:.2g} sigma from the minimum"
+
+
+#: Estimation of the methods that do not iterate from the linear equations.
+_SOLVERS: dict[str, Estimator] = {"slss": estimate_in_one_step, "idkf": estimate_by_kalman_filter}
+
+
+def _make_method(name: str, title: str, information: Information) -> DirectRPC:
+    return DirectRPC(name, title, information, solve=_SOLVERS.get(name, iterate_from_linear))
 
 
 _MAKERS: dict[str, Callable[..., DirectRPC]] = {
-    "loose": lambda name, title: DirectRPC(name, title, lambda _image: _loose_information()),
-    "grid": _grid_method,
-    "coefficients": lambda name, title: DirectRPC(name, title, _parameter_information),
+    "loose": lambda name, title: _make_method(name, title, lambda _image: _loose_information()),
+    "grid": lambda name, title, shape: _make_method(name, title, lambda image: _virtual_information(image, shape)),
+    "coefficients": lambda name, title: _make_method(name, title, _parameter_information),
 }
 DIRECT = make_models(DIRECT_TABLE, _MAKERS)
