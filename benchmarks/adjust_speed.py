@@ -34,7 +34,9 @@ from hrsi.hrsi_engine.adjustment.outcome import outcome
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import precision
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground

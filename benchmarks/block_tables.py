@@ -37,7 +37,8 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import predicted_accuracy
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, Role
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,

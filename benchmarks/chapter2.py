@@ -20,7 +20,8 @@ import numpy as np
 from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
 from hrsi.benchmarks.sampling_simulation import CASES, simulate_sampling
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points

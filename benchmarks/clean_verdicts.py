@@ -18,7 +18,8 @@ from hrsi.benchmarks import real_blocks
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block.block import Block, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,

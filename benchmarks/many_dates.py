@@ -37,7 +37,8 @@ from scipy.sparse.csgraph import connected_components
 from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
-from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.measurement.tracks import build_tracks

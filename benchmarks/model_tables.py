@@ -24,7 +24,8 @@ from hrsi.benchmarks.clean_verdicts import REAL
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.hrsi_engine.results.residuals import residuals

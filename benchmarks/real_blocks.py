@@ -15,7 +15,9 @@ import numpy as np
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 

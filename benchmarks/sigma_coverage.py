@@ -27,7 +27,8 @@ import numpy as np
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
-from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement

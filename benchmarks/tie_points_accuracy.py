@@ -19,7 +19,8 @@ import numpy as np
 from real_blocks import DATA, sift_tracks, tie_rmse
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
-from hrsi.hrsi_engine.block.block import Image, ImagePoints, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (

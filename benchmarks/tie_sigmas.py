@@ -24,7 +24,8 @@ from hrsi.benchmarks.real_blocks import DATA
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.block.block import Block, Image, ImagePoints, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, Image, ImagePoints
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points

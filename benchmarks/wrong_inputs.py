@@ -22,7 +22,8 @@ import numpy as np
 from osgeo import gdal
 
 from hrsi.benchmarks.thesis_tables import render
-from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.ground.geodesy import (
     ground_difference_m,

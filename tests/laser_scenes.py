@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from hrsi.hrsi_engine.adjustment.result import Adjustment
-from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 

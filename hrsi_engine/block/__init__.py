@@ -5,7 +5,8 @@ from ..foundation.lazy_names import lazy_names
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "block": "Block Image Raster assemble",
+        "assembly": "assemble",
+        "block": "Block Image Raster",
         "points": "GroundPoints ImagePoints Role",
         "imaging_geometry": "PairGeometry ViewDirection ViewGeometry compute_all_pairs",
     },

@@ -2,10 +2,10 @@
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 
+from .assembly import assemble as assemble
 from .block import Block as Block
 from .block import Image as Image
 from .block import Raster as Raster
-from .block import assemble as assemble
 from .imaging_geometry import PairGeometry as PairGeometry
 from .imaging_geometry import ViewDirection as ViewDirection
 from .imaging_geometry import ViewGeometry as ViewGeometry

@@ -169,6 +169,24 @@ class GroundPoints(Columns):
         return made(ids, np.reshape(ground, (len(ids), 3)), role, sigma_m, source, covariance)
 
 
+def join_covariances(tables: Sequence[GroundPoints]) -> np.ndarray | None:
+    """Return the covariances of several tables ``(m, 3, 3)``, NaN where one has none; None where all have none."""
+    if all(table.covariance_m2 is None for table in tables):
+        return None
+    nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
+    return np.concatenate(nothing)
+
+
+def join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[OperationUse, ...]]:
+    """Return which operation brought each point of several tables to WGS84, and all operations."""
+    operations: tuple[OperationUse, ...] = ()
+    number = []
+    for table in tables:
+        number.append(np.where(table.operation >= 0, table.operation + len(operations), -1))
+        operations += table.operations
+    return np.concatenate(number), operations
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ImagePoints(Columns):
     """Measurements of points on images, as files and matchers deliver them.

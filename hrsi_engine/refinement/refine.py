@@ -9,7 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..block.block import Image, assemble
+from ..block.assembly import assemble
+from ..block.block import Image
 from ..block.default_sigmas import DefaultSigmas
 from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC

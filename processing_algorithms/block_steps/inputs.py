@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, assemble, group_tiles
+from ...hrsi_engine.block.assembly import assemble
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, group_tiles
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs

@@ -12,7 +12,8 @@ import numpy as np
 from ...hrsi_engine.adjustment.following import Follower
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.result import Adjustment, Decision
-from ...hrsi_engine.block.block import Block, assemble
+from ...hrsi_engine.block.assembly import assemble
+from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from ...hrsi_engine.foundation.reasons import Reason

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.intersection import intersect
 from ...hrsi_engine.adjustment.observations import subset
-from ...hrsi_engine.block.block import assemble
+from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, silent

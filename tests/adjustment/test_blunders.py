@@ -9,7 +9,9 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
-from hrsi.hrsi_engine.block.block import DefaultSigmas, GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 
 

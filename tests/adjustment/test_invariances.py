@@ -20,7 +20,9 @@ from hypothesis import strategies as st
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, wrap_degrees
 from hrsi.hrsi_engine.io.point_files import read_points

@@ -14,7 +14,8 @@ from hrsi.hrsi_engine.adjustment.blunders.consensus import _nearest_planes, _par
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import discrepancies
 from hrsi.hrsi_engine.adjustment.problem import prepare
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
-from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 

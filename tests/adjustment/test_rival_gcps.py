@@ -7,7 +7,9 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import DefaultSigmas, GroundPoints, ImagePoints, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 
 ERROR_PX = 15.0

@@ -10,7 +10,8 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.refinement import MODELS

@@ -12,7 +12,9 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
-from hrsi.hrsi_engine.block.block import Block, DefaultSigmas, GroundPoints, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.block.laser import LASER_KIND
 from hrsi.hrsi_engine.block.pointing import compute_gsd_m
 from hrsi.hrsi_engine.foundation.errors import InputError

@@ -9,7 +9,8 @@ import pytest
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
-from hrsi.hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints, Role, assemble
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints, Role
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     BlockSimulation,

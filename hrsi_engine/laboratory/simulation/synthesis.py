@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ...block.block import Block, Image, Role, assemble
+from ...block.assembly import assemble
+from ...block.block import Block, Image, Role
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent, stage
 from ...ground.geodesy import metres_per_degree

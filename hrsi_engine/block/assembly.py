@@ -1,0 +1,242 @@
+"""Assembly of a block: tables of ground and image points of several files become one `Block`.
+
+Ids are resolved to indices, roles assigned, default standard deviations filled in, and contradictions reported.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..foundation.errors import InputError, list_ids
+from ..foundation.large_arrays import any_of_rows, finite_rows
+from .block import Block, Image, find_image_indices
+from .default_sigmas import DefaultSigmas
+from .names import find_unique_ids, isin, join_names
+from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart, join_covariances, join_operations
+from .similar_ids import find_similar_ids
+
+
+def assemble(
+    images: Sequence[Image],
+    ground_points: Iterable[GroundPoints],
+    image_points: Iterable[ImagePoints],
+    gcp_ids: Sequence[str] | None = None,
+    check_ids: Sequence[str] | None = None,
+    defaults: DefaultSigmas | None = None,
+) -> Block:
+    """Put images, ground points and measurements together.
+
+    A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
+    point a check point; ``check_ids`` are check points in any case, and with both given all other known points take no
+    part. Nor does a point whose role is off, unless it is named. Points that are only measured are tie points.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        The images.
+    ground_points : iterable of GroundPoints
+        Tables of known points.
+    image_points : iterable of ImagePoints
+        Tables of measurements.
+    gcp_ids, check_ids : sequence of str, optional
+        Who is control and who is not.
+    defaults : DefaultSigmas, optional
+        Standard deviations of what has none of its own.
+
+    Returns
+    -------
+    Block
+        Consistent indices; every sigma is set.
+
+    Raises
+    ------
+    InputError
+        Ids that do not exist or contradict each other.
+    """
+    defaults = defaults or DefaultSigmas()
+    image_ids = [image.id for image in images]
+    twice = sorted(name for name, count in Counter(image_ids).items() if count > 1)
+    if twice:
+        raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
+    known = _merge_ground(list(ground_points))
+    rows = _join_image_points([table for table in image_points if len(table)])
+    known, rows = _drop_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
+    if gcp_ids and check_ids:
+        known, rows = _select_points(known, rows, [*gcp_ids, *check_ids])
+    warnings: list[str] = []
+    image_index = find_image_indices(rows, images)
+    ids, point_index = find_unique_ids(rows.ids)
+    warnings += _warn_of_similar_ids(ids, rows, known)
+    measured = np.isin(known.ids, ids)
+    known, unmeasured = known.select(measured), known.select(~measured)
+    if len(unmeasured):
+        warnings.append(
+            f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured.ids)}"
+        )
+    role = _assign_roles(known, gcp_ids, check_ids)
+    points = _make_points(ids, known, role, defaults)
+    order = np.lexsort((image_index, point_index))
+    sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
+    measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
+    measurements = _drop_repetitions(measurements, ids, warnings)
+    _require_finite(measurements, ids, images)
+    unmeasured = replace(unmeasured, role=_assign_roles(unmeasured, None, None))
+    return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)
+
+
+def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints) -> list[str]:
+    """Return a warning on measured ids that have no ground point, but differ from one that has by their spelling only.
+
+    Two that are measured on the same image are two points.
+    """
+    surveyed = known.ids[finite_rows(known.ground)]
+    found = []
+    for tie, others in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
+        images = rows.image_ids[rows.ids == tie]
+        for name in others:
+            if not np.isin(images, rows.image_ids[rows.ids == name]).any():
+                found.append(f"{tie!r} ({name!r} has one)")
+    if not found:
+        return []
+    return [
+        f"measured, but without a ground point: {list_ids(found)}: ids are compared as text, so these are different "
+        "points; if two are meant to be one, give both the same id"
+    ]
+
+
+def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
+    """Concatenate tables; the same id twice must mean the same position."""
+    if not tables:
+        return GroundPoints.create([], np.empty((0, 3)))
+    merged = GroundPoints(
+        np.concatenate([t.ids for t in tables]),
+        np.concatenate([t.ground for t in tables]),
+        np.concatenate([t.role for t in tables]),
+        np.concatenate([t.sigma_m for t in tables]),
+        tables[0].source,
+        join_covariances(tables),
+        *join_operations(tables),
+    )
+    _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
+    apart = are_apart(merged.ground, merged.ground[first[inverse]])
+    if apart.any():
+        raise InputError(
+            f"ground point {list_ids(np.unique(merged.ids[apart]))} is given with different positions in "
+            f"{merged.source}: keep one"
+        )
+    return merged.select(first)
+
+
+def _join_image_points(tables: list[ImagePoints]) -> ImagePoints:
+    if not tables:
+        return ImagePoints.create([], [], np.empty((0, 2)))
+    if len(tables) == 1:
+        return tables[0]
+    columns = {
+        name: join([getattr(table, name) for table in tables])
+        for join, names in ((join_names, ("ids", "image_ids")), (np.concatenate, ("xy", "sigma_px", "kind", "quality")))
+        for name in names
+    }
+    return ImagePoints(**columns, source=tables[0].source)
+
+
+def _drop_points_off(known: GroundPoints, rows: ImagePoints, named: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
+    """Return the points without those that are off, unless they are named; these take no part, as ties neither."""
+    off = (known.role == Role.OFF) & ~np.isin(known.ids, named)
+    return (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
+
+
+def _select_points(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
+    """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
+    other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & finite_rows(known.ground)
+    return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
+
+
+def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:
+    for option, chosen in (("gcp_ids", gcp_ids), ("check_ids", check_ids)):
+        missing = sorted(set(chosen).difference(known.ids.tolist())) if chosen else []
+        if missing:
+            alike = [repr(name) for others in find_similar_ids(missing, known.ids).values() for name in others]
+            raise InputError(
+                f"`{option}` names {list_ids(missing)}, not among the measured ground points"
+                f"{f' of {known.source}' if known.source else ''}: correct the ids"
+                f"{f'; there is {list_ids(alike)}' if alike else ''}"
+            )
+    both = sorted(set(gcp_ids or ()) & set(check_ids or ()))
+    if both:
+        raise InputError(f"{list_ids(both)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
+    role = np.where(known.role == UNSET, Role.GCP, known.role)
+    if gcp_ids:
+        role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
+    if check_ids:
+        role = np.where(np.isin(known.ids, list(check_ids)), Role.CHECK, role)
+    return np.where(any_of_rows(np.isnan(known.ground)), Role.TIE, role)
+
+
+def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, defaults: DefaultSigmas) -> GroundPoints:
+    """Return one row for every measured id; unknown ones are tie points at NaN."""
+    empty = np.full((len(ids), 3, 3), np.nan) if known.covariance_m2 is not None else None
+    points = GroundPoints.create(
+        ids.tolist(), np.full((len(ids), 3), np.nan), Role.TIE, source=known.source, covariance_m2=empty
+    )
+    points = replace(points, operations=known.operations)
+    row = np.searchsorted(ids, known.ids)
+    if points.covariance_m2 is not None and known.covariance_m2 is not None:
+        _require_covariances(known)
+        points.covariance_m2[row] = known.covariance_m2
+    points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
+    points.operation[row] = known.operation
+    for column, default in enumerate((defaults.sigma_gcp_xy_m, defaults.sigma_gcp_h_m)):
+        sigma = points.sigma_m[:, column]
+        sigma[np.isnan(sigma)] = default
+    bad = ids[~(points.sigma_m > 0.0).all(axis=1)]
+    if len(bad):
+        raise InputError(
+            f"ground point {list_ids(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
+        )
+    return points
+
+
+def _require_covariances(known: GroundPoints) -> None:
+    """Raise `InputError` for a covariance that no random vector has."""
+    given = known.survey_covariance_m2()
+    given = np.where(np.isnan(given), np.eye(3), given)  # sigmas that the defaults will fill
+    open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
+    finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
+    scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
+    bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+    if len(bad):
+        raise InputError(
+            f"ground point {list_ids(bad)} has a covariance that is not positive definite: correlations must lie "
+            "between -1 and 1 and agree with each other"
+        )
+
+
+def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:
+    """Drop exact repetitions of a measurement (copied rows); genuinely repeated measurements stay."""
+    if len(rows) < 2:
+        return rows
+    same_point = (rows.point[1:] == rows.point[:-1]) & (rows.image[1:] == rows.image[:-1])
+    repeated = np.r_[False, same_point & np.all(rows.xy[1:] == rows.xy[:-1], axis=1)]
+    if not repeated.any():
+        return rows
+    warnings.append(
+        f"{repeated.sum()} image points are given twice and used once: {list_ids(ids[rows.point[repeated]])}"
+    )
+    return rows.select(~repeated)
+
+
+def _require_finite(rows: Measurements, ids: np.ndarray, images: Sequence[Image]) -> None:
+    bad = ~(finite_rows(rows.xy) & (rows.sigma_px > 0.0))
+    if bad.any():
+        first = np.flatnonzero(bad)[0]
+        raise InputError(
+            f"point {ids[rows.point[first]]!s} on image {images[rows.image[first]].id} has sample, line "
+            f"{rows.xy[first].tolist()} and sigma {rows.sigma_px[first]}: numbers are needed, and a sigma above 0"
+        )
