@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from osgeo import gdal, ogr, osr
 from rasterio.control import GroundControlPoint
 
-from hrsi.hrsi_engine.block.block import UNSET, Role
+from hrsi.hrsi_engine.block.points import UNSET, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import POINT_READERS, read_points
 
