@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hrsi.hrsi_engine.io.safety.content_marks import WHOLE_BYTES, content_mark
+from hrsi.hrsi_engine.io.safety.content_marks import CONTENT_SAMPLING, content_mark
 
 HEADER = (
     "ENVI\nsamples = {side}\nlines = {side}\nbands = 1\nheader offset = 0\nfile type = ENVI Standard\n"
@@ -42,7 +42,7 @@ def main() -> int:
     """Print the table."""
     print("| image | bytes | state | wall s | CPU s |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="hrsi-content-marks-") as folder:
-        for side in (int((WHOLE_BYTES / 2) ** 0.5) // 40 * 40 - 40, 40_000):
+        for side in (int((CONTENT_SAMPLING.whole_bytes / 2) ** 0.5) // 40 * 40 - 40, 40_000):
             path = Path(folder) / f"image_{side}.img"
             write(path, side)
             for state in ("cold", "warm", "warm"):

@@ -18,9 +18,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
+from .thresholds import threshold, thresholds
+
 _ENDINGS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
-_AGAIN_S = 0.05  # until an exception that was swallowed is raised again
-_PATIENCE_S = 2.0  # for which further signals are taken for the same one
+
+
+@thresholds
+class SignalThresholds:
+    """How signals that end a program are repeated and held together."""
+
+    again_s: float = threshold(0.05, "s", "time until an exception that was swallowed is raised again")
+    same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
+
+
+PATIENCE = SignalThresholds()
 
 
 class Terminated(KeyboardInterrupt):
@@ -123,14 +134,14 @@ def _raise(number: int, _frame: FrameType | None) -> None:
     if _State.raised_at is None:
         _State.number, _State.raised_at = number, time.monotonic()
         raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
-    if time.monotonic() > _State.raised_at + _PATIENCE_S:  # what cleans up takes too long for the user
+    if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # what cleans up takes too long for the user
         _quit(number, _frame)
 
 
 def _raise_again() -> None:
     """Raise the exception of the signal again, soon, in the main thread, from where it was lost."""
     _State.raised_at = None
-    again = threading.Timer(_AGAIN_S, signal.raise_signal, [_State.number])
+    again = threading.Timer(PATIENCE.again_s, signal.raise_signal, [_State.number])
     again.daemon = True
     again.start()
 

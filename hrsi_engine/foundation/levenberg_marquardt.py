@@ -12,8 +12,8 @@ solves. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain,
    not bring the cost down, in great leaps, to below where it began.
 3. `converged` means at the minimum: twice the decrease that the undamped step promises is g' N^-1 g, the square of the
    distance to the minimum in standard deviations: no linear function of the unknowns is farther from its value there
-   by more of its own sigmas. The descent ends where the distance is `DESCENT_DONE`; where the steps are used up,
-   `DESCENT_NEAR` will do.
+   by more of its own sigmas. The descent ends where the distance is `DESCENT.done_sigma`; where the steps are used up,
+   `DESCENT.near_sigma` will do.
 """
 
 from __future__ import annotations
@@ -24,18 +24,32 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-FIRST_DAMPING = 1e-4  # of the diagonal, after the first refused step
-LEAST_DAMPING = 1e-10  # once there was any
-RAISED = 4.0  # of the damping after a refused step, twice as much after every further one
-LOWERED = 0.1  # of the damping after a step that did not need it
-UNIMPORTANT = 0.1  # share of the damping in a step
-MOST_DAMPING = 1e8
-LOOK_AHEAD = 2  # steps after one that raises the cost, before it is refused
-GREAT_LEAP = 0.5  # what such a step must leave of the cost at most
-DESCENT_DONE = 1e-4  # distance to the minimum, in standard deviations (sigma0 included), that is none
-DESCENT_NEAR = 1e-2  # distance that is small enough after the last step
+from .thresholds import threshold, thresholds
+
+
+@thresholds
+class DescentThresholds:
+    """Damping and convergence of the descent."""
+
+    first_damping: float = threshold(1e-4, "", "damping after the first refused step, relative to the diagonal")
+    least_damping: float = threshold(1e-10, "", "smallest damping once there was any")
+    most_damping: float = threshold(1e8, "", "damping beyond which the descent is stuck")
+    raised: float = threshold(
+        4.0, "", "factor of the damping after a refused step, twice as much after every further one"
+    )
+    lowered: float = threshold(0.1, "", "factor of the damping after a step that did not need it")
+    unimportant_share: float = threshold(0.1, "", "share of the damping in a step below which the step did not need it")
+    look_ahead: int = threshold(2, "steps", "steps after one that raises the cost, before it is refused")
+    great_leap: float = threshold(0.5, "", "share of the cost that such a step may leave at most")
+    done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum (sigma0 included) that counts as none")
+    near_sigma: float = threshold(1e-2, "sigma", "distance that is small enough after the last step")
+    rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")
+
+
+DESCENT = DescentThresholds()
+
+
 CONVERGED = "converged"  # the status of a minimum
-ROUNDING = 1e-9  # relative change of the cost that is no rise
 
 
 class Place(Protocol):
@@ -97,7 +111,7 @@ def descend(
     """
     best = at = start
     del start  # a place may be large, and where a descent began is not needed again
-    damping, needed, growth, astray = 0.0, FIRST_DAMPING, RAISED, 0
+    damping, needed, growth, astray = 0.0, DESCENT.first_damping, DESCENT.raised, 0
     promised = np.inf
     for number in range(1, most + 1):
         if number == most:  # how far the minimum is only an undamped step tells
@@ -105,30 +119,30 @@ def descend(
         taken = step(at, damping)
         if at is best:
             promised, braked = taken.promised, taken.braked
-        fell = taken.ahead.cost <= best.cost * (1.0 + ROUNDING) + 1e-12
-        enough = max(0.5 * DESCENT_DONE**2 * variance(best), tolerance * best.cost)
+        fell = taken.ahead.cost <= best.cost * (1.0 + DESCENT.rounding_share) + 1e-12
+        enough = max(0.5 * DESCENT.done_sigma**2 * variance(best), tolerance * best.cost)
         done = at is best and promised <= enough and (number > 1 or weighed is None)
         if done and damping == 0.0:
             return Descent(taken.ahead if fell else best, True, CONVERGED, number)
         if number == most:
-            near = promised <= 0.5 * DESCENT_NEAR**2 * variance(best)
+            near = promised <= 0.5 * DESCENT.near_sigma**2 * variance(best)
             said = CONVERGED if near else f"stopped at the iteration limit, {_apart(promised, variance(best))}"
             return Descent(taken.ahead if fell else best, near, said, most)
         if fell:
             came = (best.cost - taken.ahead.cost) / max(promised - braked, 1e-300)
             best = at = weighed(taken.ahead) if weighed else taken.ahead
-            astray, growth = 0, RAISED
+            astray, growth = 0, DESCENT.raised
             if damping:
                 # a damped step promises little everywhere, so where it is little the next one is not damped
-                needed = max(_lower(damping, came, braked / max(promised, 1e-300)), LEAST_DAMPING)
+                needed = max(_lower(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping)
                 damping = 0.0 if done else needed
-        elif astray < LOOK_AHEAD and taken.ahead.cost < (GREAT_LEAP * at.cost if astray else np.inf):
+        elif astray < DESCENT.look_ahead and taken.ahead.cost < (DESCENT.great_leap * at.cost if astray else np.inf):
             at, astray = taken.ahead, astray + 1
         else:
             at, astray = best, 0
             damping = needed = growth * damping if damping else needed
             growth *= 2.0
-            if damping > MOST_DAMPING:
+            if damping > DESCENT.most_damping:
                 return Descent(best, False, f"no step lowers the cost, {_apart(promised, variance(best))}", number)
     raise AssertionError("a descent has one step at least")
 
@@ -140,9 +154,9 @@ def _lower(damping: float, came: float, share: float) -> float:
     promised. Where the damping did not matter it goes; where it did, 2 - came is the curvature of the cost along the
     step over that of the damped equations (1: they are just right, as where residuals are large).
     """
-    if share < UNIMPORTANT:
-        return LOWERED * damping
-    return damping * float(np.clip(2.0 - came, LOWERED, 1.5))
+    if share < DESCENT.unimportant_share:
+        return DESCENT.lowered * damping
+    return damping * float(np.clip(2.0 - came, DESCENT.lowered, 1.5))
 
 
 def _apart(promised: float, variance: float) -> str:

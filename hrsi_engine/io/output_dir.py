@@ -22,7 +22,7 @@ from .opening.json_files import read_json
 from .opening.virtual_files import VIRTUAL, remove_virtual, virtual_status, write_virtual
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.leftovers import temporary_folder
-from .safety.replacing import COPY_BYTES, remove_write_ahead_log
+from .safety.replacing import REPLACING, remove_write_ahead_log
 from .safety.transactions import Transaction, finish_interrupted
 
 _REPORT = "report.json"
@@ -242,4 +242,4 @@ def _report_last(folder: Path) -> list[Path]:
 def _copy_to_virtual(local: Path, folder: str) -> None:
     for file in _report_last(local):
         with open(file, "rb") as source:
-            write_virtual(f"{folder}/{file.name}", iter(lambda: source.read(COPY_BYTES), b""))
+            write_virtual(f"{folder}/{file.name}", iter(lambda: source.read(REPLACING.copy_bytes), b""))

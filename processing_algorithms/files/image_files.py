@@ -8,10 +8,19 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.images import image_id, open_image_and_source, pixel_doubt
 from ..interface.declare import Context
 
-MOST_LINES = 20  # of a large block only the images with several RPCs are told
+
+@thresholds
+class ImageLogThresholds:
+    """Which images are told in the log."""
+
+    images: int = threshold(20, "images", "of a larger block only images with several RPCs are told")
+
+
+IMAGE_LOG = ImageLogThresholds()
 
 
 def open_images(paths: Sequence[str], log: Callable[[str], None], always: bool = True) -> list[Image]:
@@ -23,7 +32,7 @@ def open_images(paths: Sequence[str], log: Callable[[str], None], always: bool =
     images = []
     for path in paths:
         image, found = open_image_and_source(path)
-        if found.ignored or (always and len(paths) <= MOST_LINES):
+        if found.ignored or (always and len(paths) <= IMAGE_LOG.images):
             log(f"{image.id}: {found.summary}")
         images.append(image)
     return images

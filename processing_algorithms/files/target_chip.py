@@ -6,10 +6,19 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.drawing.target_chips import TargetChip
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_target
 
-CHIP_MARGIN_PX = 8.0
-SAME_TARGET_PX = 3.0  # a target found farther from a measurement is another one
+
+@thresholds
+class TargetChipThresholds:
+    """What a picture of a target shows."""
+
+    margin_px: float = threshold(8.0, "px", "margin around the target")
+    same_target_px: float = threshold(3.0, "px", "a target found farther from a measurement is another one")
+
+
+TARGET_CHIP = TargetChipThresholds()
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
@@ -18,7 +27,7 @@ def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Ras
     middle = approximate if made.refusal else made.xy
     if raster is not None and middle is not None:
         shown = np.vstack([made.edges, middle[None]])
-        margin = CHIP_MARGIN_PX if len(made.edges) else 3.0 * CHIP_MARGIN_PX
+        margin = TARGET_CHIP.margin_px if len(made.edges) else 3.0 * TARGET_CHIP.margin_px
         low = np.maximum(np.floor(shown.min(axis=0) - margin), 0).astype(int)
         high = np.minimum(np.ceil(shown.max(axis=0) + margin) + 1, raster.size).astype(int)
         if np.all(high > low):
@@ -32,5 +41,5 @@ def find_outline(image: Image, measured_px: np.ndarray) -> tuple[np.ndarray, ...
     if image.raster is None:
         return ()
     made = measure_target(image.raster, measured_px, "center")
-    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < SAME_TARGET_PX
+    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < TARGET_CHIP.same_target_px
     return made.curves if found else ()

@@ -8,9 +8,21 @@ from collections.abc import Callable, Iterable
 
 from ...hrsi_engine.foundation.dates import run_date
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 
 _WARNING = re.compile(r"warning: ?", re.IGNORECASE)
-_STEP = 0.05  # of the work, after which progress is worth a line though the message is the same
+
+
+@thresholds
+class LogThresholds:
+    """What of the progress is logged."""
+
+    step_share: float = threshold(0.05, "", "progress that is worth a line though the message is the same")
+
+
+LOG = LogThresholds()
+
+
 _HEAD_BYTES = 4096
 _OWN_LINE = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ [A-Z]+ ")
 _RPC = re.compile(rb"LINE_?OFF", re.IGNORECASE)
@@ -48,7 +60,7 @@ class RunLog:
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Append how far the work is, where that is news."""
-        if message not in ("", self._message) or fraction >= self._told + _STEP:
+        if message not in ("", self._message) or fraction >= self._told + LOG.step_share:
             self._told, self._message = max(fraction, self._told), message or self._message
             self.write("PROGRESS", f"{100 * self._told:.0f} % {self._message}")
         return True

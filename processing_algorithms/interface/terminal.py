@@ -7,10 +7,26 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol, TextIO
 
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+
 _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
-_REDRAW_S = 0.1  # a line is drawn again not more often
-_FORESEEN = 0.02, 3.0  # share and seconds of the work from which the rest is foreseen
-_LEAST_COLUMNS, _LEAST_BAR, _MOST_BAR = 20, 6, 30
+
+
+@thresholds
+class LiveLineThresholds:
+    """When and how wide the live line of progress is drawn."""
+
+    redraw_s: float = threshold(0.1, "s", "least time between two drawings")
+    foreseen_share: float = threshold(0.02, "", "share of the work from which the rest is foreseen")
+    foreseen_s: float = threshold(3.0, "s", "time of work from which the rest is foreseen")
+    least_columns: int = threshold(20, "characters", "narrowest line")
+    least_bar: int = threshold(6, "characters", "narrowest bar; below, there is none")
+    most_bar: int = threshold(30, "characters", "widest bar")
+
+
+LIVE_LINE = LiveLineThresholds()
+
+
 _REST_COLUMNS = len(" 59:59 min left")
 
 
@@ -123,14 +139,14 @@ class LiveTerminal(TerminalProgress):
         self._columns = columns or (lambda: _columns_of(stream))
         self._now = now
         self._start = now()
-        self._drawn_at = -_REDRAW_S
+        self._drawn_at = -LIVE_LINE.redraw_s
         self._furthest, self._message, self._drawn = 0.0, "", ""
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Draw the line again, but not all too often; the bar never goes back."""
         self._furthest = min(max(fraction, self._furthest), 1.0)
         changed, self._message = message not in ("", self._message), message or self._message
-        if changed or self._now() - self._drawn_at >= _REDRAW_S:
+        if changed or self._now() - self._drawn_at >= LIVE_LINE.redraw_s:
             self._draw()
         return True
 
@@ -166,14 +182,13 @@ class LiveTerminal(TerminalProgress):
 
 def progress_line(message: str, fraction: float, elapsed_s: float, columns: int) -> str:
     """Return one line of progress that fits in a number of columns: message, bar, share, time that remains."""
-    columns = max(columns, _LEAST_COLUMNS) - 1  # a full line would break
-    least_share, least_s = _FORESEEN
+    columns = max(columns, LIVE_LINE.least_columns) - 1  # a full line would break
     rest = ""
-    if fraction >= least_share and elapsed_s >= least_s:
+    if fraction >= LIVE_LINE.foreseen_share and elapsed_s >= LIVE_LINE.foreseen_s:
         rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
     tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
-    bar = min(_MOST_BAR, (columns - len(tail)) // 3)
-    if bar >= _LEAST_BAR:
+    bar = min(LIVE_LINE.most_bar, (columns - len(tail)) // 3)
+    if bar >= LIVE_LINE.least_bar:
         done = int(fraction * bar + 1e-9)
         tail = f"[{'#' * done}{'.' * (bar - done)}] {tail}"
     room = columns - len(tail) - 1

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,7 +191,7 @@ def test_a_spreadsheet_that_unfolds_without_end(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "points.xlsx"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/worksheets/sheet1.xml", b"\0" * (21 * budgets.MIB))
-    monkeypatch.setattr(budgets, "LARGEST_UNFOLDED", 20 * budgets.MIB)
+    monkeypatch.setattr(budgets, "FILE_BUDGETS", replace(budgets.FILE_BUDGETS, unfolded_bytes=20 * budgets.MIB))
     with pytest.raises(InputError, match=r"points.xlsx: unfolds to 21 MiB"):
         read_points(str(path))
 

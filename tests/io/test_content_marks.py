@@ -7,6 +7,7 @@ import shutil
 import time
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,14 +83,14 @@ def test_what_belongs_to_an_image_is_seen(tmp_path: Path, grey: np.ndarray, chan
 
 def test_large_files_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """What is longer than the distance of two samples is seen by content, a single byte by the record's own time."""
-    monkeypatch.setattr(content_marks, "WHOLE_BYTES", 2**20)
-    monkeypatch.setattr(content_marks, "SAMPLES", 64)
+    sampling = replace(content_marks.CONTENT_SAMPLING, whole_bytes=2**20, blocks=64)
+    monkeypatch.setattr(content_marks, "CONTENT_SAMPLING", sampling)
     path, size = tmp_path / "large.bin", 16 * 2**20
     content = np.random.default_rng(4).integers(0, 256, size).astype(np.uint8)
     content.tofile(path)
     places = content_marks.places_of(size)
     starts = np.sort([start for start, _ in places])
-    assert np.diff(starts).max() <= 2 * size / content_marks.SAMPLES
+    assert np.diff(starts).max() <= 2 * size / content_marks.CONTENT_SAMPLING.blocks
     monkeypatch.setattr(content_marks, "_times", lambda _file: b"")  # no time tells anything
     before = content_mark(str(path))
     for start in (0, 5_000_000, size - 600_000):
@@ -100,7 +101,8 @@ def test_large_files_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         content.tofile(path)
         assert content_mark(str(path)) == before
     monkeypatch.undo()
-    monkeypatch.setattr(content_marks, "WHOLE_BYTES", 2**20)
+    sampling = replace(content_marks.CONTENT_SAMPLING, whole_bytes=2**20)
+    monkeypatch.setattr(content_marks, "CONTENT_SAMPLING", sampling)
     before, status = content_mark(str(path)), os.stat(path)
     with path.open("r+b") as file:
         file.seek(5_000_001)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,8 +79,8 @@ def test_a_copy_of_the_folder_keeps_them(folder: Path, tmp_path: Path) -> None:
 def test_an_edit_of_the_layer_is_noticed(folder: Path, sampled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of large files only samples are read: the count of changes in SQLite's first bytes is among them."""
     if sampled:
-        monkeypatch.setattr(content_marks, "WHOLE_BYTES", 0)
-        monkeypatch.setattr(content_marks, "SAMPLES", 1)
+        sampling = replace(content_marks.CONTENT_SAMPLING, whole_bytes=0, blocks=1)
+        monkeypatch.setattr(content_marks, "CONTENT_SAMPLING", sampling)
         points = read_points(f"{folder}/{LAYER}").image
         assert points is not None
         write_columns(str(folder), points)

@@ -13,7 +13,7 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.opening.budgets import LEAST_SCALES, MOST_COEFFICIENT, RPC_RANGES
+from hrsi.hrsi_engine.io.opening.budgets import LEAST_SCALES, RPC_BUDGETS, RPC_RANGES
 from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, geom, read_rpc, rpb, rpc_txt, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 
@@ -21,7 +21,7 @@ WITHIN = [
     st.floats(*RPC_RANGES[name]).filter(lambda value, name=name: abs(value) >= LEAST_SCALES.get(name, 0.0))
     for name in SCALARS
 ]
-COEFFICIENT = st.floats(-MOST_COEFFICIENT, MOST_COEFFICIENT)
+COEFFICIENT = st.floats(-RPC_BUDGETS.coefficient, RPC_BUDGETS.coefficient)
 COEFFICIENTS = st.lists(COEFFICIENT, min_size=20, max_size=20)
 DENOMINATOR = st.tuples(st.floats(1e-3, 1e3), st.lists(st.floats(-1.0, 1.0), min_size=19, max_size=19)).map(
     lambda parts: [parts[0], *parts[1]]

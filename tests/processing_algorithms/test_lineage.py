@@ -11,6 +11,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +92,7 @@ def test_input_has_its_crs_and_side_files(scene: Path, tmp_path: Path) -> None:
 
 
 def test_large_file_is_sampled_and_a_change_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lineage, "WHOLE_BYTES", 2**20)
+    monkeypatch.setattr(lineage, "CONTENT_SAMPLING", replace(lineage.CONTENT_SAMPLING, whole_bytes=2**20))
     path = tmp_path / "large.bin"
     content = bytearray(os.urandom(24 * 2**20))
     path.write_bytes(content)

@@ -1,8 +1,8 @@
 """What a result was made from, by what and when: the entries of a report that let a run be followed and repeated.
 
-An input is known by the SHA-256 of its content. Of a file beyond `WHOLE_BYTES`, and of all that come when `ALL_BYTES`
-have been read, only its beginning, its end and blocks spread over it are hashed (`content_marks` says which): that sees
-another image under the same name, and not every changed pixel.
+An input is known by the SHA-256 of its content. Of a file beyond `ContentSampling.whole_bytes`, and of all that come
+when `LineageBudgets.all_bytes` have been read, only its beginning, its end and blocks spread over it are hashed
+(`content_marks` says which): that sees another image under the same name, and not every changed pixel.
 """
 
 from __future__ import annotations
@@ -18,14 +18,27 @@ from typing import Any
 from osgeo import gdal, osr
 
 from ...foundation.dates import run_date
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.version import VERSION
 from ..opening.datasets import metadata_of, open_dataset, quiet
 from ..opening.virtual_files import virtual_status
-from ..safety.content_marks import WHOLE_BYTES, places_of, read_places
+from ..safety.content_marks import CONTENT_SAMPLING, places_of, read_places
 from .versions import versions
 
-ALL_BYTES = 2**30
-MOST_LISTED = 10_000  # files of a folder among the inputs
+
+@thresholds
+class LineageBudgets:
+    """How much of the inputs is read for their hashes."""
+
+    all_bytes: int = threshold(
+        2**30, "byte", "when this is read, further files are known by parts only", "some seconds"
+    )
+    files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
+
+
+LINEAGE = LineageBudgets()
+
+
 #: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.
 _TEXTS = ("_rpc.txt", ".csv")
 #: Vector formats whose CRS is known from opening them, which reads no rows.
@@ -105,7 +118,7 @@ def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
             if (real := os.path.realpath(path)) in seen:
                 continue
             seen.add(real)
-            entry = {"option": option, **file_entry(path, whole=read < ALL_BYTES), "crs": crs}
+            entry = {"option": option, **file_entry(path, whole=read < LINEAGE.all_bytes), "crs": crs}
             read += entry["size"] or 0
             entries.append(entry)
     return entries
@@ -118,7 +131,7 @@ def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
         size, time = (None, None) if status is None else (status.size, status.mtime)
         return {"path": path, "size": size, "modified": _iso(time), "sha256": None, "sampled_sha256": None}
     status = os.stat(path)
-    whole = whole and status.st_size <= WHOLE_BYTES
+    whole = whole and status.st_size <= CONTENT_SAMPLING.whole_bytes
     with open(path, "rb", buffering=0) as file:
         state = hashlib.sha256()
         for block in read_places(file, [(0, status.st_size)] if whole else places_of(status.st_size)):
@@ -141,7 +154,7 @@ def _files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
     """
     for path in paths:
         if os.path.isdir(path):
-            names = sorted(os.path.join(path, name) for name in os.listdir(path))[:MOST_LISTED]
+            names = sorted(os.path.join(path, name) for name in os.listdir(path))[: LINEAGE.files_of_folder]
             yield from ((name, None) for name in names if _is_readable(name))
         elif path.startswith("/vsi"):
             if virtual_status(path) is not None:

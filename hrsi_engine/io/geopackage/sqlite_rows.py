@@ -11,11 +11,22 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from ...foundation import compiled_code
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.sql import insert_text
 from .layer_words import Column
 from .sqlite_pages import Pages, can_have_pages
 
-WORTH_COMPILED_CODE = 20_000  # rows; fewer are written before the compiled loop is loaded
+
+@thresholds
+class RowWritingThresholds:
+    """Which way rows are written into a layer."""
+
+    compiled_rows: int = threshold(20_000, "rows", "fewer are written before the compiled loop is loaded", "measured")
+
+
+ROW_WRITING = RowWritingThresholds()
+
+
 _REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
 
 
@@ -88,6 +99,6 @@ def rows_of_new_file(path: str, database: sqlite3.Connection, count: int, column
     count : number of rows
     columns : as the table has
     """
-    if compiled_code.is_wanted(count >= WORTH_COMPILED_CODE) and can_have_pages(path, columns):
+    if compiled_code.is_wanted(count >= ROW_WRITING.compiled_rows) and can_have_pages(path, columns):
         return Pages(path, database)
     return PythonRows(database)

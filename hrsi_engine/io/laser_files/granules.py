@@ -17,12 +17,23 @@ from osgeo import gdal
 
 from ...block.laser import LaserPoints
 from ...foundation.errors import InputError
-from ..opening.budgets import MOST_LASER_POINTS
+from ...foundation.thresholds import threshold, thresholds
+from ..opening.budgets import FILE_BUDGETS
 from ..opening.datasets import gdal_messages, quiet
 
 HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
-NO_VALUE = 1e30  # the products fill with 3.4e38 or -9999
-LOWEST_FILL = -9990.0
+
+
+@thresholds
+class GranuleFillThresholds:
+    """Which numbers of a granule stand for no value."""
+
+    largest: float = threshold(1e30, "m", "largest value", "the products fill with 3.4e38")
+    lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")
+
+
+GRANULE_FILL = GranuleFillThresholds()
+
 
 #: A beam's arrays by our names, as far as the granule has them.
 BeamArrays = Mapping[str, np.ndarray]
@@ -150,7 +161,7 @@ def _read(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     if array is None:
         return None
     size = int(np.prod([dimension.GetSize() for dimension in array.GetDimensions()], dtype=np.float64))
-    if size > MOST_LASER_POINTS:
+    if size > FILE_BUDGETS.laser_values:
         raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: get it again")
     values = None
     with gdal_messages() as messages:
@@ -158,7 +169,7 @@ def _read(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     if values is None:
         raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): get it again")
     numbers = np.asarray(values, dtype=np.float64)
-    return np.where((np.abs(numbers) > NO_VALUE) | (numbers < LOWEST_FILL), np.nan, numbers)
+    return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GRANULE_FILL.lowest), np.nan, numbers)
 
 
 def _joined(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:

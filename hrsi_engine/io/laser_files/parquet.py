@@ -10,7 +10,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
-from ..opening.budgets import MOST_LASER_POINTS
+from ..opening.budgets import FILE_BUDGETS
 from ..point_files.columns import NUMBER_FIELDS, match_fields
 from ..point_files.table import PointTable
 
@@ -30,7 +30,7 @@ def read_parquet(path: str) -> PointTable:
         ) from None
     try:
         file = parquet.ParquetFile(path)
-        if file.metadata.num_rows > MOST_LASER_POINTS:
+        if file.metadata.num_rows > FILE_BUDGETS.laser_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
                              "get it again")  # fmt: skip
         geo = _geo(path, file.schema_arrow.metadata or {})

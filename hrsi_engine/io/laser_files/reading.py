@@ -9,7 +9,7 @@ import numpy as np
 
 from ...block.laser import LaserPoints
 from ...foundation.errors import InputError
-from ..opening.budgets import HIGHEST_M, LOWEST_M
+from ..opening.budgets import GROUND_HEIGHTS
 from ..point_files.find import point_reader_of, split_spec
 from ..point_files.positions import Reference, ground_positions, has_positions
 from ..point_files.table import PointTable
@@ -119,7 +119,7 @@ def _tracks(table: PointTable) -> np.ndarray:
 
 def _checked(points: LaserPoints) -> LaserPoints:
     """Return the points with a doubt where a height can be none; raise `InputError` where all are like that."""
-    wrong = (points.ground[:, 2] < LOWEST_M) | (points.ground[:, 2] > HIGHEST_M)
+    wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
     if not len(points) or wrong.all():
         raise InputError(f"{points.source}: none of its points has a height that is on the ground: get it again")
     doubt = np.where(wrong & (points.doubt == ""), NO_GROUND, points.doubt)

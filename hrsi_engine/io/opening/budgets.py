@@ -20,46 +20,144 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from .virtual_files import virtual_status
 
 MIB = 2**20
+
+
+@thresholds
+class FileBudgets:
+    """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
+
+    rpc_bytes: int = threshold(
+        32 * MIB,
+        "byte",
+        "largest RPC file that is read",
+        "the largest vendor XML known, with ephemeris and attitudes, has about 2 MB",
+    )
+    points_bytes: int = threshold(
+        256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
+    )
+    matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
+    report_bytes: int = threshold(
+        128 * MIB, "byte", "largest report", "a report of ten thousand images and points has some 20 MB"
+    )
+    items_bytes: int = threshold(
+        256 * MIB,
+        "byte",
+        "largest file of STAC items",
+        "an item with its RPC has some 10 kB: as many images as a block can have",
+    )
+    names_bytes: int = threshold(32 * MIB, "byte", "largest list of images")
+    journal_bytes: int = threshold(256 * MIB, "byte", "largest journal of points measured by hand")
+    result_bytes: int = threshold(2048 * MIB, "byte", "largest result of one finished part of a search")
+    laser_values: int = threshold(
+        50_000_000,
+        "values",
+        "most values of an array of laser heights",
+        "a granule of GEDI has some 2e5 shots with 101 heights each",
+    )
+    line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
+    text_characters: int = threshold(
+        4096, "characters", "longest id or name of an image", "paths and signed addresses fit"
+    )
+    plain_text_characters: int = threshold(64, "characters", "names up to this length may stand in any number of rows")
+    wide_text_bytes: int = threshold(
+        512 * MIB, "byte", "largest column of longer texts", "NumPy gives every row the width of the longest"
+    )
+    unfolded_bytes: int = threshold(2048 * MIB, "byte", "largest sum of a spreadsheet's parts")
+
+
+FILE_BUDGETS = FileBudgets()
 #: Bytes of files that are read as a whole, by what they hold.
 MOST_BYTES = {
-    "RPC": 32 * MIB,  # the largest vendor XML known (with ephemeris and attitude lists) has about 2 MB
-    "points": 256 * MIB,  # text of which every line becomes objects: some millions of points
-    "matches": 2048 * MIB,  # binary records
-    "report": 128 * MIB,  # of ten thousand images and points: some 20 MB
-    "items": 256 * MIB,  # a STAC item with its RPC has some 10 kB: as many images as a block can have
-    "names": 32 * MIB,  # a list of images
-    "journal": 256 * MIB,  # of what somebody measured by hand, point by point
-    "result": 2048 * MIB,  # of one finished part of a search
-}
-MOST_LASER_POINTS = 50_000_000  # values of an array: a granule of GEDI has some 2e5 shots with 101 heights each
-LONGEST_LINE = 4 * MIB  # characters of a line of text
-LONGEST_TEXT = 4096  # characters of an id or an image's name: paths and signed addresses fit
-PLAIN_TEXT = 64  # characters that names may have in any number
-WIDE_TEXT_BYTES = 512 * MIB  # of a column of longer ones: NumPy gives every row the width of the longest
-LARGEST_UNFOLDED = 2048 * MIB  # of a spreadsheet's parts
+    "RPC": FILE_BUDGETS.rpc_bytes, "points": FILE_BUDGETS.points_bytes, "matches": FILE_BUDGETS.matches_bytes,
+    "report": FILE_BUDGETS.report_bytes, "items": FILE_BUDGETS.items_bytes, "names": FILE_BUDGETS.names_bytes,
+    "journal": FILE_BUDGETS.journal_bytes, "result": FILE_BUDGETS.result_bytes,
+}  # fmt: skip
 
-MOST_SIDE_PX, MOST_PIXELS = 4_000_000, 4 * 10**11  # a mosaic of the world at 60 m; a scene has some 1e10
-PIXELS_PER_BYTE, EMPTY_PIXELS = 10_000, 2 * 10**8  # no compression but emptiness comes to more; small files may
-LARGEST_BLOCK_BYTES = 1024 * MIB  # pixels that a format can give only together
 
-LOWEST_M, HIGHEST_M = -12_000.0, 9_000.0  # of the ground: the deepest trench, the highest mountain, and a datum's error
-NO_DATA_M = -9999.0  # what files mean by "no height" that do not declare it; no ground that images show is so deep
-#: Of an RPC: what its offsets and scales can be; longitudes count to 360 or around the date line.
+@thresholds
+class RasterBudgets:
+    """What a raster may claim to be."""
+
+    side_px: int = threshold(4_000_000, "px", "longest side", "a mosaic of the world at 10 m")
+    pixels: int = threshold(4 * 10**11, "px", "most pixels", "a mosaic of the world at 60 m; a scene has some 1e10")
+    pixels_per_byte: int = threshold(
+        10_000, "px/byte", "most pixels for a byte on the disk", "no compression but emptiness comes to more"
+    )
+    empty_pixels: int = threshold(2 * 10**8, "px", "rasters up to this size may be empty")
+    block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that a format gives only together")
+    cell_m: tuple[float, float] = threshold(
+        (1e-3, 1e6), "m", "shortest and longest side of a cell of a DEM or orthoimage"
+    )
+
+
+RASTER_BUDGETS = RasterBudgets()
+
+
+@thresholds
+class GroundHeights:
+    """Which heights ground on Earth can have."""
+
+    lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
+    highest_m: float = threshold(9_000.0, "m", "greatest height", "the highest mountain and the error of a datum")
+    no_data_m: float = threshold(
+        -9999.0,
+        "m",
+        "height that stands for none in files that do not declare it",
+        "no ground that images show is so deep",
+    )
+
+
+GROUND_HEIGHTS = GroundHeights()
+
+
+@thresholds
+class RpcBudgets:
+    """Which offsets, scales and coefficients an RPC can have."""
+
+    image_px: float = threshold(
+        1e8, "px", "largest offset and scale of samples and lines, and largest sample or line of a point"
+    )
+    lat_off_deg: float = threshold(90.0, "deg", "largest latitude offset", "the pole")
+    long_off_deg: float = threshold(
+        540.0, "deg", "largest longitude offset", "longitudes count to 360 or around the date line"
+    )
+    lat_scale_deg: float = threshold(180.0, "deg", "largest latitude scale", "from pole to pole")
+    long_scale_deg: float = threshold(360.0, "deg", "largest longitude scale", "a whole turn")
+    height_m: float = threshold(1e5, "m", "largest height offset and scale")
+    least_image_scale_px: float = threshold(1e-3, "px", "smallest scale of samples and lines")
+    least_ground_scale_deg: float = threshold(1e-9, "deg", "smallest scale of latitudes and longitudes")
+    least_height_scale_m: float = threshold(1e-3, "m", "smallest scale of heights")
+    denominator: float = threshold(
+        1e3,
+        "",
+        "largest coefficient of a denominator relative to its constant term",
+        "the constant term is 1 in the files of all vendors; beyond, the denominator would pass zero",
+    )
+    coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
+
+
+RPC_BUDGETS = RpcBudgets()
+
+
+_IMAGE, _HEIGHT = (-RPC_BUDGETS.image_px, RPC_BUDGETS.image_px), (-RPC_BUDGETS.height_m, RPC_BUDGETS.height_m)
+#: Of an RPC: what its offsets and scales can be.
 RPC_RANGES = {
-    "line_off": (-1e8, 1e8), "samp_off": (-1e8, 1e8), "lat_off": (-90.0, 90.0), "long_off": (-540.0, 540.0),
-    "height_off": (-1e5, 1e5), "line_scale": (-1e8, 1e8), "samp_scale": (-1e8, 1e8), "lat_scale": (-180.0, 180.0),
-    "long_scale": (-360.0, 360.0), "height_scale": (-1e5, 1e5),
+    "line_off": _IMAGE, "samp_off": _IMAGE, "height_off": _HEIGHT,
+    "lat_off": (-RPC_BUDGETS.lat_off_deg, RPC_BUDGETS.lat_off_deg),
+    "long_off": (-RPC_BUDGETS.long_off_deg, RPC_BUDGETS.long_off_deg),
+    "line_scale": _IMAGE, "samp_scale": _IMAGE, "height_scale": _HEIGHT,
+    "lat_scale": (-RPC_BUDGETS.lat_scale_deg, RPC_BUDGETS.lat_scale_deg),
+    "long_scale": (-RPC_BUDGETS.long_scale_deg, RPC_BUDGETS.long_scale_deg),
 }  # fmt: skip
 LEAST_SCALES = {
-    "line_scale": 1e-3, "samp_scale": 1e-3, "lat_scale": 1e-9, "long_scale": 1e-9, "height_scale": 1e-3,
+    "line_scale": RPC_BUDGETS.least_image_scale_px, "samp_scale": RPC_BUDGETS.least_image_scale_px,
+    "lat_scale": RPC_BUDGETS.least_ground_scale_deg, "long_scale": RPC_BUDGETS.least_ground_scale_deg,
+    "height_scale": RPC_BUDGETS.least_height_scale_m,
 }  # fmt: skip
-MOST_DENOMINATOR = 1e3  # times the constant term, which is 1 in the files of all vendors: beyond, it would pass zero
-MOST_COEFFICIENT = 1e9  # crops with a scene's scales have some 1e3
-MOST_SAMPLES_PX = 1e8  # sample or line of a point
-CELL_M = (1e-3, 1e6)  # sides of a DEM's or orthoimage's cells
 
 
 def require_size(path: str, kind: str) -> None:
@@ -87,7 +185,9 @@ def require_texts(source: str, field: str, rows: int, longest: int) -> None:
     rows : their number
     longest : characters of the longest text
     """
-    if longest > LONGEST_TEXT or (longest > PLAIN_TEXT and rows * longest * 4 > WIDE_TEXT_BYTES):
+    if longest > FILE_BUDGETS.text_characters or (
+        longest > FILE_BUDGETS.plain_text_characters and rows * longest * 4 > FILE_BUDGETS.wide_text_bytes
+    ):
         raise InputError(
             f"{source}: field {field!r} holds a text of {longest} characters ({rows} rows): no name is that long; "
             "correct it, or get the file again"
@@ -102,7 +202,7 @@ def require_unfolded(path: str) -> None:
                 size = sum(part.file_size for part in archive.infolist())
         except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as error:
             raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
-        if size > LARGEST_UNFOLDED:
+        if size > FILE_BUDGETS.unfolded_bytes:
             raise InputError(f"{path}: unfolds to {size // MIB} MiB, no table does: get it again, or save it as CSV")
 
 
@@ -119,12 +219,12 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
     """
     columns, rows = dataset.RasterXSize, dataset.RasterYSize
     claim = f"{path}: claims {columns} x {rows} pixels"
-    if max(columns, rows) > MOST_SIDE_PX or columns * rows > MOST_PIXELS:
+    if max(columns, rows) > RASTER_BUDGETS.side_px or columns * rows > RASTER_BUDGETS.pixels:
         raise InputError(f"{claim}, more than any image or DEM has: get the file again, or cut out what is needed")
-    if columns * rows > EMPTY_PIXELS:
+    if columns * rows > RASTER_BUDGETS.empty_pixels:
         sizes = [file_bytes(file) for file in dataset.GetFileList() or [path]]
         held = sum(size for size in sizes if size is not None)
-        if None not in sizes and columns * rows > PIXELS_PER_BYTE * held:
+        if None not in sizes and columns * rows > RASTER_BUDGETS.pixels_per_byte * held:
             raise InputError(
                 f"{claim} in {held} bytes: nearly all of it is empty, or the file is damaged: get it again, or cut out "
                 "what is needed"
@@ -133,7 +233,7 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
     if band is not None:
         width, height = band.GetBlockSize()
         size = min(width, columns) * min(height, rows) * max(1, gdal.GetDataTypeSize(band.DataType) // 8)
-        if size > LARGEST_BLOCK_BYTES:
+        if size > RASTER_BUDGETS.block_bytes:
             raise InputError(
                 f"{path}: its pixels come in blocks of {width} x {height}, {size // MIB} MiB each: write it in tiles "
                 "(gdal_translate -co TILED=YES)"
@@ -145,7 +245,11 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` names the place of an index: file and cell, or file and row.
     """
-    wrong = (heights_m < LOWEST_M) | (heights_m > HIGHEST_M) | (heights_m == NO_DATA_M)
+    wrong = (
+        (heights_m < GROUND_HEIGHTS.lowest_m)
+        | (heights_m > GROUND_HEIGHTS.highest_m)
+        | (heights_m == GROUND_HEIGHTS.no_data_m)
+    )
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])
         share = f"{wrong.sum()} of {len(heights_m)}"

@@ -16,12 +16,22 @@ from markupsafe import Markup
 
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_ready
+from ...foundation.thresholds import threshold, thresholds
 from ..safety.replacing import replacing
 
 TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
 #: Rows of a page's tables: a block of thousands of images has all its figures in report.json.
 LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
-MOST_DECIMALS = 5  # of a number; smaller ones get a power of ten
+
+
+@thresholds
+class PageNumberThresholds:
+    """How numbers are written on pages."""
+
+    decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
+
+
+PAGE_NUMBERS = PageNumberThresholds()
 
 
 def write_page(
@@ -131,7 +141,7 @@ def digits_by_sigma(value: Any, sigma: Any) -> str:
     if not isinstance(sigma, (int, float)) or not 0.0 < sigma < math.inf:
         return figure(value)
     decimals = 1 - math.floor(math.log10(sigma))
-    if decimals <= MOST_DECIMALS:
+    if decimals <= PAGE_NUMBERS.decimals:
         return figure(float(value), max(decimals, 0))
     power = math.floor(math.log10(max(abs(value), sigma)))
     raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -8,10 +8,19 @@ import numpy as np
 from osgeo import gdal
 
 from ...drawing.target_chips import encode_grey_png, stretch_grey
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import gdal_messages
 
-JPEG_QUALITY = 70
-LEFT_OUT_GREY = 236  # of pixels without a value: near the page's white
+
+@thresholds
+class PictureThresholds:
+    """How pictures on pages are compressed and filled."""
+
+    jpeg_quality: int = threshold(70, "", "quality of JPEG")
+    fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
+
+
+PICTURES = PictureThresholds()
 
 
 def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
@@ -29,7 +38,7 @@ def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
     str
         The URI.
     """
-    content = _jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(LEFT_OUT_GREY)))
+    content = _jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PICTURES.fill_grey)))
     if content is None:
         return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
     return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
@@ -44,7 +53,7 @@ def _jpeg(grey: np.ndarray) -> bytes | None:
     with gdal_messages():
         memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
         memory.GetRasterBand(1).WriteArray(grey)
-        made = driver.CreateCopy(name, memory, options=[f"QUALITY={JPEG_QUALITY}"])
+        made = driver.CreateCopy(name, memory, options=[f"QUALITY={PICTURES.jpeg_quality}"])
         del made
         status = gdal.VSIStatL(name)
         file = gdal.VSIFOpenL(name, "rb") if status is not None else None

@@ -11,11 +11,21 @@ import numpy as np
 from ...drawing.block_figures import ReportFigures, draw_figures
 from ...drawing.residual_plots import draw_bars
 from ...foundation.json_values import json_lines
+from ...foundation.thresholds import threshold, thresholds
 from .code_pages import explained_codes
 from .page import write_page, write_text
 
 __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
-MOST_BARS = 12  # images
+
+
+@thresholds
+class ReportPlotThresholds:
+    """What plots of a report show."""
+
+    bars: int = threshold(12, "images", "most images with a bar of their own")
+
+
+REPORT_PLOTS = ReportPlotThresholds()
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -73,7 +83,7 @@ def _before_after(report: Mapping[str, Any]) -> str:
     bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
     bars |= {name: images[name] for name in farthest}
     known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
-    return draw_bars(dict(list(known.items())[: MOST_BARS + 1]), "px") if known else ""
+    return draw_bars(dict(list(known.items())[: REPORT_PLOTS.bars + 1]), "px") if known else ""
 
 
 def _length(entry: Mapping[str, Any], *axes: str) -> float:

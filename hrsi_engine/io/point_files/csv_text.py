@@ -19,7 +19,7 @@ from typing import BinaryIO, TextIO
 import numpy as np
 
 from ...foundation.errors import InputError
-from ..opening.budgets import LONGEST_LINE, MOST_BYTES, require_size, require_texts
+from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
 from ..rpc_files.content import read_head
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, match_fields, numbers, strip_texts
 from .table import PointReader, PointTable
@@ -194,7 +194,7 @@ def _encoding(path: str) -> str:
         marked = next((name for mark, name in _BOMS if head.startswith(mark)), None)
         while block := file.read(1 << 20):
             unbroken = 0 if b"\n" in block or b"\r" in block else unbroken + len(block)
-            if unbroken > LONGEST_LINE:
+            if unbroken > FILE_BUDGETS.line_characters:
                 raise InputError(f"{path}: holds {unbroken} bytes without a line break: it is no table, check the file")
             if marked is None and encoding == "utf-8":
                 encoding = _encoding_after(decoder, block, len(block) < 1 << 20)

@@ -19,6 +19,7 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.budgets import require_size
 from ..opening.datasets import gdal_messages
 from .matched_keypoints import KeypointMatches, table_of_matches
@@ -26,7 +27,17 @@ from .table import PointReader, PointTable
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _KEYPOINTS, _MATCHES = "keypoints", "matches0"
-MOST_NUMBERS, MOST_GROUPS = 1e8, 10_000_000  # of an array, of a file
+
+
+@thresholds
+class HlocBudgets:
+    """What a file of hloc may claim to hold."""
+
+    numbers: float = threshold(1e8, "values", "most numbers of an array")
+    groups: int = threshold(10_000_000, "groups", "most groups of a file")
+
+
+HLOC = HlocBudgets()
 
 
 def read(path: str, features: str = "") -> PointTable:
@@ -93,7 +104,7 @@ def _groups(path: str) -> list[tuple[str, gdal.Group]]:
         waiting = [] if dataset is None else [("", dataset.GetRootGroup())]
         while waiting:
             name, group = waiting.pop()
-            if group is None or len(groups) > MOST_GROUPS:
+            if group is None or len(groups) > HLOC.groups:
                 groups = []
                 break
             groups.append((name, group))
@@ -125,7 +136,7 @@ def _array(path: str, group: gdal.Group, name: str) -> np.ndarray:
         sizes = [dimension.GetSize() for dimension in array.GetDimensions()]
         if 0 in sizes:
             return np.zeros(sizes)
-        if np.prod(sizes, dtype=float) > MOST_NUMBERS:
+        if np.prod(sizes, dtype=float) > HLOC.numbers:
             raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: get the file again")
         values = array.ReadAsArray()
     if values is None or values.dtype.kind not in "iuf":

@@ -18,7 +18,7 @@ from ...block.names import NameColumn, find_unique_ids
 from ...block.points import UNSET, GroundPoints, ImagePoints, Role, are_apart
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import any_of_rows
-from ..opening.budgets import MOST_SAMPLES_PX, require_heights
+from ..opening.budgets import RPC_BUDGETS, require_heights
 from ..rasters.images import image_id
 from .positions import Reference, ground_positions, has_positions
 from .survey_accuracy import positive, survey_accuracy
@@ -95,7 +95,7 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
         raise InputError(f"{table.at(row)}: field {field!r} is empty: fill it in, or remove the row")
-    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > MOST_SAMPLES_PX
+    far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
     if far.any():
         row = np.flatnonzero(far)[0]
         raise InputError(f"{table.at(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")

@@ -17,7 +17,7 @@ import numpy as np
 from ...block.names import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
 from ..array_files import DAMAGED, read_arrays, write_arrays
-from ..opening.budgets import MOST_SAMPLES_PX
+from ..opening.budgets import RPC_BUDGETS
 from ..safety.content_marks import files_mark
 from .interpret import PointTables, matching_names
 
@@ -77,7 +77,7 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
     except DAMAGED:
         return None
     xy, sigma = np.column_stack([floats["sample"], floats["line"]]), floats["sigma"]
-    if not rows or not (np.abs(xy).max() <= MOST_SAMPLES_PX and (np.isnan(sigma) | (sigma > 0.0)).all()):
+    if not rows or not (np.abs(xy).max() <= RPC_BUDGETS.image_px and (np.isnan(sigma) | (sigma > 0.0)).all()):
         return None
     ids: Any = numbered[0]  # stand for arrays
     images: Any = matching_names(numbered[1], image_ids)

@@ -9,6 +9,7 @@ import numpy as np
 from osgeo import gdal, ogr
 
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.budgets import require_texts, require_unfolded
 from ..opening.datasets import gdal_messages
 from ..opening.sound_databases import is_database, require_sound, widths
@@ -18,7 +19,20 @@ from .table import PointReader, PointTable
 
 _NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
 _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
-POINT_BYTES = 128  # of a point with the longest header that a GeoPackage has
+
+
+@thresholds
+class OgrPointBudgets:
+    """Which geometries of a database are points."""
+
+    point_bytes: int = threshold(
+        128, "byte", "longest geometry", "a point with the longest header that a GeoPackage has"
+    )
+
+
+OGR_POINTS = OgrPointBudgets()
+
+
 _NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
 
 
@@ -107,7 +121,7 @@ def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, st
     found = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
     for name in texts:
         require_texts(source, name, found.rows, found.longest[name])
-    return not geometry or found.longest[geometry] <= POINT_BYTES
+    return not geometry or found.longest[geometry] <= OGR_POINTS.point_bytes
 
 
 def _getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str

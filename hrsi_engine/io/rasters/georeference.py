@@ -11,7 +11,7 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ...ground.crs_operations import operations_of, without_heights
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
-from ..opening.budgets import CELL_M
+from ..opening.budgets import RASTER_BUDGETS
 
 NODES_OVER_RASTER = 5  # along each side of a raster, to tell how it came to WGS84
 TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
@@ -107,7 +107,7 @@ class Georeference:
         sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
         if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
             raise InputError(f"{path}: its middle is nowhere on Earth: correct its geotransform and CRS")
-        if sides.min() < CELL_M[0] or sides.max() > CELL_M[1]:
+        if sides.min() < RASTER_BUDGETS.cell_m[0] or sides.max() > RASTER_BUDGETS.cell_m[1]:
             raise InputError(f"{path}: its cells are {sides[0]:g} x {sides[1]:g} m: correct its geotransform and CRS")
 
     def _xy(self, corner: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from osgeo import gdal
 from ...block.block import Image
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import gdal_messages
 from ..opening.item_images import item_of
 from ..opening.raster_datasets import open_raster
@@ -27,8 +28,26 @@ from ..safety.content_marks import content_mark
 from .map_grid import map_grid_doubt
 
 RPC_SUFFIX = "_rpc"
-OPEN_PER_THREAD = 32  # a block of a thousand images must not hold a thousand files open
-STRIP_PIXELS = 4_000_000  # read at a time when an image is read at a lower resolution
+
+
+@thresholds
+class OpenImageThresholds:
+    """How many images are held open, and how much is read of one at once."""
+
+    open_per_thread: int = threshold(
+        32,
+        "files",
+        "most files that a thread holds open",
+        "a block of a thousand images must not hold a thousand files open",
+    )
+    strip_pixels: int = threshold(
+        4_000_000, "px", "pixels read at once of an image read at a lower resolution", "memory"
+    )
+
+
+OPEN_IMAGES = OpenImageThresholds()
+
+
 _LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way into an archive, and the archive
 _open_datasets = threading.local()
 
@@ -214,7 +233,7 @@ class GdalRaster:
             datasets = _open_datasets.by_path = OrderedDict()
         dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
         datasets[self.path, self.stamp] = dataset
-        while len(datasets) > OPEN_PER_THREAD:
+        while len(datasets) > OPEN_IMAGES.open_per_thread:
             datasets.popitem(last=False)
         return dataset
 
@@ -269,7 +288,7 @@ class GdalRaster:
         """
         samples, lines = self.size[0] // step, self.size[1] // step
         grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
-        strip = max(1, STRIP_PIXELS // (samples * step * step))
+        strip = max(1, OPEN_IMAGES.strip_pixels // (samples * step * step))
         for first in range(0, lines, strip):
             rows = slice(first, min(first + strip, lines))
             grey[rows], valid[rows] = self._read_strip(rows, samples, step)

@@ -12,9 +12,23 @@ from osgeo import gdal
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from .georeference import Georeference
 
-SAME_GRID = 0.03  # by which a step of a pixel may come back as another one; products in map projection stay below 0.002
+
+@thresholds
+class MapGridThresholds:
+    """When an image on a map's grid has the RPC of these pixels."""
+
+    step_share: float = threshold(
+        0.03,
+        "",
+        "by which a step of a pixel may come back as another one through map and RPC",
+        "products in map projection stay below 0.002",
+    )
+
+
+MAP_GRID = MapGridThresholds()
 
 
 def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
@@ -31,7 +45,7 @@ def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
     lonlat = grid.to_lonlat(pixels)
     seen = rpc.project(np.column_stack([lonlat, np.full(4, rpc.height_off)]))
     steps = np.column_stack([seen[1] - seen[0], seen[3] - seen[2]]) / (2.0 * half)  # sample, line of a step of a pixel
-    if not np.isfinite(steps).all() or np.abs(steps - np.eye(2)).max() < SAME_GRID:
+    if not np.isfinite(steps).all() or np.abs(steps - np.eye(2)).max() < MAP_GRID.step_share:
         return ""
     turn = np.degrees(np.arctan2(steps[1, 0] - steps[0, 1], steps[0, 0] + steps[1, 1]))
     size = float(np.sqrt(abs(np.linalg.det(steps))))

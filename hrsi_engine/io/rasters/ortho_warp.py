@@ -18,6 +18,7 @@ import numpy as np
 from osgeo import gdal, gdal_array
 
 from ...foundation.errors import InputError, OutputError
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
 from .images import GdalRaster
 
@@ -28,7 +29,18 @@ RESAMPLING = {
 }  # fmt: skip
 NOWHERE = -1e9  # image position of pixels whose terrain is not known
 SCRATCH = "CPL_TMPDIR", "/vsimem"
-SAME_SCALE = 1.05  # below, a pixel of the map counts as one of the image; GDAL does the same
+
+
+@thresholds
+class WarpThresholds:
+    """How pixels of the map and of the image relate."""
+
+    same_scale: float = threshold(
+        1.05, "", "a pixel of the map up to so many times as long counts as one of the image", "as GDAL's warper"
+    )
+
+
+WARPING = WarpThresholds()
 
 
 class Pixels(NamedTuple):
@@ -222,7 +234,7 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
     chunk. The table of the way back from image to map is not needed and made as small as can be. Chunks run in
     parallel, so none needs threads inside, each of which would copy the tables.
     """
-    scale = 1.0 / warp.scale if warp.scale > SAME_SCALE else 1.0
+    scale = 1.0 / warp.scale if warp.scale > WARPING.same_scale else 1.0
     options = [
         f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
         "NUM_THREADS=1",

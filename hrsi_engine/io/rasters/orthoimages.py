@@ -23,6 +23,7 @@ from osgeo import gdal
 from ...foundation.errors import Cancelled, OutputError
 from ...foundation.json_values import json_text
 from ...foundation.progress import Progress, advance, stage
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
 from ..safety.content_marks import content_mark
 from ..safety.leftovers import hidden_folder
@@ -31,20 +32,34 @@ from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 
 #: Metadata items; in the default domain, because GDAL's COG driver drops others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
-ORTHO_TILE = 512
-WIDE = 2  # columns of a chunk for each row: what GDAL does once for a chunk costs as much as some 50 rows
-LEAST_ROWS = 128  # of a chunk
-SAME_SIZE = 1.5  # share by which a chunk's part of the image may be longer than a tile
-WARPED = 0.85  # share of the time that the chunks of a COG take, the rest goes into the finished format
+
+
+@thresholds
+class ChunkThresholds:
+    """How an orthoimage is cut into chunks that are warped and written."""
+
+    tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
+    columns_per_row: int = threshold(
+        2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as some 50 rows"
+    )
+    least_rows: int = threshold(128, "px", "fewest rows of a chunk")
+    same_size: float = threshold(1.5, "", "share by which a chunk's part of the image may be longer than a tile")
+    warped_share: float = threshold(
+        0.85, "", "share of the time that the chunks of a COG take; the rest goes into the finished format", "measured"
+    )
+
+
+CHUNKS = ChunkThresholds()
+
 
 _PREDICTED = ("deflate", "lzw", "zstd")
-TILED = ("TILED=YES", f"BLOCKXSIZE={ORTHO_TILE}", f"BLOCKYSIZE={ORTHO_TILE}", "BIGTIFF=IF_SAFER")
+TILED = ("TILED=YES", f"BLOCKXSIZE={CHUNKS.tile_px}", f"BLOCKYSIZE={CHUNKS.tile_px}", "BIGTIFF=IF_SAFER")
 INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
 #: By the choice of `format`: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cog": (
         "COG",
-        (f"BLOCKSIZE={ORTHO_TILE}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER"),
+        (f"BLOCKSIZE={CHUNKS.tile_px}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER"),
     ),  # copies overviews that are there
     "gtiff": ("GTiff", TILED),
 }
@@ -106,7 +121,7 @@ def warped_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: A
 
 def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
     """Yield the windows of an orthoimage's chunks in the order in which they are written: a tile at once."""
-    for tiles in grid.chunks(WIDE * ORTHO_TILE, ORTHO_TILE):
+    for tiles in grid.chunks(CHUNKS.columns_per_row * CHUNKS.tile_px, CHUNKS.tile_px):
         yield from tiles.parts(*chunk_size(warp.scale))
 
 
@@ -249,10 +264,10 @@ def write_orthoimage(
             _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
         else:
             plain = os.path.join(hidden, "chunks.tif")
-            part = stage(progress, 0.0, WARPED)
+            part = stage(progress, 0.0, CHUNKS.warped_share)
             _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
             _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
-            _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, WARPED, 1.0))
+            _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, CHUNKS.warped_share, 1.0))
     return figures
 
 
@@ -322,10 +337,10 @@ def _fill(
 
 def chunk_size(scale: float) -> tuple[int, int]:
     """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
-    rows = ORTHO_TILE
-    while rows > LEAST_ROWS and rows * scale > ORTHO_TILE * SAME_SIZE:
+    rows = CHUNKS.tile_px
+    while rows > CHUNKS.least_rows and rows * scale > CHUNKS.tile_px * CHUNKS.same_size:
         rows //= 2
-    return WIDE * rows, rows
+    return CHUNKS.columns_per_row * rows, rows
 
 
 def _count(figures: OrthoFigures, chunk: OrthoChunk) -> None:
@@ -352,7 +367,7 @@ def _add_overviews(plain: str, resampling: str) -> None:
     """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
     dataset = gdal.Open(plain, gdal.GA_Update)
     factors: list[int] = []
-    while max(dataset.RasterXSize, dataset.RasterYSize) > ORTHO_TILE << len(factors):
+    while max(dataset.RasterXSize, dataset.RasterYSize) > CHUNKS.tile_px << len(factors):
         factors.append(2 << len(factors))
     if not factors:
         return

@@ -9,10 +9,21 @@ from osgeo import gdal
 
 from ...block.block import Raster
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import gdal_messages
 from ..opening.raster_datasets import open_raster
 
-_STRETCH_PERCENT = (1.0, 99.0)
+
+@thresholds
+class StretchThresholds:
+    """How grey values are stretched for a view."""
+
+    percentiles: tuple[float, float] = threshold(
+        (1.0, 99.0), "%", "percentiles of the grey values that become black and white"
+    )
+
+
+STRETCH = StretchThresholds()
 
 
 def pixel_view(path: str) -> str:
@@ -41,5 +52,5 @@ def grey_range(raster: Raster, middle: tuple[float, float], half_px: int) -> tup
     grey, valid = raster.read(sample, line, 2 * half_px, 2 * half_px)
     if not valid.any():
         return 0.0, 1.0
-    low, high = np.percentile(grey[valid], _STRETCH_PERCENT)
+    low, high = np.percentile(grey[valid], STRETCH.percentiles)
     return float(low), max(float(high), float(low) + 1e-6)

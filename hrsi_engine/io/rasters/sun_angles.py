@@ -20,6 +20,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.sun import SunAngles, sun_at_time
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.item_images import item_of
@@ -49,7 +50,20 @@ _TIMES_IN_NAMES = (
 )
 _MAXAR_NAME = re.compile(r"(?:^|/)(\d\d)([A-Z]{3})(\d\d)(\d\d)(\d\d)(\d\d)-[PMS]")
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
-LOWEST_DEG = 2.0  # of a sun that images are taken by: a lower one means that the time is not that of the image
+
+
+@thresholds
+class SunThresholds:
+    """Which times of acquisition are believed."""
+
+    lowest_deg: float = threshold(
+        2.0, "deg", "lowest sun that images are taken by; a lower one means that the time is not that of the image"
+    )
+
+
+SUN = SunThresholds()
+
+
 _DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata
 
 
@@ -84,10 +98,10 @@ def read_sun(path: str, rpc: RPC | None) -> FoundSun | None:
         return None
     for source, text in texts:
         time = _time_in(text)
-        if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > LOWEST_DEG:
+        if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > SUN.lowest_deg:
             return FoundSun(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
     time = _time_of_name(path)
-    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= LOWEST_DEG:
+    if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= SUN.lowest_deg:
         return None
     return FoundSun(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
 

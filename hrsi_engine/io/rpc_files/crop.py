@@ -22,13 +22,29 @@ from ...block.imaging_geometry import GEOMETRY
 from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
+from ...foundation.thresholds import threshold, thresholds
 
 Geotransform = tuple[float, float, float, float, float, float]
-RANGE_TOLERANCE = 0.02  # share of the RPC's range by which it may end inside the image
-PIXEL_SCALES = (1.0 / 32.0, 128.0)  # pixels of a scene that a pixel of an image of it may be long
-SAME_END = 0.05  # share by which a scene and an image of the whole of it may differ
-FIRST_TOLD_PX = 2.0  # of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing
-TURNED_PX = 1e-3  # to which an RPC can follow a turned or sheared crop
+
+
+@thresholds
+class CropThresholds:
+    """How the place of a crop in its scene is recognised from its geotransform and the RPC beside it."""
+
+    range_share: float = threshold(0.02, "", "share of the RPC's range by which it may end inside the image")
+    pixel_scales: tuple[float, float] = threshold(
+        (1.0 / 32.0, 128.0), "scene px", "shortest and longest pixel of an image of a scene"
+    )
+    same_end_share: float = threshold(
+        0.05, "", "share by which a scene and an image of the whole of it may differ in size"
+    )
+    first_px: float = threshold(
+        2.0, "px", "of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing"
+    )
+    turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
+
+
+CROPS = CropThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +93,7 @@ def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | 
         return None
     x, dx, x_by_row, y, y_by_column, dy = geotransform
     matrix, corner = np.array([[dx, x_by_row], [y_by_column, dy]], dtype=np.float64), np.array([x, y])
-    if not PIXEL_SCALES[0] <= np.sqrt(abs(np.linalg.det(matrix))) <= PIXEL_SCALES[1]:
+    if not CROPS.pixel_scales[0] <= np.sqrt(abs(np.linalg.det(matrix))) <= CROPS.pixel_scales[1]:
         return None
     if dy < 0.0 and y <= 0.0:  # lines upwards as negative numbers
         matrix, corner = matrix * [[1.0], [-1.0]], corner * [1.0, -1.0]
@@ -99,9 +115,8 @@ def require_placed(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, s
 def _begins_a_larger_scene(rpc: RPC, size: tuple[int, int]) -> bool:
     low, high = _range_of(rpc)
     extent = high - low
-    return bool(
-        (np.abs(low) <= RANGE_TOLERANCE * extent).all() and (np.array(size) < GEOMETRY.crop_share * extent).any()
-    )
+    begins_at_zero = (np.abs(low) <= CROPS.range_share * extent).all()
+    return bool(begins_at_zero and (np.array(size) < GEOMETRY.crop_share * extent).any())
 
 
 def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
@@ -110,7 +125,7 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
     Raises `InputError` where it can be neither, or either.
     """
     low, high = _range_of(rpc)
-    slack = RANGE_TOLERANCE * (high - low)
+    slack = CROPS.range_share * (high - low)
     in_scene = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
     inside = (in_scene.min(axis=0) >= low - slack).all() and (in_scene.max(axis=0) <= high + slack).all()
     if not inside:
@@ -127,7 +142,7 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
         return not bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)
     # a scene's RPC begins at 0; one that was moved begins where the scene's first pixel is, seen from the crop
     own_begin = place.to_scene(_corners(low, high)).min(axis=0)
-    told = np.abs(place.first) > FIRST_TOLD_PX * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
+    told = np.abs(place.first) > CROPS.first_px * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
     nearer = np.sign(np.abs(own_begin) - np.abs(low)) * told
     if (nearer < 0.0).any() or (nearer > 0.0).any():
         return not (nearer < 0.0).any()
@@ -139,8 +154,8 @@ def _ends_with_scene(
 ) -> bool:
     """Return whether the range ends where the image does in the scene, for an image that begins with its scene."""
     extent = high - low
-    of_scene = (np.abs(high - in_scene.max(axis=0)) < SAME_END * extent).all()
-    of_image = (np.abs(high - np.array(size)) < SAME_END * extent).all()
+    of_scene = (np.abs(high - in_scene.max(axis=0)) < CROPS.same_end_share * extent).all()
+    of_image = (np.abs(high - np.array(size)) < CROPS.same_end_share * extent).all()
     if of_scene != of_image:
         return bool(of_scene)
     raise InputError(
@@ -165,7 +180,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
         found = refit_rpc(rpc, lambda scene, ground: place.from_scene(scene), area, rpc.height_range)
     except SolveError as error:
         raise InputError(f"no RPC of the crop {place}: {error}") from error
-    if not found.max_px <= TURNED_PX:
+    if not found.max_px <= CROPS.turned_px:
         raise InputError(
             f"no RPC follows the crop {place} ({found.max_px:.3g} px off): put an RPC of these pixels into the image"
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..opening.budgets import LEAST_SCALES, MOST_COEFFICIENT, MOST_DENOMINATOR, RPC_RANGES
+from ..opening.budgets import LEAST_SCALES, RPC_BUDGETS, RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (
@@ -140,13 +140,13 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
         largest, first = float(np.abs(values).max()), float(values[0])  # NaN goes through a maximum
         if not math.isfinite(largest):
             raise InputError(f"{where}: {names[field]} holds a number that is not finite: get the file again")
-        if largest > MOST_COEFFICIENT:
+        if largest > RPC_BUDGETS.coefficient:
             raise InputError(
                 f"{where}: {names[field]} holds {values[np.abs(values).argmax()]:g}, no RPC does: get the file again"
             )
         if field.endswith("_den") and largest == 0.0:
             raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
-        if field.endswith("_den") and largest > MOST_DENOMINATOR * abs(first):
+        if field.endswith("_den") and largest > RPC_BUDGETS.denominator * abs(first):
             raise InputError(f"{where}: {names[field]} begins with {first:g}, which the others exceed by far: "
                              "get the file again")  # fmt: skip
     # In the middle all terms but the constant ones are 0.

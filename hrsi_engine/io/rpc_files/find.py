@@ -20,6 +20,7 @@ from osgeo import gdal
 from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
 from ..opening.item_images import StacItem, item_of
 from ..opening.raster_datasets import open_raster
@@ -42,7 +43,16 @@ RPC_READERS: dict[str, RpcReader] = {
 #: Formats that win over the tag inside a GeoTIFF.
 BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
 
-SAME_RPC_PX = 0.01  # what the digits of formats leave between two writings of one RPC
+
+@thresholds
+class RpcSourceThresholds:
+    """When two sources of an image's RPC say the same."""
+
+    same_px: float = threshold(0.01, "px", "largest difference of two writings of one RPC", "the digits of the formats")
+
+
+RPC_SOURCES = RpcSourceThresholds()
+
 
 #: What a log calls a source, and how its RPC is read: only the one that wins is.
 Source = tuple[str, Callable[[], FoundRpc]]
@@ -139,7 +149,9 @@ def _difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
         rpc.height_scale,
     ]
     off_px = float(np.max(np.hypot(*(rpc.project(ground) - other.project(ground)).T)))
-    return "" if off_px < SAME_RPC_PX else f" ({off_px:.3g} px off)" if np.isfinite(off_px) else " (another RPC)"
+    if off_px < RPC_SOURCES.same_px:
+        return ""
+    return f" ({off_px:.3g} px off)" if np.isfinite(off_px) else " (another RPC)"
 
 
 def read_rpc_or_none(path: str) -> FoundRpc | None:

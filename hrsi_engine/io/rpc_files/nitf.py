@@ -14,9 +14,21 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 
 CORNERS = ("11", "12", "21", "22")
-TOLERANCE_PX = 1e-6
+
+
+@thresholds
+class ChipThresholds:
+    """Which chips of NITF files are shifted and scaled only."""
+
+    corner_px: float = threshold(
+        1e-6, "px", "largest misfit of a shift and scale to the corners in ICHIPB", "rounding of the fields"
+    )
+
+
+CHIP = ChipThresholds()
 
 
 def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC, str]:
@@ -48,7 +60,7 @@ def _shift_and_scale(path: str, metadata: Mapping[str, str], axis: str) -> tuple
     first, last = chip.argmin(), chip.argmax()
     scale = (full[last] - full[first]) / extent
     shift = full[first] - scale * chip[first]
-    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > TOLERANCE_PX:
+    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > CHIP.corner_px:
         raise InputError(f"{path}: ICHIPB turns or warps the chip, which is not supported: use the full image")
     return float(shift), float(scale)
 

@@ -15,8 +15,19 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 from ...foundation.errors import InputError, OutputError
+from ...foundation.thresholds import threshold, thresholds
 
-MAX_ENTRIES = 4096  # a first directory has a few dozen; more means a damaged file
+
+@thresholds
+class DirectoryThresholds:
+    """Which directories of TIFF files are sound."""
+
+    entries: int = threshold(4096, "tags", "most tags of a first directory", "it has a few dozen")
+
+
+DIRECTORY = DirectoryThresholds()
+
+
 #: Bytes of one value, by TIFF field type.
 TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
 ASCII, DOUBLE = 2, 12
@@ -110,7 +121,7 @@ def _read(path: str, file: BinaryIO) -> Directory | None:
     count_code, word_bytes = directory.order + ("Q" if directory.big else "H"), 8 if directory.big else 4
     file.seek(directory.offset)
     (count,) = struct.unpack(count_code, file.read(struct.calcsize(count_code)))
-    if count > MAX_ENTRIES:
+    if count > DIRECTORY.entries:
         raise InputError(f"{path}: the TIFF directory claims {count} entries: the file is damaged, get it again")
     code = directory.order + "HH" + directory.word[1:]
     size = struct.calcsize(code) + word_bytes

@@ -1,10 +1,11 @@
 """What tells one state of a file from another, for results that are kept and taken up again by a later run.
 
 Size and time of change do not: copies and archives keep the time, and so do tools that put it back. A file with all its
-side files up to `WHOLE_BYTES` is hashed whole: any change is seen, and nothing else. Of larger ones, reading all would
-take longer than it saves: their beginnings and ends (headers, tags and tables of tiles stand there) are hashed, and
-`SAMPLES` blocks spread over them. Every change that is longer than two distances of blocks is seen by that; a smaller
-one by the times of the last change of content and of the file's record, the second of which no tool can put back.
+side files up to `ContentSampling.whole_bytes` is hashed whole: any change is seen, and nothing else. Of larger ones,
+reading all would take longer than it saves: their beginnings and ends (headers, tags and tables of tiles stand there)
+are hashed, and some blocks spread over them. Every change that is longer than two distances of blocks is seen by that;
+a smaller one by the times of the last change of content and of the file's record, the second of which no tool can put
+back.
 """
 
 from __future__ import annotations
@@ -16,15 +17,39 @@ from typing import BinaryIO
 
 from osgeo import gdal
 
+from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import open_dataset, quietly
 from ..opening.virtual_files import virtual_status
 
-WHOLE_BYTES = 64 * 2**20
-EDGE_BYTES = 2**20  # at both ends, of all files together
-SAMPLES, SAMPLE_BYTES = 512, 16 * 2**10
-_LEAST_EDGE = 4096
+
+@thresholds
+class ContentSampling:
+    """Which parts of a file are hashed to tell its states from one another."""
+
+    whole_bytes: int = threshold(
+        64 * 2**20,
+        "byte",
+        "a file with its side files up to this size is hashed whole",
+        "reading all of a larger one takes longer than it saves",
+    )
+    edge_bytes: int = threshold(
+        2**20,
+        "byte",
+        "length of the beginnings and ends of all files together",
+        "headers, tags and tables of tiles stand there",
+    )
+    least_edge_bytes: int = threshold(4096, "byte", "least length of the beginning and the end of one file")
+    blocks: int = threshold(512, "blocks", "blocks spread over all files together")
+    block_bytes: int = threshold(16 * 2**10, "byte", "length of a block")
+    remote_bytes: int = threshold(
+        2**14, "byte", "beginning of a file behind a server that counts", "what GDAL reads of a remote file in any case"
+    )
+
+
+CONTENT_SAMPLING = ContentSampling()
+
+
 _READ_BYTES = 2**20
-_REMOTE_BYTES = 2**14  # what GDAL reads of a remote file in any case
 
 
 def content_mark(path: str) -> str:
@@ -63,7 +88,7 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
     for name, size in sizes.items():
         state.update(f"{os.path.basename(name)}\0{size}\0".encode("utf-8", "surrogateescape"))
         with open(name, "rb", buffering=0) as file:
-            whole = total <= WHOLE_BYTES
+            whole = total <= CONTENT_SAMPLING.whole_bytes
             if times and not whole:
                 state.update(_times(file.fileno()))
             for block in read_places(file, [(0, size)] if whole else places_of(size, size / total)):
@@ -73,12 +98,12 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
 
 def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
     """Return start and length of the blocks of a file that count; ``share`` of all that is read falls to it."""
-    edge = max(int(EDGE_BYTES * share), _LEAST_EDGE)
-    count = max(int(SAMPLES * share), 1)
+    edge = max(int(CONTENT_SAMPLING.edge_bytes * share), CONTENT_SAMPLING.least_edge_bytes)
+    count = max(int(CONTENT_SAMPLING.blocks * share), 1)
     # Not at equal distances: lines and tiles of an image have them too. Odd steps of the golden ratio are as even
     jitter = ((k * 0.6180339887498949) % 1.0 for k in range(count))
     within = [int((k + more) / count * size) for k, more in enumerate(jitter)]
-    return [(0, edge), *((start, SAMPLE_BYTES) for start in within), (max(size - edge, 0), edge)]
+    return [(0, edge), *((start, CONTENT_SAMPLING.block_bytes) for start in within), (max(size - edge, 0), edge)]
 
 
 def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:
@@ -108,7 +133,7 @@ def _virtual_mark(path: str) -> str:
     if status is None or handle is None:
         return "0" * 32
     try:
-        head = bytes(quietly(gdal.VSIFReadL, 1, _REMOTE_BYTES, handle) or b"")
+        head = bytes(quietly(gdal.VSIFReadL, 1, CONTENT_SAMPLING.remote_bytes, handle) or b"")
     finally:
         gdal.VSIFCloseL(handle)
     return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

@@ -22,6 +22,7 @@ from functools import cache
 
 from ...foundation.errors import OutputError
 from ...foundation.interruption import holding_signals
+from ...foundation.thresholds import threshold, thresholds
 
 FOLDER_PREFIX = ".hrsi-unfinished-"
 _WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its beginning
@@ -29,7 +30,18 @@ _NAMES = tuple(
     re.compile(pattern)
     for pattern in (rf"{re.escape(FOLDER_PREFIX)}{_WRITER}-.*", rf"\..*\.{_WRITER}-[0-9a-f]{{8}}\.tmp.*")
 )
-OLD_S = 7 * 86_400.0  # what another machine left on a shared disk is taken for dead after a week
+
+
+@thresholds
+class LeftoverThresholds:
+    """When an unfinished file counts as left by a process that is gone."""
+
+    old_s: float = threshold(
+        7 * 86_400.0, "s", "age beyond which what another machine left on a shared disk counts as dead"
+    )
+
+
+LEFTOVERS = LeftoverThresholds()
 
 
 def temporary_name(path: str) -> str:
@@ -100,7 +112,7 @@ def is_dead(path: str) -> bool:
     machine, pid, began = found.groups()
     if machine != _machine():
         with contextlib.suppress(OSError):
-            return time.time() - os.stat(path).st_mtime > OLD_S
+            return time.time() - os.stat(path).st_mtime > LEFTOVERS.old_s
         return False
     return not is_running(int(pid), int(began))
 

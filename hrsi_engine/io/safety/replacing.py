@@ -11,10 +11,24 @@ from contextlib import contextmanager
 
 from ...foundation.errors import OutputError
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.thresholds import threshold, thresholds
 from .leftovers import is_unfinished, temporary_name
 
-COPY_BYTES = 64 * 2**20
-MANY_FILES = 100  # a flush each takes some milliseconds
+
+@thresholds
+class ReplacingThresholds:
+    """How files are copied and brought to the disk."""
+
+    copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
+    many_files: int = threshold(
+        100,
+        "files",
+        "beyond, the whole file system is flushed once instead of each file",
+        "a flush of one file takes some milliseconds",
+    )
+
+
+REPLACING = ReplacingThresholds()
 
 
 @contextmanager
@@ -55,7 +69,7 @@ def flush(path: str) -> None:
 
 def flush_files(paths: Sequence[str]) -> None:
     """Have files written to the disk itself; of many all at once, where the system waits for that."""
-    if len(paths) > MANY_FILES and sys.platform == "linux":  # POSIX only promises to begin; Linux waits
+    if len(paths) > REPLACING.many_files and sys.platform == "linux":  # POSIX only promises to begin; Linux waits
         os.sync()
         return
     for path in paths:
@@ -86,8 +100,8 @@ def _copy_part(source: int, target: int) -> int:
     """Copy the next part from one open file to the other; return its length in bytes, 0 at the end."""
     if hasattr(os, "copy_file_range"):
         with contextlib.suppress(OSError):  # not across file systems of different kinds
-            return os.copy_file_range(source, target, COPY_BYTES)
-    content = os.read(source, COPY_BYTES)
+            return os.copy_file_range(source, target, REPLACING.copy_bytes)
+    content = os.read(source, REPLACING.copy_bytes)
     written = 0
     while written < len(content):
         written += os.write(target, content[written:])
