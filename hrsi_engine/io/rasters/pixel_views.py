@@ -23,7 +23,7 @@ class StretchThresholds:
     )
 
 
-STRETCH = StretchThresholds()
+GREY_STRETCH = StretchThresholds()
 
 
 def pixel_view(path: str) -> str:
@@ -52,5 +52,5 @@ def grey_range(raster: Raster, middle: tuple[float, float], half_px: int) -> tup
     grey, valid = raster.read(sample, line, 2 * half_px, 2 * half_px)
     if not valid.any():
         return 0.0, 1.0
-    low, high = np.percentile(grey[valid], STRETCH.percentiles)
+    low, high = np.percentile(grey[valid], GREY_STRETCH.percentiles)
     return float(low), max(float(high), float(low) + 1e-6)
