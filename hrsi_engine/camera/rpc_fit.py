@@ -139,8 +139,13 @@ def fit_rpc(
     if singular[-1] < 1e-6 * singular[0]:
         raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
     system = _System(terms, target, root_weights, numerator, denominator, ridge)
-    solve = _solve_common if common_denominator else _solve_separate
-    rpc = _assemble_rpc(off, scale, *solve(system, scale[3:]))
+    together = [[0, 1]] if common_denominator else [[0], [1]]
+    sample, line = (one for axes in together for one in _iterate_least_squares(system, axes, scale[3:][axes]))
+    rpc = RPC(
+        long_off=off[0], lat_off=off[1], height_off=off[2], samp_off=off[3], line_off=off[4],
+        long_scale=scale[0], lat_scale=scale[1], height_scale=scale[2], samp_scale=scale[3], line_scale=scale[4],
+        samp_num=sample[0], samp_den=sample[1], line_num=line[0], line_den=line[1],
+    )  # fmt: skip
     return RpcFit(rpc, *_compute_differences(rpc, ground, image), warnings, ridge)
 
 
@@ -371,19 +376,6 @@ class _System:
         return numerator, denominator
 
 
-_Polynomials = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # sample num, den, line num, den
-
-
-def _solve_separate(system: _System, scale_px: np.ndarray) -> _Polynomials:
-    sample, line = (_iterate_least_squares(system, [axis], scale_px[axis : axis + 1])[0] for axis in (0, 1))
-    return *sample, *line
-
-
-def _solve_common(system: _System, scale_px: np.ndarray) -> _Polynomials:
-    sample, line = _iterate_least_squares(system, [0, 1], scale_px)
-    return *sample, *line
-
-
 def _iterate_least_squares(
     system: _System, axes: list[int], scale_px: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -431,18 +423,3 @@ def _make_equations(system: _System, axes: list[int], divisor: np.ndarray) -> It
             equations[:, count * len(axes) : -1] = -target * terms[:, system.denominator]
             equations[:, -1:] = target
             yield equations * factor
-
-
-def _assemble_rpc(
-    off: np.ndarray,
-    scale: np.ndarray,
-    samp_num: np.ndarray,
-    samp_den: np.ndarray,
-    line_num: np.ndarray,
-    line_den: np.ndarray,
-) -> RPC:
-    return RPC(
-        long_off=off[0], lat_off=off[1], height_off=off[2], samp_off=off[3], line_off=off[4],
-        long_scale=scale[0], lat_scale=scale[1], height_scale=scale[2], samp_scale=scale[3], line_scale=scale[4],
-        samp_num=samp_num, samp_den=samp_den, line_num=line_num, line_den=line_den,
-    )  # fmt: skip

@@ -68,6 +68,11 @@ def box_mean(image: np.ndarray, side: int) -> np.ndarray:
     return np.asarray(_way().box_mean(image, side))
 
 
+def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return the smaller eigenvalue of symmetric 2 x 2 tensors (Shi and Tomasi 1994: the strength of a corner)."""
+    return np.asarray(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2))
+
+
 def erode(mask: np.ndarray, side: int, outside: bool = True) -> np.ndarray:
     """Return the pixels with nothing but True in an odd square around them; ``outside`` is what lies beyond."""
     return np.asarray(_way().erode(mask, side, outside))

@@ -28,8 +28,9 @@ from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile
 from .tile_matching.options import TileMatchOptions
-from .tile_matching.pair_matching import TilePairGeometry, transfer_points
+from .tile_matching.pair_matching import transfer_points
 from .tile_matching.points import detect_tile_points
+from .tile_matching.types import TilePairGeometry
 
 
 @thresholds

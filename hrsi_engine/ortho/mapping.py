@@ -237,8 +237,7 @@ class OrthoMapping:
             return self._map_every_pixel(window)
         chunk = _Chunk(self, window)
         if not chunk.known:
-            count = self._count_unknown(window, np.zeros((2, 2), dtype=bool))
-            return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
+            return self._make_empty_mapping(window, np.zeros((2, 2), dtype=bool))
         # Pixels of a window, the same ones every time
         rng = np.random.default_rng([window.column, window.row])
         checks = rng.integers(0, [window.columns, window.rows], (ORTHO.checked_pixels, 2)).astype(np.float64)
@@ -255,16 +254,11 @@ class OrthoMapping:
                 return None if known.all() else self._make_empty_mapping(window, known)
             errors = np.hypot(*(_interpolate_nodes(nodes, checks / step) - truth).T)
             errors = errors[np.isfinite(errors)]
-            if step == 1 or (known.all() and self._is_accurate(chunk, nodes, step, errors)):
+            good = known.all() and errors.max(initial=0.0) <= self.error_px
+            if step == 1 or (good and chunk.middles_keep(self.error_px, nodes, step)):
                 break
             step = step // 2 if known.all() else 1
         return ChunkMapping(nodes, step, errors, 0 if known.all() else self._count_unknown(window, known))
-
-    def _is_accurate(self, chunk: _Chunk, nodes: np.ndarray, step: int, errors: np.ndarray) -> bool:
-        """Tell whether interpolation between nodes is good enough."""
-        if len(errors) and errors.max() > self.error_px:
-            return False
-        return chunk.middles_keep(self.error_px, nodes, step)
 
     def _make_empty_mapping(self, window: GridWindow, known: np.ndarray) -> ChunkMapping | None:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""

@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, dr
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import match_descriptors, rpc_consistent
+from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency, match_descriptors
 from hrsi.hrsi_engine.measurement.tracks import build_tracks, select_tracks_by_cell
 from hrsi.hrsi_engine.surface.dem import ConstantHeight
 
@@ -226,7 +226,7 @@ def test_geometry_filter_finds_the_few_true_among_many_false():
     xy1, xy2 = first.rpc.project(ground), second.rpc.project(ground) + (7.0, -4.0) + rng.normal(0, 0.2, (200, 2))
     false = np.arange(200) >= 60
     xy2[false] += rng.uniform(-300, 300, (140, 2))
-    good = rpc_consistent(first.rpc, second.rpc, xy1, xy2, 150.0)
+    good = check_rpc_consistency(first.rpc, second.rpc, xy1, xy2, 150.0).good
     assert good[~false].mean() > 0.9
     assert good[false].sum() <= 3
 

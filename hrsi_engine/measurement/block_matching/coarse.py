@@ -23,10 +23,11 @@ from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ...surface.dem import HeightSurface, Status, intersect_surface
+from ...surface.dem import HeightSurface
+from ...surface.ray_intersection import Status, intersect_surface
 from ..tile_matching.epipolar import compute_epipolar_miss, transfer
 from ..tile_matching.features import invert_descriptors
-from ..tile_matching.rpc_consistency import rpc_consistent
+from ..tile_matching.rpc_consistency import check_rpc_consistency
 from ..tile_matching.types import HeightGrid, TilePairGeometry
 from .bands import EpipolarLines, match_in_bands
 from .overlaps import GroundRange
@@ -140,8 +141,8 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
         if len(pairs) >= COARSE.fewest:
             middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-            good = rpc_consistent(rpcs[0], rpcs[1], xy[0][pairs[:, 0]], xy[1][pairs[:, 1]], middle, COARSE.floor_px)
-            pairs = pairs[good]
+            places = xy[0][pairs[:, 0]], xy[1][pairs[:, 1]]
+            pairs = pairs[check_rpc_consistency(rpcs[0], rpcs[1], *places, middle, COARSE.floor_px).good]
         if len(pairs) > len(best):
             best = pairs
         if len(best) >= COARSE.fewest:
@@ -259,10 +260,10 @@ def _estimate_same_view(
 def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:
     """Return apparent heights over the first image, from matches or from the DEM moved to them, and their sigma (m)."""
     nodes, shape, spacing = place_height_nodes(job.first.known_size)
-    candidates = [_interpolate_median(xy, height_m, nodes)]
+    candidates = [interpolate_median(xy, height_m, nodes)]
     if job.terrain_m is not None and np.isfinite(job.terrain_m).any():
         known = np.isfinite(job.terrain_m)
-        terrain = job.terrain_m if known.all() else _interpolate_median(nodes[known], job.terrain_m[known], nodes, 1)
+        terrain = job.terrain_m if known.all() else interpolate_median(nodes[known], job.terrain_m[known], nodes, 1)
         at = HeightGrid(terrain.reshape(shape), (0.0, 0.0), spacing).interpolate(xy)
         candidates.insert(0, terrain + float(np.median(height_m - at)))
     grids = [HeightGrid(heights.reshape(shape), (0.0, 0.0), spacing) for heights in candidates]
@@ -270,9 +271,10 @@ def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -
     return min(zip(grids, sigmas, strict=True), key=lambda pair: pair[1])
 
 
-def _interpolate_median(
-    xy: np.ndarray, values: np.ndarray, places: np.ndarray, most: int = COARSE.neighbours
+def interpolate_median(
+    xy: np.ndarray, values: np.ndarray, places: np.ndarray, count: int = COARSE.neighbours, skipped: int = 0
 ) -> np.ndarray:
-    count = min(most, len(xy))
-    _, near = cKDTree(xy).query(places, k=count)
-    return np.asarray(np.median(values[near.reshape(len(places), count)], axis=1))
+    """Return at each place the median of the ``count`` nearest values, without the ``skipped`` nearest of them."""
+    count = min(count + skipped, len(xy))
+    _, near = cKDTree(xy).query(places, k=np.arange(1, count + 1))
+    return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))

@@ -52,12 +52,12 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
     ranges = [_find_surface_range(image, surface, margin_m) for image in images]
     if surface is not None and not any(ranges):
         raise InputError("`dem` has no heights below the images: name a DEM of their area")
-    return [known or _rpc_range(image) for image, known in zip(images, ranges, strict=True)]
-
-
-def _rpc_range(image: Image) -> GroundRange:
-    low, high = image.rpc.height_range
-    return GroundRange(max(low, SEA_LEVEL_TO_EVEREST_M[0]), min(high, SEA_LEVEL_TO_EVEREST_M[1]))
+    lowest, highest = SEA_LEVEL_TO_EVEREST_M
+    by_rpc = (image.rpc.height_range for image in images)
+    return [
+        known or GroundRange(max(low, lowest), min(high, highest))
+        for known, (low, high) in zip(ranges, by_rpc, strict=True)
+    ]
 
 
 def _find_surface_range(image: Image, surface: HeightSurface | None, margin_m: float) -> GroundRange | None:

@@ -22,14 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
-from scipy.spatial import cKDTree
 
 from ...block.block import Image
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..tile_matching.epipolar import EPIPOLAR, transfer
 from ..tile_matching.types import HeightGrid, TilePairGeometry
-from .coarse import CoarseJob, PairEstimate, place_height_nodes
+from .coarse import CoarseJob, PairEstimate, interpolate_median, place_height_nodes
 from .joining import BlockMatches, group_by_pair
 
 
@@ -74,10 +73,9 @@ class RelativeCameras:
             return None
         xy, height = xy[inside], self.ground[inside, 2]
         nodes, shape, spacing = place_height_nodes(job.first.known_size)
-        tree = cKDTree(xy)
-        grid = HeightGrid(_interpolate_heights(tree, height, nodes, 0).reshape(shape), (0.0, 0.0), spacing)
+        grid = HeightGrid(interpolate_median(xy, height, nodes, CAMERAS.neighbours).reshape(shape), (0.0, 0.0), spacing)
         # What a point's neighbours, itself left out, are off: how well the ground between points is known
-        sigma = max(float(robust_sigma(height - _interpolate_heights(tree, height, xy, 1))), 0.5)
+        sigma = max(float(robust_sigma(height - interpolate_median(xy, height, xy, CAMERAS.neighbours, 1))), 0.5)
         reach = CAMERAS.safety * sigma
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
@@ -86,13 +84,6 @@ class RelativeCameras:
             (float(bias[0]), float(bias[1])), (margin, margin), grid, sigma,
         )  # fmt: skip
         return PairEstimate(geometry, 0)
-
-
-def _interpolate_heights(tree: cKDTree, values: np.ndarray, places: np.ndarray, skipped: int) -> np.ndarray:
-    """Return the medians of the values nearest to places, so many of the nearest left out."""
-    count = min(CAMERAS.neighbours + skipped, len(values))
-    _, near = tree.query(places, k=np.arange(1, count + 1))
-    return np.asarray(np.median(values[near[:, min(skipped, count - 1) :]], axis=1))
 
 
 def _linearise_transfer(

@@ -15,14 +15,9 @@ import numpy as np
 
 from ...block.block import Image
 from ...foundation.workers.scheduling import PartResult
-from ..tile_matching.pair_matching import (
-    ImageTile,
-    TileMatches,
-    TileMatchOptions,
-    TilePairGeometry,
-    match_tile,
-    transfer_points,
-)
+from ..tile_matching.options import TileMatchOptions
+from ..tile_matching.pair_matching import match_tile, transfer_points
+from ..tile_matching.types import ImageTile, TileMatches, TilePairGeometry
 from .local_geometry import fit_local_geometry
 from .windows import TIE_WINDOWS, ImageWindow, predict_window, read_tile
 

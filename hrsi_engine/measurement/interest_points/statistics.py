@@ -50,7 +50,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
     samples = [read_window(raster, core, 0, None) for core in choose_sample_areas(region)]
     saturation = _find_saturation(samples) if mask_saturated else None
-    noises = [_estimate_noise(window) for window in samples if window.usable.any()]
+    noises = [estimate_noise(window.grey, window.usable) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
@@ -91,17 +91,17 @@ def _find_saturation(samples: list[DetectionWindow]) -> float | None:
     return largest if share > WINDOWS.saturated_share else None
 
 
-def _estimate_noise(window: DetectionWindow) -> float:
+def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
-    curved = np.abs(filter_separably(window.grey, _BENT, _BENT)) / 6.0
-    lines, samples = (length // WINDOWS.grid_px * WINDOWS.grid_px for length in curved.shape)
-    cells = curved[:lines, :samples].reshape(
-        lines // WINDOWS.grid_px, WINDOWS.grid_px, samples // WINDOWS.grid_px, WINDOWS.grid_px
-    )
-    usable = window.usable[:lines, :samples].reshape(cells.shape).all(axis=(1, 3))
-    if not usable.any():
+    side = WINDOWS.grid_px
+    lines, samples = (length // side * side for length in grey.shape)
+    if not lines or not samples:
         return 0.0
-    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=(1, 3))[usable], 25.0))
+    shape = lines // side, side, samples // side, side
+    curved = np.abs(filter_separably(grey, _BENT, _BENT)) / 6.0
+    cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
+    whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
+    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
 
 
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:

@@ -101,11 +101,6 @@ class ReferenceControl:
     images: tuple[ImageControl, ...]
 
 
-def ground_sample_m(image: Image, ground: np.ndarray) -> float:
-    """Return the ground distance in metres of an image's pixels at a ground point ``(3,)``, mean of both directions."""
-    return float(1.0 / image.rpc.px_per_m(ground[None])[0])
-
-
 def match_reference(
     images: Sequence[Image],
     reference: Orthoimage,
@@ -153,7 +148,7 @@ def match_reference(
 def _match_image(
     image: Image, reference: Orthoimage, surface: HeightSurface, places: np.ndarray, options: ReferenceOptions
 ) -> ImageControl:
-    gsd = ground_sample_m(image, places[0]) if len(places) else 1.0
+    gsd = float(1.0 / image.rpc.px_per_m(places[:1])[0]) if len(places) else 1.0
     ratio = reference.gsd_m / gsd
     step = ratio if ratio > REFERENCE_MATCHES.coarser else 1.0
     if not len(places):

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
-from ...foundation.pixel_filters import SCHARR, blur, box_mean, erode, slopes
-from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ...foundation.pixel_filters import SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
+from ...surface.dem import HeightSurface, surface_heights
+from ...surface.ray_intersection import Status, intersect_surface
 from .predicted_patches import PATCH, read_means
 
 
@@ -23,7 +24,8 @@ def choose_places(
         return np.zeros((0, 3))
     areas = [_compute_area_px(reference, ground) for ground in below]
     cell = max(float(np.sqrt(min(areas) / points)), 4.0)
-    step = max(round(_pixel_m(images[0], below[0]) / reference.gsd_m), 1)
+    px_per_m = float(images[0].rpc.px_per_m(below[0][len(below[0]) // 2][None])[0])
+    step = max(round(1.0 / px_per_m / reference.gsd_m), 1)
     # Column and row of the cells that an image sees; evenly thinned out where there are too many
     pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
     size = np.array(reference.raster.size)
@@ -59,10 +61,6 @@ def _compute_area_px(reference: Orthoimage, ground: np.ndarray) -> float:
     return float(np.prod(np.maximum(np.ptp(pixels, axis=0), 1.0)))
 
 
-def _pixel_m(image: Image, ground: np.ndarray) -> float:
-    return float(1.0 / image.rpc.px_per_m(ground[len(ground) // 2][None])[0])
-
-
 def _find_best_spot(
     reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
 ) -> tuple[np.ndarray, float] | None:
@@ -79,7 +77,7 @@ def _find_best_spot(
     gx, gy = slopes(blur(grey, 1.0), *SCHARR)
     damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
     xx, yy, xy = (box_mean(a * b * damp**2, window_px) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
-    least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
+    least = compute_smaller_eigenvalue(xx, yy, xy)
     whole = erode(valid, window_px, outside=False)
     texture = np.where(whole, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
     row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)

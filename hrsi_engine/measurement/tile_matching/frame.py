@@ -80,13 +80,9 @@ class TileFrame:
         corners = np.array([[x, y] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)])
         _, stretch = self.parallax(corners)
         along, across = (margin / (self.second.step * self.scale) for margin in self.geometry.margin_px)
-        return along + float(stretch.max()) * self._find_height_uncertainty(corners), across
-
-    def _find_height_uncertainty(self, points: np.ndarray) -> float:
-        if self.geometry.height_sigma_m is not None:
-            return 3.0 * self.geometry.height_sigma_m
-        height = self.geometry.heights_at(self.first.to_image(points))
-        return float(np.maximum(self.geometry.highest_m - height, height - self.geometry.lowest_m).max())
+        height, sigma = self.geometry.heights_at(self.first.to_image(corners)), self.geometry.height_sigma_m
+        room = np.maximum(self.geometry.highest_m - height, height - self.geometry.lowest_m).max()
+        return along + float(stretch.max()) * (float(room) if sigma is None else 3.0 * sigma), across
 
     @cached_property
     def pad_px(self) -> int:

@@ -11,7 +11,6 @@ from ...foundation.thresholds import threshold, thresholds
 class TileMatchThresholds:
     """Where the points of a window are and are sought, and which matches are kept."""
 
-    noise_cell_px: int = threshold(32, "px", "side of the cells whose quietest quarter tells the noise")
     expected_sigma_px: float = threshold(0.1, "px", "of a match, above which a point is dropped")
     weakest_corner: float = threshold(0.02, "", "over the median corner, below which it is unseen noise")
     edge_px: int = threshold(4, "px", "from the tile's edge, where filters see its mirror image")

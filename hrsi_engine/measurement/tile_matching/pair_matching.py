@@ -28,19 +28,7 @@ from .matchers import MATCHERS
 from .options import TILE_MATCH, TileMatchOptions
 from .points import detect_tile_points
 from .rpc_consistency import Consistency, check_rpc_consistency
-from .types import HeightGrid, ImageTile, TileMatches, TilePairGeometry, make_empty_matches
-
-__all__ = [
-    "HeightGrid",
-    "ImageTile",
-    "TileMatchOptions",
-    "TileMatches",
-    "TilePairGeometry",
-    "make_empty_matches",
-    "match_tile",
-    "refine_points",
-    "transfer_points",
-]  # fmt: skip
+from .types import ImageTile, TileMatches, TilePairGeometry, make_empty_matches
 
 
 def match_tile(

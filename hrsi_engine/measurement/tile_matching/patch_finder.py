@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...foundation.pixel_filters import box_mean, erode, largest_within, slopes
+from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, largest_within, slopes
 from ...foundation.thresholds import threshold, thresholds
 from ..window_matching.cross_correlation import correlate_template
 
@@ -37,7 +37,7 @@ def find_distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = FIND
         return np.empty((0, 2), dtype=np.int64)
     by_x, by_y = slopes(pixels, *SOBEL)
     xx, yy, xy = (box_mean(product, FINDER.corner_px) for product in (by_x * by_x, by_y * by_y, by_x * by_y))
-    strength = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)  # the smaller eigenvalue (Shi, Tomasi 1994)
+    strength = compute_smaller_eigenvalue(xx, yy, xy)
     strong = strength > FINDER.corner_share * strength[usable].max()
     rows, columns = np.nonzero(usable & strong & (strength >= largest_within(strength, 1.5)))
     order = np.argsort(-strength[rows, columns], kind="stable")

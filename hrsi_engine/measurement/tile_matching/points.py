@@ -10,32 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...foundation.pixel_filters import box_mean, filter_separably
-from ...foundation.robust_scale import MAD_TO_SIGMA
+from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
+from ..interest_points.statistics import estimate_noise
 from .options import TILE_MATCH, TileMatchOptions
 from .types import ImageTile
-
-_BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
-
-
-def estimate_tile_noise(tile: ImageTile) -> float:
-    """Return the standard deviation of the noise of a tile's grey values."""
-    if tile.noise is not None:
-        return tile.noise
-    rows, columns = (length // TILE_MATCH.noise_cell_px * TILE_MATCH.noise_cell_px for length in tile.pixels.shape)
-    if not rows or not columns:
-        return 0.0
-    curved = np.abs(filter_separably(tile.pixels, _BENT, _BENT)) / 6.0
-    shape = (
-        rows // TILE_MATCH.noise_cell_px,
-        TILE_MATCH.noise_cell_px,
-        columns // TILE_MATCH.noise_cell_px,
-        TILE_MATCH.noise_cell_px,
-    )
-    cells = curved[:rows, :columns].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
-    whole = tile.valid[:rows, :columns].reshape(shape).all(axis=(1, 3))
-    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
 
 
 def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray:
@@ -44,14 +23,13 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
     if min(tile.pixels.shape) <= 2 * half + 2 * TILE_MATCH.edge_px:
         return np.empty((0, 2), dtype=np.int64)
     tensor = compute_structure_tensor(tile.pixels)
-    half_trace = 0.5 * (tensor.xx + tensor.yy)
-    strength = half_trace - np.sqrt((0.5 * (tensor.xx - tensor.yy)) ** 2 + tensor.xy**2)
+    strength = compute_smaller_eigenvalue(tensor.xx, tensor.yy, tensor.xy)
     smallest = min(options.windows_px) // 2
     strength[~mask_usable_surroundings(tile.valid, smallest + TILE_MATCH.edge_px)] = 0.0
     margin = smallest + TILE_MATCH.edge_px
     strength[:margin], strength[-margin:], strength[:, :margin], strength[:, -margin:] = 0.0, 0.0, 0.0, 0.0
     rows, columns = np.nonzero(find_local_maxima(strength, options.spacing_px))
-    noise = estimate_tile_noise(tile)
+    noise = estimate_noise(tile.pixels, tile.valid) if tile.noise is None else tile.noise
     # What noise alone leaves of a match's precision, px: the tensor is averaged over the matching window
     side = 2 * smallest + 1
     xx, xy, yy = (box_mean(layer, side)[rows, columns].astype(np.float64) for layer in tensor)
@@ -59,8 +37,7 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
     # the derivatives' own noise (a Gaussian of 1 px: 1 / 8 pi) adds to the tensor of an area without any texture
     own = noise**2 / (8.0 * np.pi)
     xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
-    smaller = 0.5 * (xx + yy) - np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-    expected = noise / np.sqrt(np.maximum(smaller, 1e-12) * pixels)
+    expected = noise / np.sqrt(np.maximum(compute_smaller_eigenvalue(xx, yy, xy), 1e-12) * pixels)
     at = strength[rows, columns]
     good = (expected < TILE_MATCH.expected_sigma_px) & (
         at > TILE_MATCH.weakest_corner * np.median(at) if len(at) else True

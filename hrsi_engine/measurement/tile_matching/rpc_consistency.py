@@ -101,13 +101,6 @@ def check_rpc_consistency(
     return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
 
 
-def rpc_consistent(
-    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: float, floor_px: float = 0.5
-) -> np.ndarray:
-    """Return the mask of the matches that `check_rpc_consistency` allows."""
-    return check_rpc_consistency(first, second, first_xy, second_xy, height_m, floor_px).good
-
-
 def _compare_with_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
     index = np.flatnonzero(good)

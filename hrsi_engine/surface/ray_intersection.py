@@ -1,0 +1,221 @@
+"""Where the rays of an image first meet a height surface.
+
+`intersect_surface` follows each ray from above the highest terrain downwards in steps of at most half a cell, so that
+the first hit counts (a mountain hides the valley behind it), and closes in on it with the RPC itself.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera.rpc import RPC
+from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import wrap_degrees
+from .dem import HeightSurface, surface_heights
+
+
+@thresholds
+class RayThresholds:
+    """How rays are followed down to a surface."""
+
+    batch: int = threshold(16384, "rays", "followed at a time: memory")
+    step: float = threshold(0.5, "cells", "that a ray passes from height to height")
+    accuracy_m: float = threshold(1e-3, "m", "of the height at which a ray meets the surface")
+    margin_m: float = threshold(1.0, "m", "above the highest and below the lowest cell on a ray's way")
+    most_iterations: int = threshold(60, "iterations", "of regula falsi")
+    bound_rounds: int = threshold(4, "rounds", "in which the range of heights follows the terrain passed")
+
+
+RAY_TRACING = RayThresholds()
+
+
+class Status(IntEnum):
+    """What became of a ray."""
+
+    FOUND = 0
+    NODATA = 1  #: the ray meets the ground, if at all, where the surface has no heights
+    OUTSIDE = 2  #: the ray leaves the surface's area before it meets it
+    NO_RAY = 3  #: the RPC has no ground position for the image point
+
+    @property
+    def label(self) -> str:
+        return ("found", "nodata", "outside", "no ray")[self.value]
+
+
+class SurfaceIntersection(NamedTuple):
+    """Where rays meet a surface, and what became of each.
+
+    Parameters
+    ----------
+    ground : (n, 3) ndarray
+        Lon, lat in degrees, ellipsoidal height in metres; NaN unless found.
+    status : (n,) ndarray
+        Values of `Status`.
+    """
+
+    ground: np.ndarray
+    status: np.ndarray
+
+
+def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
+    """Return where the rays of image points ``(n, 2)`` first meet a surface, coming from above.
+
+    Heights are right to 1 mm. A spike that a ray passes within less than half a cell may be missed. Where the
+    surface has no heights along a ray the ground may hide there: such a ray is found only when it comes out of the
+    gap above the ground; else its status is ``NODATA``.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The camera.
+    image : (n, 2) ndarray
+        Sample, line in pixels.
+    surface : HeightSurface
+        The terrain.
+
+    Returns
+    -------
+    SurfaceIntersection
+        Ground points and a status for each ray.
+    """
+    image = np.asarray(image, dtype=np.float64)
+    ground = np.full((len(image), 3), np.nan)
+    status = np.empty(len(image), dtype=np.int64)
+    for start in range(0, len(image), RAY_TRACING.batch):
+        part = slice(start, start + RAY_TRACING.batch)
+        ground[part], status[part] = _intersect_part(rpc, image[part], surface)
+    return SurfaceIntersection(ground, status)
+
+
+def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
+    ends = _find_ray_ends(rpc, image, surface)
+    ground = np.full((len(image), 3), np.nan)
+    status = np.where(ends.converged, int(Status.OUTSIDE), int(Status.NO_RAY))
+    rays = np.flatnonzero(ends.exists)
+    if not rays.size:
+        return SurfaceIntersection(ground, status)
+    if np.isnan(ends.heights).any():  # no height near any ray
+        status[rays] = np.where(surface.covers(ends.lower[rays]), Status.NODATA, Status.OUTSIDE)
+        return SurfaceIntersection(ground, status)
+    status[rays], bracket = _march_down(ends.upper[rays], ends.lower[rays], ends.heights, surface)
+    hits = rays[status[rays] == Status.FOUND]
+    ground[hits], valid = _close_in_on_surface(rpc, image[hits], surface, bracket[status[rays] == Status.FOUND])
+    status[hits[~valid]] = Status.NODATA
+    ground[hits[~valid]] = np.nan
+    return SurfaceIntersection(ground, status)
+
+
+class _RayEnds(NamedTuple):
+    """Grid coordinates ``(n, 2)`` of rays at the upper and lower of two heights.
+
+    ``exists`` tells which rays have both, ``converged`` which have both on the ground, if not in the grid's reach.
+    """
+
+    upper: np.ndarray
+    lower: np.ndarray
+    heights: tuple[float, float]
+    exists: np.ndarray
+    converged: np.ndarray
+
+
+def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayEnds:
+    """Return the rays between heights just above and below all terrain that they pass.
+
+    The terrain passed depends on these heights: they start at the RPC's height range and follow the terrain.
+    """
+    low, high = rpc.height_range
+    for _ in range(RAY_TRACING.bound_rounds):
+        ends = _localize_between(rpc, image, surface, low, high)
+        if not ends.exists.any():
+            return ends
+        passed = np.concatenate([ends.upper[ends.exists], ends.lower[ends.exists]])
+        lowest, highest = surface.bounds(passed.min(axis=0) - 1.0, passed.max(axis=0) + 1.0)
+        if np.isnan(lowest):
+            return ends._replace(heights=(np.nan, np.nan))
+        enclosed = low <= lowest - RAY_TRACING.margin_m and high >= highest + RAY_TRACING.margin_m
+        low, high = lowest - RAY_TRACING.margin_m, highest + RAY_TRACING.margin_m
+        if enclosed:
+            break
+    return _localize_between(rpc, image, surface, low, high)
+
+
+def _localize_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: float, high: float) -> _RayEnds:
+    upper, lower = rpc.localize(image, high), rpc.localize(image, low)
+    lower.ground[:, 0] = upper.ground[:, 0] + wrap_degrees(lower.ground[:, 0] - upper.ground[:, 0])
+    grid = [np.full((len(image), 2), np.nan) for _ in range(2)]
+    converged = upper.converged & lower.converged
+    for target, end in zip(grid, (upper, lower), strict=True):
+        target[converged] = surface.grid_coordinates(end.ground[converged, :2])
+    exists = converged & np.isfinite(grid[0]).all(axis=1) & np.isfinite(grid[1]).all(axis=1)
+    return _RayEnds(grid[0], grid[1], (low, high), exists, converged)
+
+
+def _march_down(
+    upper: np.ndarray, lower: np.ndarray, heights: tuple[float, float], surface: HeightSurface
+) -> tuple[np.ndarray, np.ndarray]:
+    """Go down straight rays; return each one's status and the heights ``(n, 2)`` above and below its first hit."""
+    low, high = heights
+    longest = float(np.abs(upper - lower).max())
+    steps = max(1, int(np.ceil(longest / RAY_TRACING.step)))
+    count = len(upper)
+    status, bracket = np.full(count, int(Status.OUTSIDE)), np.full((count, 2), np.nan)
+    going, in_gap = np.arange(count), np.zeros(count, dtype=bool)
+    for step in range(steps + 1):
+        share = step / steps
+        height = high - share * (high - low)
+        position = upper[going] + share * (lower[going] - upper[going])
+        terrain = surface.heights(position)
+        unknown = np.isnan(terrain)
+        reached = ~unknown & (height <= terrain)
+        found, hidden = going[reached & ~in_gap[going]], going[reached & in_gap[going]]
+        status[found], status[hidden] = Status.FOUND, Status.NODATA
+        bracket[found] = height + (high - low) / steps, height
+        in_gap[going] = unknown & surface.covers(position)
+        status[going[in_gap[going]]] = Status.NODATA
+        status[going[unknown & ~in_gap[going]]] = Status.OUTSIDE
+        going = going[~reached]
+        if not going.size:
+            break
+    return status, bracket
+
+
+def _close_in_on_surface(
+    rpc: RPC, image: np.ndarray, surface: HeightSurface, bracket: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ground points where rays meet the surface within height brackets, and where they could be found.
+
+    Regula falsi in the Illinois variant (Dowell and Jarratt 1971), with bisection every fourth time: the surface is
+    continuous but has edges.
+    """
+
+    def find_height_above(rows: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        point = rpc.localize(image[rows], height).ground
+        return point, height - surface_heights(surface, point[:, :2])
+
+    every = np.arange(len(image))
+    upper, lower = bracket.T.copy()
+    (_, f_upper), (ground, f_lower) = find_height_above(every, upper), find_height_above(every, lower)
+    valid = np.isfinite(f_upper) & np.isfinite(f_lower)
+    # The real ray is bent by millimetres against the straight one: where that flips a sign, the end is the hit.
+    going = every[valid & (f_upper > 0.0) & (f_lower < 0.0)]
+    at_top = every[valid & (f_upper <= 0.0)]
+    ground[at_top] = find_height_above(at_top, upper[at_top])[0]
+    below_before = np.full(len(image), -1)  # which end moved last: 1 the lower, 0 the upper
+    for iteration in range(RAY_TRACING.most_iterations):
+        if not going.size:
+            break
+        a, b, fa, fb = upper[going], lower[going], f_upper[going], f_lower[going]
+        middle = 0.5 * (a + b) if iteration % 4 == 3 else (a * fb - b * fa) / (fb - fa)
+        ground[going], f = find_height_above(going, middle)
+        below = f < 0.0
+        damping = np.where(below == below_before[going], 0.5, 1.0)  # for the end that stays a second time
+        upper[going], f_upper[going] = np.where(below, a, middle), np.where(below, damping * fa, f)
+        lower[going], f_lower[going] = np.where(below, middle, b), np.where(below, f, damping * fb)
+        below_before[going] = below
+        valid[going[~np.isfinite(f)]] = False
+        narrow = upper[going] - lower[going] < RAY_TRACING.accuracy_m
+        going = going[np.isfinite(f) & ~narrow & (np.abs(f) > 0.1 * RAY_TRACING.accuracy_m)]
+    return ground, valid
