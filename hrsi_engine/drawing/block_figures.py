@@ -24,13 +24,13 @@ class PointChip:
     Parameters
     ----------
     id, image, role : str
-        What and where.
+        Id of the point, id of the image, gcp or check.
     point : int
         The point's number on the page; -1 without.
     residual_px : (2,) ndarray
         Observed - computed.
     outlier : bool
-        Whether it stands out.
+        Whether it is an outlier.
     chip : TargetChip
         Pixels, measured and computed position, outline.
     """
@@ -60,7 +60,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class ReportFigures:
-    """What the figures show.
+    """Contents of the figures of a block's report.
 
     Parameters
     ----------

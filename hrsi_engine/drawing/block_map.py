@@ -1,9 +1,7 @@
 """A map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and the scales.
 
-What stands here is drawn for every reader; the page's script (``map_controls.js`` of `io.pages`) lets one move about
-in it.
-Marks of points keep their size however far one zooms in: they lie at (0, 0) of a group of their own, which stands at
-the point's place.
+The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Marks of points keep their size at every zoom: each
+is drawn at (0, 0) of a group of its own, which is moved to the point's position.
 """
 
 from __future__ import annotations
@@ -104,7 +102,7 @@ class BlockMap:
 
 @dataclass(frozen=True, eq=False)
 class MapDrawing:
-    """The map, and what its script knows besides: where degrees lie in it, its scales, and the cells' figures."""
+    """SVG of the map, and the data of its script: transformation to degrees, scales, figures of the cells."""
 
     svg: str = ""
     data: Mapping[str, Any] = field(default_factory=dict)
@@ -214,7 +212,7 @@ def _fit_view(places: np.ndarray) -> _MapView:
 
 
 def _describe_map(data: BlockMap, here: np.ndarray) -> str:
-    """Return what the map shows, for those who cannot see it."""
+    """Return the text alternative of the map."""
     count = {role: int((data.roles[here] == role).sum()) for role in Role}
     if data.ties is not None:
         count[Role.TIE] = len(data.ties.lonlat)

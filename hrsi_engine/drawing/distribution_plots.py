@@ -22,7 +22,7 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
     values : (n,) ndarray
         Residuals over their standard deviations.
     label : str
-        For those who cannot see the picture.
+        Text alternative.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def draw_qq_plot(values: np.ndarray, label: str) -> str:
     values : (n,) ndarray
         Residuals over their standard deviations.
     label : str
-        For those who cannot see the picture.
+        Text alternative.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Are two places alike? Normalised cross correlation of a patch and its affine image in the other view."""
+"""Normalised cross correlation of patches of the first window with their affine images in the second."""
 
 from __future__ import annotations
 

@@ -66,11 +66,11 @@ def grow_network(
     """Return the network with all interest points that can be matched."""
     rounds = 0
     for stage in options.stages:
-        tried = np.full(len(first.xy), np.inf)  # distance of the node that each point was last matched under
+        last_px = np.full(len(first.xy), np.inf)  # distance of the node under which each point was last matched
         while len(network) >= 3 and rounds < GROWTH.most_rounds:
             rounds += 1
             advance(progress, 1.0 - 1.0 / (1.0 + rounds / 8.0), f"control network: {len(network)} correspondences")
-            new = _grow_once(network, first, second, options, stage, tried)
+            new = _grow_once(network, first, second, options, stage, last_px)
             if not len(new):
                 break
             before, network = len(network), network.join(new)
@@ -99,15 +99,15 @@ def _grow_once(
     second: NetworkWindow,
     options: GrowthOptions,
     stage: GrowthStage,
-    tried: np.ndarray,
+    last_px: np.ndarray,
 ) -> Network:
-    """Return the new nodes of one round; notes in ``tried`` how far its node was."""
+    """Return the new nodes of one round; ``last_px`` is updated with the distance of each point from its node."""
     free = np.ones(len(first.xy), dtype=bool)
     free[network.first_row] = False
     rows = np.flatnonzero(free)
     distance, node = cKDTree(network.first).query(first.xy[rows])
-    fresh = (distance <= stage.reach_px) & (distance < GROWTH.closer * tried[rows])
-    tried[rows[fresh]] = distance[fresh]
+    fresh = (distance <= stage.reach_px) & (distance < GROWTH.closer * last_px[rows])
+    last_px[rows[fresh]] = distance[fresh]
     rows, node = rows[fresh], node[fresh]
     point, other = _find_candidates(network, first, second, rows, node, stage.tolerance)
     if not len(point):

@@ -119,18 +119,14 @@ class ControlNetworkMatch:
     @property
     def rotation_deg(self) -> float:
         """Turn from the first image to the second, from sample towards line; NaN without a match."""
-        return float(np.degrees(np.arctan2(*_turn(self.affine))))
+        (a, b), (c, d) = self.affine[:, :2]
+        return float(np.degrees(np.arctan2(c - b, a + d)))
 
     @property
     def scale(self) -> float:
         """Pixels of the second image for one of the first; NaN without a match."""
         (a, b), (c, d) = self.affine[:, :2]
         return float(np.sqrt(abs(a * d - b * c)))
-
-
-def _turn(affine: np.ndarray) -> tuple[float, float]:
-    """Return sine and cosine of the nearest similarity, times its scale."""
-    return (affine[1, 0] - affine[0, 1]) / 2.0, (affine[0, 0] + affine[1, 1]) / 2.0
 
 
 def choose_scales(lowest: float, highest: float, gradient: float) -> tuple[float, ...]:
@@ -176,23 +172,23 @@ def match_windows(
     areas = clip_to_image(first_window, first), clip_to_image(second_window, second)
     if options.scales is not None:
         return _match_at_scale(first, second, options, FeatureVote(options.scales), areas, progress)
-    # A glance at reduced windows tells most scales; where it tells none, equal ones are tried, then features looked for
+    # Features of reduced windows give most scales; else equal scales are tried first, then features at full resolution
     vote, equal = vote_by_features(first, second, *areas), FeatureVote(CONTROL_NETWORK.equal_scales)
-    told = vote.scales != SCALE.unknown_scales and not _votes_equal(vote)
-    if not told:
+    is_known = vote.scales != SCALE.unknown_scales and not _votes_equal(vote)
+    if not is_known:
         equal = equal._replace(affine=vote.affine)
-    found = _match_at_scale(first, second, options, vote if told else equal, areas, stage(progress, 0.0, 0.5))
+    found = _match_at_scale(first, second, options, vote if is_known else equal, areas, stage(progress, 0.0, 0.5))
     if found.status == FOUND:
         return found
-    right = _votes_equal(vote)
+    votes_equal = _votes_equal(vote)
     vote = vote_by_features(first, second, *areas, most_px=SCALE.look_px)
     if vote.affine is None:
-        if right or (not told and _votes_equal(vote)):
+        if votes_equal or (not is_known and _votes_equal(vote)):
             return found  # the scale was right: another one would not help
-        if told:
+        if is_known:
             vote = equal
     again = _match_at_scale(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
-    # Where no feature tells the scale, a pattern that repeats at some of those tried says nothing of the windows.
+    # Where features give no scale, an ambiguous match at one of those tried is no statement on the windows
     return (
         again
         if again.status == FOUND or vote.scales not in (SCALE.unknown_scales, CONTROL_NETWORK.equal_scales)

@@ -32,7 +32,7 @@ class Network:
         return len(self.first_row)
 
     def select(self, keep: np.ndarray) -> Network:
-        """Return the nodes of a mask; those whose father is gone hang on the nearest ancestor that stays."""
+        """Return the nodes of a mask; where a father is removed, the nearest remaining ancestor takes its place."""
         father = self.father.copy()
         for _ in range(int(self.generation.max(initial=0)) + 1):
             gone = (father != NO_FATHER) & ~keep[father]

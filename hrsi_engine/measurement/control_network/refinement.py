@@ -1,4 +1,4 @@
-"""Final positions by least-squares matching, and what contradicts them: neighbours and epipolar geometry."""
+"""Final positions by least-squares matching; outliers are found by neighbours and affine epipolar geometry."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What two windows of which nothing is known have to do with one another, by features that know no scale.
+"""Similarity of two windows of unknown cameras from scale-invariant features.
 
-SIFT (Lowe 2004) tells its own scale and direction; the pairs that pass the ratio test vote for one similarity by random
-samples (Fischler and Bolles 1981). Its scale is that at which networks are looked for. Where they find no root, as of
-small windows that overlap little, whose few super points are seldom in both, a clear vote says where they begin.
+SIFT features (Lowe 2004) that pass the ratio test vote for one similarity by random samples (RANSAC; Fischler and
+Bolles 1981). Its scale is that of the networks searched. Where those find no root, as in small windows with little
+overlap and few common super points, a clear vote gives the place where the network begins.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SCALE = ScaleThresholds()
 
 
 class FeatureVote(NamedTuple):
-    """What features of two windows vote for.
+    """Similarity that the features of two windows vote for.
 
     scales : range of pixels of the second window for one of the first, in which the true scale lies
     affine : (2, 3) similarity from positions of the first image to those of the second; None without a clear vote
@@ -56,10 +56,10 @@ class FeatureVote(NamedTuple):
 def vote_by_features(
     first: Raster, second: Raster, first_window: Area, second_window: Area, most_px: int = SCALE.glance_px
 ) -> FeatureVote:
-    """Return what the features of two windows vote for; `SCALE.unknown_scales` where they tell nothing.
+    """Return the similarity that features vote for; `SCALE.unknown_scales` where they do not agree.
 
-    Both windows are reduced alike until the larger has at most ``most_px`` pixels: that is quick, and tells as much
-    where they show the same.
+    Both windows are reduced alike until the larger has at most ``most_px`` pixels: that is quick, and enough where they
+    overlap well.
     """
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)

@@ -8,7 +8,7 @@ to itself (Comaniciu and Meer 2002), so that a weak part of the outline hardly c
 is around, or whose outline leads away from its seed, is none.
 
 The `chance` of a blob to be found again is a logistic function of what predicts it on real pairs (`CHANCE_TERMS`): its
-size, how even its outline is, and whether it is bright; dark ones are shadows and gaps more often than things.
+size, how even its outline is, and whether it is bright; dark ones are more often shadows and gaps than objects.
 `benchmarks/interest_points_real.py` judges it.
 """
 
@@ -62,7 +62,7 @@ class BlobThresholds:
 
 BLOBS = BlobThresholds()
 
-#: Logarithm of the odds to be found again: constant, logarithm of radius / 4 px and its square, unevenness, dark.
+#: Log odds of detection in another view: constant, logarithm of radius / 4 px and its square, unevenness, dark.
 CHANCE_TERMS = (0.82, 0.42, -0.94, -0.45, -0.82)
 
 _DIRECTION = np.exp(2j * np.pi * np.arange(BLOBS.rays) / BLOBS.rays)
@@ -72,7 +72,7 @@ class Blobs(NamedTuple):
     """Blobs of a window, columns of length n.
 
     xy : (n, 2) column, row; sign : 1 bright, -1 dark; radii : (n, rays) of the outline about the centre
-    contrast : in local deviations; chance : to be found again
+    contrast : in local standard deviations; chance : probability of being detected in another view
     """
 
     xy: np.ndarray
@@ -111,7 +111,7 @@ class Blobs(NamedTuple):
 
 
 def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blobs:
-    """Return the blobs of an image in local deviations, float32; those that touch pixels not usable are left out."""
+    """Return the blobs of a normalised image (float32); those that touch unusable pixels are left out."""
     xy, sigma, sign = _find_seeds(z)
     radius = BLOBS.radius_of_sigma * sigma
     levels = _SlopePyramid(z)
@@ -132,12 +132,13 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
     xy, radii, sign = xy[clear], radii[clear], sign[clear]
     for _ in range(BLOBS.centre_rounds):
         xy = _compute_grey_centres(z, xy, radii, inside[clear], outside[clear])
-    # What the centre has moved to must stand out as well, and lie on usable pixels
+    # The blob about the moved centre must have contrast as well, and lie on usable pixels
     moved_in, moved_out = (_sample_ring(z, xy, radii, *at) for at in ((0.5, 0.0), (1.0, BLOBS.surroundings_px)))
     contrast = sign * (moved_in - moved_out)
     keep = (contrast >= BLOBS.moved_contrast) & _is_usable(usable, xy, radii)
     xy, radii, sign, contrast = xy[keep], radii[keep], sign[keep], contrast[keep]
-    blobs = Blobs(xy, sign, radii, contrast, _chance(radii, sign))
+    chance = 1.0 / (1.0 + np.exp(-compute_chance_terms(radii, sign) @ CHANCE_TERMS))
+    blobs = Blobs(xy, sign, radii, contrast, chance)
     return blobs.select(_select_distinct(blobs))
 
 
@@ -272,7 +273,7 @@ def _is_usable(usable: np.ndarray, xy: np.ndarray, radii: np.ndarray) -> np.ndar
 def _compute_grey_centres(
     z: np.ndarray, xy: np.ndarray, radii: np.ndarray, inside: np.ndarray, outside: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """Return the means ``(n, 2)`` of positions within outlines, weighted by what is above the surroundings."""
+    """Return the means ``(n, 2)`` of positions within outlines, weighted by the grey value above the surroundings."""
     share = (np.arange(BLOBS.centre_samples) + 0.5) / BLOBS.centre_samples
     reach = (radii + BLOBS.surroundings_px)[:, :, None]
     offset = reach * share * _DIRECTION[:, None]
@@ -284,14 +285,10 @@ def _compute_grey_centres(
 
 
 def compute_chance_terms(radii: np.ndarray, sign: np.ndarray) -> np.ndarray:
-    """Return what a blob's chance is told by ``(n, 5)``, as `CHANCE_TERMS` weighs it."""
+    """Return the predictors ``(n, 5)`` of the log odds of detection, in the order of `CHANCE_TERMS`."""
     radius = np.sqrt(np.mean(radii**2, axis=1))
     size, uneven = np.log(radius / 4.0), np.minimum(10.0 * _compute_roughness_px(radii) / radius, 3.0)
     return np.column_stack([np.ones(len(radius)), size, size**2, uneven, sign < 0.0])
-
-
-def _chance(radii: np.ndarray, sign: np.ndarray) -> np.ndarray:
-    return np.asarray(1.0 / (1.0 + np.exp(-compute_chance_terms(radii, sign) @ CHANCE_TERMS)))
 
 
 def _compute_roughness_px(radii: np.ndarray) -> np.ndarray:

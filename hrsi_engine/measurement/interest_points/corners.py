@@ -99,7 +99,7 @@ def compute_corner_halo_px(options: CornerOptions) -> int:
 def find_corner_peaks(
     window: DetectionWindow, statistics: ImageStatistics, options: CornerOptions, strength_of: Strength
 ) -> CornerPeaks:
-    """Return the local maxima of a window's core with positive strength, all above 0; thresholds come later."""
+    """Return the local maxima of positive strength in a window's core; thresholds are applied later."""
     tensor = compute_structure_tensor(normalise(window, statistics))
     strength = strength_of(tensor, options)
     strength[~mask_usable_surroundings(window.usable, CORNER_DETECTION.support_px)] = 0.0
@@ -107,7 +107,7 @@ def find_corner_peaks(
         CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
         CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
     ].copy()
-    strength[:] = 0.0  # at the edges of the image the filters saw its mirror image
+    strength[:] = 0.0  # at the edges of the image the filters used its mirror image
     strength[
         CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
         CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
@@ -127,7 +127,7 @@ def find_local_maxima(strength: np.ndarray, radius_px: float) -> np.ndarray:
 
 
 def mask_usable_surroundings(usable: np.ndarray, distance_px: int) -> np.ndarray:
-    """Return the mask of pixels whose surroundings are usable as far as the window goes."""
+    """Return the mask of pixels without unusable pixels of the window within a distance (square)."""
     if usable.all():
         return usable
     return erode(usable, 2 * distance_px + 1)
@@ -147,7 +147,7 @@ def compute_peak_offsets(strength: np.ndarray, rows: np.ndarray, columns: np.nda
 
 
 def _estimate_sigmas(tensor: StructureTensor, rows: np.ndarray, columns: np.ndarray, noise: float) -> np.ndarray:
-    """Return the standard deviation of a coordinate: what noise moves the point by, and what the model leaves."""
+    """Return the standard deviation of a coordinate ``(n,)``: from noise, and the repeatability of maxima."""
     xx, xy, yy = (layer[rows, columns].astype(np.float64) for layer in tensor)
     effective = 4.0 * np.pi * CORNER_DETECTION.patch_px**2  # pixels in the patch
     by_noise = noise**2 / effective * (xx + yy) / np.maximum(xx * yy - xy**2, 1e-12) / 2.0

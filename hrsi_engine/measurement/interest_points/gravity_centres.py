@@ -3,7 +3,7 @@
 Every candidate region gets a sub-pixel outline, and the simplest shape that explains it within its tolerance: an
 ellipse, a rectangle, else the polygon of the edge points. The centre is the shape's; the grey-weighted centroid must
 agree with it. Regions without closed outline, of weak contrast or irregular shape are left out. An object is usually
-found at many levels and scales: the best of its centres stays, and their number tells how stable it is.
+found at many levels and scales: the best of its centres is taken, and their number measures its stability.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class GravityCentre(NamedTuple):
 
 @dataclass(eq=False)
 class _CentreCandidates:
-    """Centres of a window before the best of each object are chosen, columns of length n; ``shape`` by kind and row."""
+    """Centres of a window before those of one object are merged, columns of length n; ``row`` of its kind's shapes."""
 
     xy: np.ndarray
     size_px: np.ndarray
@@ -100,10 +100,10 @@ def find_gravity_centres(
     """Return the gravity centres in a window's core, in image pixels."""
     regions = find_compact_regions(normalise(window, statistics), window.usable, options.largest_px)
     # The mask of regions (n, 2) whose shape's centre may lie inside the core
-    centres = regions.centres()
+    middle = regions.centres()
     low = np.array([window.core.left, window.core.top]) - window.origin - CENTRE.object_margin_px
     high = np.array([window.core.right, window.core.bottom]) - window.origin + CENTRE.object_margin_px
-    near_core = np.asarray(np.all((centres >= low) & (centres < high), axis=1))
+    near_core = np.asarray(np.all((middle >= low) & (middle < high), axis=1))
     regions = regions.select(near_core)
     if not len(regions):
         return []
@@ -132,12 +132,19 @@ def find_gravity_centres(
         *(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_CentreCandidates))
     )
     chosen, quality = _select_best_centres(every, options)
-    made = [
-        _centre(str(every.kind[k]), shapes[str(every.kind[k])][0], every.row[k], every.contrast[k], q, window.origin)
-        for k, q in zip(chosen, quality, strict=True)
-    ]
-    inside = window.core.contains(np.array([centre.xy for centre in made]).reshape(-1, 2))
-    return [centre for centre, here in zip(made, inside, strict=True) if here]
+    centres = []
+    for k, worth in zip(chosen, quality, strict=True):
+        kind, row = str(every.kind[k]), every.row[k]
+        shape = shapes[kind][0]
+        outline = shape.edges[row][shape.found[row]] + window.origin
+        centres.append(
+            GravityCentre(
+                shape.xy[row] + window.origin, shape.covariance_px2[row], kind, shape.size_px[row],
+                float(shape.azimuth_rad[row]), float(shape.rmse_px[row]), float(every.contrast[k]), worth, outline,
+            )
+        )  # fmt: skip
+    is_inside = window.core.contains(np.array([centre.xy for centre in centres]).reshape(-1, 2))
+    return [centre for centre, inside in zip(centres, is_inside, strict=True) if inside]
 
 
 def _merge_outlines(
@@ -273,10 +280,3 @@ def _select_best_centres(found: _CentreCandidates, options: CentreOptions) -> tu
             chosen.append(row)
             quality.append(worth)
     return chosen, quality
-
-
-def _centre(kind: str, shapes: Shapes, row: int, contrast: float, quality: float, origin: np.ndarray) -> GravityCentre:
-    return GravityCentre(
-        shapes.xy[row] + origin, shapes.covariance_px2[row], kind, shapes.size_px[row], float(shapes.azimuth_rad[row]),
-        float(shapes.rmse_px[row]), float(contrast), quality, shapes.edges[row][shapes.found[row]] + origin,
-    )  # fmt: skip

@@ -202,7 +202,7 @@ def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
 
 
 def _cut_threads(mask: np.ndarray) -> np.ndarray:
-    """Return the largest part of a mask without the threads by which it leaks into its surroundings."""
+    """Return the largest part of a mask after an opening, which cuts thin bridges to the surroundings."""
     core = filters.opened(mask, 3)
     if not core.any():
         return mask
@@ -210,7 +210,7 @@ def _cut_threads(mask: np.ndarray) -> np.ndarray:
     return core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
 
 
-#: Steps (column, row) to the 8 neighbours, clockwise on the screen from that on the right.
+#: Steps (column, row) to the 8 neighbours, clockwise on the screen from the right one.
 _AROUND = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
 
 

@@ -85,7 +85,7 @@ class InterestPoints(Columns):
 
 
 def join_points(tables: Sequence[InterestPoints]) -> InterestPoints:
-    """Return tables under each other; an empty one for none."""
+    """Return several tables as one; an empty table for none."""
     if not tables:
         return make_empty_points()
     return InterestPoints(

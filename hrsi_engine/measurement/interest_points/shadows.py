@@ -1,12 +1,12 @@
-"""Which dark centres are the shadow side of something that stands up, by where the sun stood.
+"""Dark gravity centres that are shadows of objects standing on the ground, by the direction of the sun.
 
-What stands on the ground and is lit from one side has its lit half towards the sun and its shadow behind. A dark centre
-of that kind is brighter in its half towards the sun. Beyond its outline it has the thing itself on the sun's side,
-darker than the open, lit ground on all other sides. Pits, ponds and dark plots have neither, or the other way round.
+An object that stands on the ground has its lit side towards the sun and its shadow behind. A dark centre that is such a
+shadow is brighter in its half towards the sun. Beyond its outline lies the object itself on the sun's side, darker than
+the open, lit ground on all other sides. Pits, ponds and dark plots have neither, or the opposite.
 
-The rule is from real images, where the sun's side is the only one that stands out (`benchmarks/shadow_flags.py`: with
-the sun turned by 180 degrees a fifth as many are found, in open country a twelfth). A bright thing on the sun's side,
-as the simulator's roofs are, does not tell: on real ground it is there as often on any other side.
+The rule was found on real images, where only the sun's side differs (`benchmarks/shadow_flags.py`: with
+the sun turned by 180 degrees a fifth as many are found, in open country a twelfth). A bright object on the sun's
+side, as the simulator's roofs are, is no criterion: on real ground it is as frequent on any other side.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SHADOW_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)
 
 @thresholds
 class ShadowThresholds:
-    """Which dark centres are the shadow side of something; compared are grey values around them."""
+    """Which dark centres are shadows of objects; grey values around them are compared."""
 
     beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", SHADOW_IMAGES)
     inside: float = threshold(0.6, "", "share of the radius at which the two halves are compared", SHADOW_IMAGES)
@@ -43,21 +43,21 @@ SHADOW = ShadowThresholds()
 
 
 def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray) -> np.ndarray:
-    """Return which interest points are dark centres on the shadow side of something.
+    """Find the dark gravity centres that are shadows of objects.
 
     Parameters
     ----------
     raster : Raster
         The image that the points are in.
     points : InterestPoints
-        Of which only dark centres are asked.
+        Interest points; only dark centres can be shadows.
     towards_sun : (2,) ndarray
         Unit vector in the image, sample and line, from anything towards the sun.
 
     Returns
     -------
     (n,) ndarray of bool
-        The mask.
+        True for shadows.
     """
     found = np.zeros(len(points), dtype=bool)
     dark = np.flatnonzero(points.is_centre & (points.contrast < 0.0))
@@ -78,7 +78,7 @@ def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray
 
 
 def compute_image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.ndarray:
-    """Return a direction on the ground as it is in the middle of an image.
+    """Compute the direction in the middle of an image of an azimuth on the ground.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def _is_on_shadow_side(
     inside, beyond = sample_ring(SHADOW.inside, 0.0), sample_ring(1.0, SHADOW.beyond_px)
     ground = np.median(beyond[:, others], axis=1)
     contrast = ground - np.median(sample_ring(0.5, 0.0), axis=1)
-    thing = ground - beyond[:, sunny].mean(axis=1)
+    shade = ground - beyond[:, sunny].mean(axis=1)
     halves = inside[:, sunny].mean(axis=1) - inside[:, shady].mean(axis=1)
     return np.asarray(
-        (contrast > 0.0) & (thing > SHADOW.object_darker * contrast) & (halves > SHADOW.half_brighter * contrast)
+        (contrast > 0.0) & (shade > SHADOW.object_darker * contrast) & (halves > SHADOW.half_brighter * contrast)
     )

@@ -83,13 +83,13 @@ def _build_tree(image: np.ndarray) -> _ComponentTree:
 
     count, entered, place, slot = 0, np.full(depth.size, -1), *np.empty((2, depth.size), np.int64)
     regions = np.empty((5, depth.size), np.int64)  # not more than pixels; all but a few never used, and take no memory
-    level_of, area, parent, main, holder = regions  # holder: one that holds it, the largest yet at the end of the way
+    level_of, area, parent, main, ancestor = regions  # ancestor: leads to the largest region so far
     for level in levels:
         new, pairs = pixels[new_at[level] : new_at[level + 1]], slice(pairs_at[level], pairs_at[level + 1])
         place[new] = np.arange(len(new))
         beside = second[pairs]
         is_new = entered[beside] < 0
-        old = _find_roots(holder, entered[beside[~is_new]])  # many times the same: it is joined with itself
+        old = _find_roots(ancestor, entered[beside[~is_new]])  # many times the same: it is joined with itself
         slot[old] = np.arange(len(old))
         of_old = len(new) + np.arange(len(old))
         to = np.empty(len(beside), np.int64)
@@ -104,8 +104,8 @@ def _build_tree(image: np.ndarray) -> _ComponentTree:
         entered[new] = count + own
         level_of[nodes], area[nodes] = level, np.bincount(own, minlength=made)
         np.add.at(area, into, area[old])
-        parent[nodes] = main[nodes] = holder[nodes] = nodes
-        parent[old] = holder[old] = into
+        parent[nodes] = main[nodes] = ancestor[nodes] = nodes
+        parent[old] = ancestor[old] = into
         by_area = np.argsort(area[old], kind="stable")  # the largest part comes last and stays
         main[into[by_area]] = old[by_area]
         count += made
@@ -113,11 +113,11 @@ def _build_tree(image: np.ndarray) -> _ComponentTree:
 
 
 def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    """Return how many groups pairs make of ``count`` things, and the group of each."""
+    """Return the number of connected components of ``count`` nodes joined by pairs, and the component of each node."""
     if len(first) > 500:  # a SciPy graph takes a third of a millisecond however small it is
         graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
         return csgraph.connected_components(graph, directed=False)
-    head = list(range(count))  # of each thing one of its group that is not behind it
+    head = list(range(count))  # of each node one of its component with a number not larger
     for one, other in zip(first.tolist(), second.tolist(), strict=True):
         while head[one] != one:
             head[one] = one = head[head[one]]
@@ -126,9 +126,9 @@ def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int
         head[max(one, other)] = min(one, other)
     group: list[int] = []
     made = 0
-    for thing, before in enumerate(head):
-        group.append(made if before == thing else group[before])
-        made += before == thing
+    for node, before in enumerate(head):
+        group.append(made if before == node else group[before])
+        made += before == node
     return made, np.array(group, np.int64)
 
 
@@ -139,13 +139,13 @@ def _list_neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     return first, np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
 
 
-def _find_roots(holder: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Return the largest regions yet that hold some; the ways to them are short from now on."""
+def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return the largest regions so far that contain some; paths are shortened on the way (union-find)."""
     at = region
-    while not np.array_equal(further := holder[at], at):
-        holder[at] = holder[further]
+    while not np.array_equal(further := ancestor[at], at):
+        ancestor[at] = ancestor[further]
         at = further
-    holder[region] = at
+    ancestor[region] = at
     return at
 
 

@@ -1,4 +1,4 @@
-"""What an image is like, measured on windows spread over it, and grey values relative to their surroundings.
+"""Saturation, noise and contrast of an image from sample windows, and grey values normalised by their surroundings.
 
 Detectors work on ``(grey - local mean) / local standard deviation``, so that one set of thresholds suits forest, field
 and city. Local means and deviations come from cells on a fixed grid, averaged over 5 x 5 cells and interpolated
@@ -33,8 +33,8 @@ LOCAL_STATISTICS = StatisticsThresholds()
 
 STATISTICS_HALO_PX = WINDOWS.grid_px * (
     LOCAL_STATISTICS.averaged_cells // 2 + 1
-)  # what the local mean of a pixel depends on
-_BENT = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
+)  # distance over which pixels influence a local mean
+_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
 
 
 def choose_sample_areas(region: Area) -> list[Area]:
-    """Return the areas that stand for a region: all of it where it is small."""
+    """Return sample areas spread over a region; all of it where it is small."""
     lefts = _choose_starts(region.left, region.right)
     tops = _choose_starts(region.top, region.bottom)
     return [
@@ -98,7 +98,7 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     if not lines or not samples:
         return 0.0
     shape = lines // side, side, samples // side, side
-    curved = np.abs(filter_separably(grey, _BENT, _BENT)) / 6.0
+    curved = np.abs(filter_separably(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
     cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0

@@ -41,7 +41,7 @@ class Area:
 
     @property
     def bounds(self) -> tuple[int, int, int, int]:
-        """The four numbers."""
+        """Left, top, right, bottom."""
         return self.left, self.top, self.right, self.bottom
 
     def contains(self, xy: np.ndarray) -> np.ndarray:

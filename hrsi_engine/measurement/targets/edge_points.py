@@ -75,7 +75,9 @@ def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 4
         if not free[seed]:
             continue
         run = _grow_segment(points, int(seed), free)
-        if len(run) >= 3 and np.ptp(_project_along(points, run)) >= shortest_px:
+        normal = points.direction[run].mean(axis=0)
+        along = points.xy[run] @ np.array([-normal[1], normal[0]]) / max(float(np.hypot(*normal)), 1e-9)
+        if len(run) >= 3 and np.ptp(along) >= shortest_px:
             segments.append(run)
             free[run] = False
             if len(segments) == most:
@@ -83,11 +85,6 @@ def find_straight_segments(points: EdgePoints, shortest_px: float, most: int = 4
         else:
             free[seed] = False
     return sorted(segments, key=len, reverse=True)
-
-
-def _project_along(points: EdgePoints, run: np.ndarray) -> np.ndarray:
-    normal = points.direction[run].mean(axis=0)
-    return points.xy[run] @ np.array([-normal[1], normal[0]]) / max(float(np.hypot(*normal)), 1e-9)
 
 
 def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:

@@ -50,7 +50,7 @@ TARGETS = TargetThresholds()
 
 @dataclass(frozen=True, eq=False)
 class TargetMeasurement:
-    """A target measured, or why not.
+    """Measured position of a target, or the reason of its refusal.
 
     Parameters
     ----------
@@ -174,13 +174,19 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
             f"{options.search_px:g} px"
         )
     best = max(found, key=lambda centre: _rate_centre(centre, approximate, options))
-    return _measure_by_ellipse(best) if best.kind == "ellipse" else _report_outline(best)
+    if best.kind == "ellipse":  # fitted again, robustly against stray edge points
+        return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
+    is_used = np.ones(len(best.outline), dtype=bool)
+    return TargetMeasurement(
+        TARGET_CENTER, best.xy, best.covariance_px2, best.rmse_px, best.outline, is_used, (_close_ring(best.outline),),
+        best.quality,
+    )  # fmt: skip
 
 
 def _limit_distance(centre: GravityCentre, options: TargetOptions) -> float:
-    """Return how far from the approximate position a centre may be: that of a weak object so far as it covers it.
+    """Return the largest distance of a centre from the approximate position; a weak object must cover that position.
 
-    Where the target itself is not seen, something weak beside it would be taken for it.
+    Where the target itself is not visible, a weak object beside it would be taken for it.
     """
     if centre.quality >= CENTRE.strong_quality:
         return options.search_px
@@ -192,24 +198,10 @@ def _rate_centre(centre: GravityCentre, approximate: np.ndarray, options: Target
     return centre.quality + (0.2 if centre.kind == "ellipse" else 0.0) - 0.7 * distance
 
 
-def _measure_by_ellipse(centre: GravityCentre) -> TargetMeasurement:
-    """Return the centre by an ellipse fit that is robust against stray edge points."""
-    ellipse = fit_ellipse_robust(centre.outline)
-    return _report_ellipse(ellipse, centre.outline, centre.quality)
-
-
 def _report_ellipse(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
     return TargetMeasurement(
         TARGET_CENTER, ellipse.centre, ellipse.covariance_px2, ellipse.rmse_px, edges, ellipse.used,
         (_close_ring(ellipse.outline()),), quality,
-    )  # fmt: skip
-
-
-def _report_outline(centre: GravityCentre) -> TargetMeasurement:
-    used = np.ones(len(centre.outline), dtype=bool)
-    return TargetMeasurement(
-        TARGET_CENTER, centre.xy, centre.covariance_px2, centre.rmse_px, centre.outline, used,
-        (_close_ring(centre.outline),), centre.quality,
     )  # fmt: skip
 
 

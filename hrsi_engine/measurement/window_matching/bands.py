@@ -1,9 +1,9 @@
-"""Filters that grey values are matched in.
+"""Band-pass filters of the grey values that are matched.
 
 Differences between images of different dates - shadows, plants, moisture - are strongest at low frequencies, as the
-texture itself is. Taking low frequencies away lets every frequency say where a window lies in proportion to what it
-knows, as a generalised least-squares adjustment would. Noisy or blurred images want more smoothing: what is best is
-tried on each pair.
+texture itself is. Without low frequencies every frequency is weighted by its information on the position, as
+in a generalised least-squares adjustment. Noisy or blurred images need more smoothing: the best band is tried on each
+pair.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .windows import MatchImage
 
 @dataclass(frozen=True)
 class Band:
-    """A band-pass of two Gaussians (standard deviations in px): one that smooths, one whose result is taken away.
+    """A band-pass of two Gaussians (standard deviations in px): the result of the first less that of the second.
 
     sigma_factor : true standard deviation of a matched position by that of the normal equations, which take the
     residuals of pixels as independent and Gaussian weights as inverse variances; from simulated windows with noise

@@ -15,12 +15,10 @@ Grey values may be band-passed first (`MatchImage`): between dates low frequenci
 plants do, and they are strongest in the texture as well, so that plain grey values would follow them.
 
 The covariance is that of the normal equations with the variance of the residuals, times a factor for what filtering
-does to noise (`SIGMA_FACTOR`, from simulation).
+does to noise (`Band.sigma_factor`, from simulation).
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
@@ -52,11 +50,12 @@ def match_patches(
     rows = np.flatnonzero(_has_usable_template(first, centre, options.half) & np.isfinite(start).all(axis=1))
     if len(rows):
         part: Results = tuple(column[rows] for column in results)  # type: ignore[assignment]
-        _implementation()(first, second, centre[rows], part, options)
+        match = _match_by_numba if compiled_code.is_wanted() else match_batches
+        match(first, second, centre[rows], part, options)
         for column, values in zip(results, part, strict=True):
             column[rows] = values
     xy, shape, covariance, figures, status = results
-    _mark_unclear(second, xy, shape, status, options)
+    _mark_invalid(second, xy, shape, status, options)
     # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
     # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
@@ -70,7 +69,7 @@ def _has_usable_template(first: MatchImage, centre: np.ndarray, half: int) -> np
     return usable
 
 
-def _mark_unclear(
+def _mark_invalid(
     second: MatchImage, xy: np.ndarray, affine: np.ndarray, status: np.ndarray, options: LsmOptions
 ) -> None:
     """Set the status of windows that meet invalid pixels of the second image."""
@@ -83,15 +82,6 @@ def _mark_unclear(
         here = matched[size == reach]
         column, row = pixel[size == reach].T
         status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
-
-
-Implementation = Callable[[MatchImage, MatchImage, np.ndarray, "Results", LsmOptions], None]
-
-
-def _implementation() -> Implementation:
-    if compiled_code.is_wanted():
-        return _match_by_numba
-    return match_batches
 
 
 def _match_by_numba(

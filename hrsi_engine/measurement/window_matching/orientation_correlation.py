@@ -1,8 +1,9 @@
 """Matching by the directions of grey value gradients, which seasons and sensors change less than grey values.
 
 The gradient ``g = gx + i gy`` of each pixel becomes ``(g / |g|)² |g| / (|g| + m)``, m being the median length:
-doubling the angle makes light-on-dark and dark-on-light the same, the factor silences noise without letting strong
-edges rule (orientation correlation: Fitch, Kadyrov, Christmas and Kittler 2002). Two such fields are correlated by FFT.
+doubling the angle makes light-on-dark and dark-on-light the same, the factor suppresses noise without letting strong
+edges dominate (orientation correlation: Fitch, Kadyrov, Christmas and Kittler 2002). Two such fields are correlated by
+FFT.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What windows are matched with: options and prepared images; and what comes out. `least_squares_matching` matches."""
+"""Options, prepared images, results and limits of window matching."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ...foundation.pixel_filters import blur, erode, filter_separably, slopes
 from ...foundation.thresholds import threshold, thresholds
 
-#: What became of a window: matched; leaves the images or their valid pixels; no texture; ran away; iterations used up.
+#: Status of a window: converged; outside the images or their valid pixels; no texture; diverged; iterations used up.
 DONE, OUTSIDE, WEAK, DIVERGED, ITERATIONS_USED_UP = 0, 1, 2, 3, 4
 TERMS = 8  # two shifts, four affine terms, gain, offset
 
@@ -81,12 +81,12 @@ class PatchMatches(NamedTuple):
 
 
 class ResultCache:
-    """Pixels that are matched with many others: what depends on them alone is made once, and kept with them."""
+    """Cache of results that depend on the pixels of one image alone."""
 
     _results: dict[Hashable, Any]
 
     def compute_once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what ``make`` returned when it was first asked for under a key."""
+        """Return ``make()``, computed at the first call with a key and kept."""
         if key not in self._results:
             self._results[key] = make()
         return self._results[key]
@@ -95,7 +95,8 @@ class ResultCache:
 class MatchImage(ResultCache):
     """An image prepared for matching: band-passed grey values, spline coefficients, slopes.
 
-    ``smooth_px`` is the Gaussian that smooths, ``remove_px`` the one whose result is taken away; 0 for neither.
+    ``smooth_px`` and ``remove_px`` are standard deviations of Gaussians: the second result is subtracted from the
+    first; 0 for none.
     """
 
     def __init__(self, pixels: np.ndarray, valid: np.ndarray, smooth_px: float = 0.0, remove_px: float = 0.0) -> None:
