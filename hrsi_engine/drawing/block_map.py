@@ -1,7 +1,7 @@
 """A map of the block as SVG: pictures, footprints, tie points, known points with their residuals, and the scales.
 
-The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Marks of points keep their size at every zoom: each
-is drawn at (0, 0) of a group of its own, which is moved to the point's position.
+The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Marks of points keep their size at every zoom:
+each is drawn at (0, 0) of a group of its own, which is moved to the point's position.
 """
 
 from __future__ import annotations

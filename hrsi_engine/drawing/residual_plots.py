@@ -20,13 +20,9 @@ def compute_typical_length(residual: np.ndarray) -> float:
 
 
 def draw_residual_vectors(
-    xy: np.ndarray,
-    residual: np.ndarray,
-    groups: np.ndarray,
-    unit: str,
-    extent: np.ndarray | None = None,
+    xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str, extent: np.ndarray | None = None,
     typical: float | None = None,
-) -> str:
+) -> str:  # fmt: skip
     """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
 
     Parameters

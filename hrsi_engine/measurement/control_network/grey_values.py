@@ -22,13 +22,9 @@ PATCHES = PatchThresholds()
 
 
 def correlate_patches(
-    first: NetworkWindow,
-    second: NetworkWindow,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
-    A: np.ndarray,
+    first: NetworkWindow, second: NetworkWindow, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray,
     half_px: int = PATCHES.half_px,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
 
     0 where too few pixels of the patch are usable.

@@ -94,13 +94,9 @@ def agrees_with_neighbours(network: Network, allowed_px: float, first_new: int =
 
 
 def _grow_once(
-    network: Network,
-    first: NetworkWindow,
-    second: NetworkWindow,
-    options: GrowthOptions,
-    stage: GrowthStage,
+    network: Network, first: NetworkWindow, second: NetworkWindow, options: GrowthOptions, stage: GrowthStage,
     last_px: np.ndarray,
-) -> Network:
+) -> Network:  # fmt: skip
     """Return the new nodes of one round; ``last_px`` is updated with the distance of each point from its node."""
     free = np.ones(len(first.xy), dtype=bool)
     free[network.first_row] = False
@@ -125,13 +121,9 @@ def _grow_once(
 
 
 def _find_candidates(
-    network: Network,
-    first: NetworkWindow,
-    second: NetworkWindow,
-    rows: np.ndarray,
-    node: np.ndarray,
+    network: Network, first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, node: np.ndarray,
     tolerance: Tolerance,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return index into ``rows`` and row in the second view of every pair within both tolerances."""
     free = np.ones(len(second.xy), dtype=bool)
     free[network.second_row] = False

@@ -113,13 +113,9 @@ def split_into_parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
 
 
 def find_seeds(
-    first: NetworkWindow,
-    second: NetworkWindow,
-    options: SeedOptions,
-    seen: list[SuperPointMatch],
-    progress: Progress = silent,
-    similarity: np.ndarray | None = None,
-) -> Iterator[Seed]:
+    first: NetworkWindow, second: NetworkWindow, options: SeedOptions, seen: list[SuperPointMatch],
+    progress: Progress = silent, similarity: np.ndarray | None = None,
+) -> Iterator[Seed]:  # fmt: skip
     """Yield first networks, most trustworthy first; every super-point match is noted in ``seen``.
 
     ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
@@ -147,12 +143,8 @@ def find_seeds(
 
 
 def find_grey_seeds(
-    first: NetworkWindow,
-    second: NetworkWindow,
-    rows: np.ndarray,
-    theirs: np.ndarray,
-    options: SeedOptions,
-) -> Iterator[Seed]:
+    first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray, options: SeedOptions,
+) -> Iterator[Seed]:  # fmt: skip
     """Yield the network of the hypothesis of which most nodes look alike, if no other has nearly as many."""
     tested, hypotheses = [], []
     for share in SEEDING.grey_reaches:

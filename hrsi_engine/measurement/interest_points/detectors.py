@@ -195,12 +195,9 @@ DETECTORS: dict[str, Detector] = {
 
 
 def detect_interest_points(
-    raster: Raster,
-    detector: str = "harris",
-    options: DetectionOptions | None = None,
-    region: Area | None = None,
+    raster: Raster, detector: str = "harris", options: DetectionOptions | None = None, region: Area | None = None,
     progress: Progress = silent,
-) -> InterestPoints:
+) -> InterestPoints:  # fmt: skip
     """Return the interest points of an image, or of a region of it, in a fixed order.
 
     The result does not depend on the windows the image is read in; memory is that of ``threads`` windows of 2048 x 2048

@@ -222,14 +222,9 @@ def _score_shapes(
     score = np.asarray(np.prod(np.clip(scores, 0.0, 1.0), axis=0))
     index = np.flatnonzero(keep)
     return _CentreCandidates(
-        shapes.xy[index],
-        shapes.size_px[index],
-        contrast[index],
-        score[index],
-        support[index],
-        np.full(len(index), kind),
-        index,
-    )
+        shapes.xy[index], shapes.size_px[index], contrast[index], score[index], support[index],
+        np.full(len(index), kind), index,
+    )  # fmt: skip
 
 
 def compute_grey_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:

@@ -148,11 +148,9 @@ def _select_compact(
         nothing = np.empty(0, dtype=np.int64)
         return LevelRegions(np.empty((0, 2), dtype=np.int32), np.zeros(1, dtype=np.int64), nothing, nothing)
     regions = LevelRegions(
-        np.concatenate(chosen),
-        np.r_[0, np.cumsum(count[keep])],
-        np.full(len(chosen), scale),
+        np.concatenate(chosen), np.r_[0, np.cumsum(count[keep])], np.full(len(chosen), scale),
         np.full(len(chosen), sign),
-    )
+    )  # fmt: skip
     good = _is_compact(regions, REGION.even_inset_px if sign == EVEN else 0.0)
     if not usable.all():
         free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]

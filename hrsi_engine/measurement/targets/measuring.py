@@ -313,15 +313,9 @@ def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) ->
     curves = tuple(np.array([corner.position, _find_far_end(line, corner.position)]) + origin for line in corner.lines)
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        TARGET_CORNER,
-        corner.position + origin,
-        corner.covariance_px2,
-        corner.rmse_px,
-        edges + origin,
-        used,
-        curves,
+        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used, curves,
         quality,
-    )
+    )  # fmt: skip
 
 
 def _find_far_end(line: Line, position: np.ndarray) -> np.ndarray:

@@ -28,13 +28,9 @@ from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, 
 
 
 def match_patches(
-    first: MatchImage,
-    second: MatchImage,
-    centre: np.ndarray,
-    start: np.ndarray,
-    affine: np.ndarray,
+    first: MatchImage, second: MatchImage, centre: np.ndarray, start: np.ndarray, affine: np.ndarray,
     options: LsmOptions | None = None,
-) -> PatchMatches:
+) -> PatchMatches:  # fmt: skip
     """Match windows of the first image around whole pixels in the second image.
 
     centre : (n, 2) column, row; start : (n, 2) approximate positions in the second image, to about 2 px

@@ -112,14 +112,9 @@ def _compute_spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _update_warps(
-    xy: np.ndarray,
-    affine: np.ndarray,
-    begin: np.ndarray,
-    status: np.ndarray,
-    solution: np.ndarray,
-    going: np.ndarray,
+    xy: np.ndarray, affine: np.ndarray, begin: np.ndarray, status: np.ndarray, solution: np.ndarray, going: np.ndarray,
     options: LsmOptions,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Compose the warps with the inverses of the templates' small warps; return the windows that go on."""
     half = options.half
     gain = solution[going, 6]
@@ -144,14 +139,9 @@ def _update_warps(
 
 
 def _assess_matches(
-    A: np.ndarray,
-    weight: np.ndarray,
-    seen: np.ndarray,
-    solution: np.ndarray,
-    N: np.ndarray,
-    rows: np.ndarray,
+    A: np.ndarray, weight: np.ndarray, seen: np.ndarray, solution: np.ndarray, N: np.ndarray, rows: np.ndarray,
     figures: np.ndarray,
-) -> None:
+) -> None:  # fmt: skip
     """Write correlation, gain and RMS residual."""
     mean = (seen @ weight / weight.sum())[:, None]
     spread = ((seen - mean) ** 2) @ weight

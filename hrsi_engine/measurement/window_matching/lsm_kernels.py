@@ -83,16 +83,9 @@ def _sum_products(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> flo
 
 @njit(**OPTIONS)
 def _make_template(
-    first: np.ndarray,
-    by_x: np.ndarray,
-    by_y: np.ndarray,
-    column: int,
-    row: int,
-    side: int,
-    weight: np.ndarray,
-    A: np.ndarray,
-    N: np.ndarray,
-) -> None:
+    first: np.ndarray, by_x: np.ndarray, by_y: np.ndarray, column: int, row: int, side: int, weight: np.ndarray,
+    A: np.ndarray, N: np.ndarray,
+) -> None:  # fmt: skip
     """Write design matrix, transposed ``A (8, pixels)``, and normal matrix of a template."""
     half = side // 2
     pixel = 0
@@ -148,15 +141,9 @@ def _invert_step(b: np.ndarray, half: int) -> tuple[bool, tuple[float, ...]]:
 
 @njit(**OPTIONS)
 def _iterate_warp(
-    A: np.ndarray,
-    L: np.ndarray,
-    weight: np.ndarray,
-    coefficients: np.ndarray,
-    warp: tuple[float, ...],
-    limits: Arrays,
-    b: np.ndarray,
-    seen: np.ndarray,
-) -> tuple[int, tuple[float, ...], float, float]:
+    A: np.ndarray, L: np.ndarray, weight: np.ndarray, coefficients: np.ndarray, warp: tuple[float, ...], limits: Arrays,
+    b: np.ndarray, seen: np.ndarray,
+) -> tuple[int, tuple[float, ...], float, float]:  # fmt: skip
     """Return status and final warp of a window, the spread of its grey values and their product with the template's.
 
     L : Cholesky factor of the normal matrix; ``b (8,)`` and ``seen (pixels,)`` then hold solution and grey values.
@@ -210,14 +197,8 @@ def _propagate_covariance(L: np.ndarray, variance: float, warp: tuple[float, ...
 
 @njit(**OPTIONS)
 def match_range(
-    begin: int,
-    end: int,
-    images: Arrays,
-    centre: np.ndarray,
-    weight: np.ndarray,
-    limits: Arrays,
-    results: Arrays,
-) -> None:
+    begin: int, end: int, images: Arrays, centre: np.ndarray, weight: np.ndarray, limits: Arrays, results: Arrays,
+) -> None:  # fmt: skip
     """Match the windows ``begin:end`` around pixels ``centre (n, 2)``, whose templates are inside the first image.
 
     images : grey values and slopes by column and row of the first, spline coefficients of the second
@@ -365,20 +346,10 @@ def _find_rival(score: np.ndarray, size: int, column: int, row: int) -> tuple[fl
 
 @njit(**OPTIONS)
 def search_range(
-    begin: int,
-    end: int,
-    first: np.ndarray,
-    second: np.ndarray,
-    clear: np.ndarray,
-    spreads: np.ndarray,
-    centre: np.ndarray,
-    predicted: np.ndarray,
-    direction: np.ndarray,
-    reach: np.ndarray,
-    half: int,
-    best: np.ndarray,
+    begin: int, end: int, first: np.ndarray, second: np.ndarray, clear: np.ndarray, spreads: np.ndarray,
+    centre: np.ndarray, predicted: np.ndarray, direction: np.ndarray, reach: np.ndarray, half: int, best: np.ndarray,
     figures: np.ndarray,
-) -> None:
+) -> None:  # fmt: skip
     """Search the windows ``begin:end``; arguments as `search_windows`, and the image's `compute_window_spreads`.
 
     ``second`` is as wide as ``clear`` and seven columns more, which are never a window's.

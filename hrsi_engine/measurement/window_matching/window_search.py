@@ -28,14 +28,9 @@ class SearchPeaks(NamedTuple):
 
 
 def search_windows(
-    first: MatchImage,
-    second: MatchImage,
-    centre: np.ndarray,
-    predicted: np.ndarray,
-    direction: np.ndarray,
-    reach: np.ndarray,
-    half: int,
-) -> SearchPeaks:
+    first: MatchImage, second: MatchImage, centre: np.ndarray, predicted: np.ndarray, direction: np.ndarray,
+    reach: np.ndarray, half: int,
+) -> SearchPeaks:  # fmt: skip
     """Search windows of ``2 half + 1`` pixels around whole pixels ``centre (n, 2)`` of the first image in the second.
 
     predicted : (n, 2) positions in the second image; direction : (n, 2) unit vectors along the boxes
