@@ -21,9 +21,7 @@ class CardThresholds:
     """From where on the mean residual of a cell is drawn as systematic."""
 
     fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
-    mean_sigmas: float = threshold(
-        2.0, "sigma", "standard errors from which a mean is more than chance", "normal distribution: 5 %"
-    )
+    mean_sigmas: float = threshold(2.0, "sigma", "standard errors of a significant mean", "normal distribution: 5 %")
 
 
 CARD = CardThresholds()

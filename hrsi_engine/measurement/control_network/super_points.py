@@ -39,18 +39,12 @@ from .voting import bound_votes
 class SuperPointThresholds:
     """When the best pair of roots is more than chance and has no rival."""
 
-    rival_share: float = threshold(
-        0.75, "", "correspondences of a rival, by the winner's, from which a match is ambiguous"
-    )
+    rival_share: float = threshold(0.75, "", "correspondences of a rival that makes a match ambiguous, by the winner's")
     shared: float = threshold(0.3, "", "share of correspondences in common from which a hypothesis is the same match")
-    log10_nfa: float = threshold(
-        -3.0, "log10", "largest number of false alarms of a match", "Desolneux, Moisan and Morel 2000"
-    )
+    log10_nfa: float = threshold(-3.0, "log10", "largest number of false alarms", "Desolneux, Moisan and Morel 2000")
     cells_per_batch: int = threshold(2_000_000, "cells", "leaf pairs by starting points in memory at a time")
     sectors: int = threshold(360, "sectors", "sectors of the rotation in which leaf pairs are counted")
-    rounding_rad: float = threshold(
-        1e-9, "rad", "slack of bounds, not to lose a correspondence at the edge of its tolerance"
-    )
+    rounding_rad: float = threshold(1e-9, "rad", "slack of bounds for correspondences at the edge of the tolerance")
     rival_gradient: float = threshold(0.2, "", "displacement of the root by relief, by its distance, in one match")
     rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of the rotation in one match")
 

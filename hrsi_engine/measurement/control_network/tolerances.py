@@ -24,9 +24,7 @@ class NetworkThresholds:
     radius_share: float = threshold(
         0.5, "", "base tolerance, by the radius of a local maximum", "thesis section 3.3.4: 2 px or less"
     )
-    shortest_arm_px: float = threshold(
-        20.0, "px", "nearer ancestors give no direction: half a pixel is more than a degree"
-    )
+    shortest_arm_px: float = threshold(20.0, "px", "nearer ancestors give no direction (0.5 px is a degree)")
     ancestors: int = threshold(8, "generations", "how far back a direction is taken from")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before least-squares matching")
 

@@ -55,9 +55,7 @@ class BlobThresholds:
     centre_level: float = threshold(0.3, "", "share of the contrast below which a grey value has no weight", BLOB_PAIRS)
     centre_rounds: int = threshold(3, "rounds", "times that the centre is moved to the grey-weighted one", BLOB_PAIRS)
     same_blob: float = threshold(0.35, "", "distance of centres of one blob, as a share of the radius")
-    sigma_px: tuple[float, float] = threshold(
-        (0.15, 0.03), "px, share", "standard deviation of a coordinate", BLOB_PAIRS
-    )
+    sigma_px: tuple[float, float] = threshold((0.15, 0.03), "px, share", "sigma of a coordinate", BLOB_PAIRS)
 
 
 BLOBS = BlobThresholds()

@@ -29,9 +29,7 @@ class CornerThresholds:
     patch_px: float = threshold(2.0, "px", "standard deviation of the Gaussian of the patch")
     support_px: int = threshold(12, "px", "distance over which pixels influence the strength")
     roundness: float = threshold(0.5, "", "smallest q: 1 for gradients of all directions, 0 on an edge")
-    model_sigma_px: float = threshold(
-        0.25, "px", "repeatability of a maximum between views, beside noise", SIMULATED_OBJECTS
-    )
+    model_sigma_px: float = threshold(0.25, "px", "repeatability between views, without noise", SIMULATED_OBJECTS)
 
 
 CORNER_DETECTION = CornerThresholds()

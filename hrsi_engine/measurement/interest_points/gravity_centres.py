@@ -41,9 +41,7 @@ class CentreThresholds:
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
     full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED_OBJECTS)
     full_contrast: float = threshold(8.0, "sigma", "contrast from which it scores 1", SIMULATED_OBJECTS)
-    zero_sigma_px: float = threshold(
-        0.25, "px", "standard deviation of the centre from which it scores 0", SIMULATED_OBJECTS
-    )
+    zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre from which it scores 0", SIMULATED_OBJECTS)
     zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED_OBJECTS)
     strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED_OBJECTS)
 

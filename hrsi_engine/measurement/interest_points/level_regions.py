@@ -36,9 +36,7 @@ class RegionThresholds:
     even_inset_px: float = threshold(1.5, "px", "distance of the border of an even region inside its edge")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side in a reduced image")
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
-    compactness: float = threshold(
-        0.86, "", "smallest area by that of the ellipse of the same moments (rectangle 0.955)", SIMULATED_OBJECTS
-    )
+    compactness: float = threshold(0.86, "", "area by that of the ellipse of equal moments", SIMULATED_OBJECTS)
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
 
 

@@ -30,15 +30,11 @@ from .outlines import Outlines, SlopeImage, find_edges_along
 class ShapeThresholds:
     """When an ellipse, a rectangle or a polygon explains an outline."""
 
-    closed_share: float = threshold(
-        0.85, "", "smallest share of the outline with a clear edge on the shape", SIMULATED_OBJECTS
-    )
+    closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
     sides_share: float = threshold(0.72, "", "likewise of the four sides of a rectangle together", SIMULATED_OBJECTS)
     side_share: float = threshold(0.6, "", "likewise of each side", SIMULATED_OBJECTS)
     sigma_floor_px: float = threshold(0.02, "px", "smallest standard deviation of a centre")
-    correlation_length_px: float = threshold(
-        4.0, "px", "correlation length of errors of edge points", SIMULATED_OBJECTS
-    )
+    correlation_length_px: float = threshold(4.0, "px", "correlation length of edge errors", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
         (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED_OBJECTS
     )

@@ -21,9 +21,7 @@ from ...foundation.thresholds import threshold, thresholds
 class EllipseThresholds:
     """How ellipses are fitted."""
 
-    fewest_points: int = threshold(
-        6, "points", "fewest edge points: five determine an ellipse, one is redundant", "theory"
-    )
+    fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
     iterations: int = threshold(20, "steps", "most Gauss-Newton steps")
     step_px: float = threshold(1e-5, "px", "smallest movement of the centre that is followed")
 

@@ -31,9 +31,7 @@ class TargetThresholds:
     """Which measured centres and corners are refused, and which part of an edge is used."""
 
     largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
-    smallest_quality: float = threshold(
-        0.4, "", "smallest quality of the region of a centre", "simulated targets, 2026-11-21"
-    )
+    smallest_quality: float = threshold(0.4, "", "smallest quality of a region", "simulated targets, 2026-11-21")
     largest_rmse_px: float = threshold(0.5, "px", "largest RMS of edge points about the edges of a corner")
     smallest_angle_deg: float = threshold(30.0, "°", "smallest angle of the edges of a corner")
     shortest_edge_px: float = threshold(3.0, "px", "shortest edge")

@@ -27,9 +27,7 @@ class WindowMatchingThresholds:
     spline_reach_px: int = threshold(12, "px", "length of the spline's filter to each side, to 1e-7", "Unser 1999")
     taper: float = threshold(0.6, "", "standard deviation of the Gaussian weights, by half the window")
     least_contrast: float = threshold(1e-9, "", "share of the search area's contrast from which a place is compared")
-    gradient_smoothing_px: float = threshold(
-        0.8, "px", "standard deviation of the Gaussian before gradients of orientation fields"
-    )
+    gradient_smoothing_px: float = threshold(0.8, "px", "standard deviation of the Gaussian of orientation fields")
     gradient_side_px: int = threshold(5, "px", "side of the pixels that such a gradient depends on")
     batch: int = threshold(32, "windows", "windows matched at a time by NumPy: they fit into the processor's cache")
     search_batch: int = threshold(64, "windows", "windows searched at a time by NumPy")
