@@ -18,14 +18,14 @@ from tie_points_speed import TILT, parallel_rpc
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.measurement.block_matching import overlaps
-from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import (
-    Probe,
+from hrsi.hrsi_engine.measurement.block_matching.overlaps import (
     choose_probes,
     compute_central_views,
     compute_convergence_deg,
     find_likely_overlaps,
 )
+from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
+from hrsi.hrsi_engine.measurement.block_matching.probes import Probe
 
 SIDE_PX = 12000
 TREES, FAILS = 4, 0.1

@@ -1,9 +1,10 @@
 """Matches of another program, measured anew by least-squares matching and judged as those found here.
 
-Learned matchers find pairs where others fail, to a pixel or two; half-precision files round them further. So only
-where to look is taken from them. Matches are joined to tracks by the keypoints that they share; the image of a track
-with the coarsest pixels is its reference, whose whole pixel next to the keypoint is matched in all others. What comes
-out goes through the tests of windows (`tile_matching`), pairs, links and tracks (`block_matching`).
+Learned matchers match pairs on which others fail, with an accuracy of a pixel or two; half-precision files round their
+positions further. Their positions are therefore used as approximate values only. Matches that share keypoints are
+joined to tracks; the image of a track with the coarsest pixels is its reference, and the whole pixel next to its
+keypoint is matched in all other images. The results pass the tests of windows (`tile_matching`), pairs, links and
+tracks (`block_matching`).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ EXTERNAL = ExternalMatchThresholds()
 
 @dataclass(frozen=True, eq=False)
 class ExternalPair:
-    """Given matches of a window of the reference with one other image; ``number`` is the other's in the block."""
+    """Matches of another program between a window of the reference and the image ``number`` of the block, (n, 2)."""
 
     number: int
     image: Image
@@ -62,7 +63,7 @@ class ExternalPair:
 
 @dataclass(frozen=True, eq=False)
 class ExternalMatchJob:
-    """A window of a reference image, and what other programs matched in it."""
+    """A window of the block's image ``number``, and the matches of another program in it."""
 
     number: int
     reference: Image
@@ -149,7 +150,7 @@ def refine_given_matches(
 
 
 def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[ExternalMatchJob]:
-    """Yield the windows of reference images with the matches in them."""
+    """Yield the windows of reference images, each with the matches in it."""
     number_of = {image.id: number for number, image in enumerate(images) if image.raster is not None}
     given = given.select(np.isin(given.image_ids, list(number_of)))
     if not len(given):
@@ -180,7 +181,7 @@ def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[E
 
 
 def measure_external_matches(job: ExternalMatchJob) -> PartResult:
-    """Return the matches of a job that are found again, as `block_matching.star.match_stars` does."""
+    """Measure the matches of a job; return those found, in the columns of `block_matching.star.match_stars`."""
     rows = []
     tile = read_tile(job.reference, job.window.grow(EXTERNAL.border_px))
     for pair in () if tile is None else job.pairs:
@@ -209,7 +210,7 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
 
 
 def _select_consistent(reference: Image, pair: ExternalPair) -> ExternalPair:
-    """Return the matches of a pair that agree with one another as its two cameras allow."""
+    """Return the matches of a pair that are consistent with the geometry of its RPCs."""
     start = float(np.mean(reference.rpc.height_range))
     found = check_rpc_consistency(
         reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
@@ -218,7 +219,7 @@ def _select_consistent(reference: Image, pair: ExternalPair) -> ExternalPair:
 
 
 def _estimate_geometry(reference: Image, pair: ExternalPair) -> TilePairGeometry:
-    """Return where the matches say that the pair lies."""
+    """Return a pair's geometry by its matches: range of heights, offset of the RPCs, and search margin."""
     first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
     heights = compute_epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
     low, high = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m

@@ -1,4 +1,4 @@
-"""Tie points at laser points: a laser point is looked up where the cameras see it, and measured in all images.
+"""Tie points around laser points: where the cameras see a laser point, interest points are measured in all images.
 
 Every laser point is projected into the image that looks at it most steeply. Interest points around it, some for each
 footprint, are then sought in the other images where their height puts them, and measured as tie points are, with sigmas
@@ -51,7 +51,7 @@ LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
 
 
 class _Window(NamedTuple):
-    """Laser points that one image sees in one window."""
+    """Laser points in one window of one image: positions ``(n, 2)`` in px, ellipsoidal heights ``(n,)``."""
 
     image: int
     window: ImageWindow
@@ -88,7 +88,7 @@ def measure_laser_ties(
 
 
 def select_along_tracks(laser: LaserPoints, most: int) -> np.ndarray:
-    """Return indices of usable laser points, at most so many, evenly along each track."""
+    """Return the indices of at most ``most`` laser points without doubt, evenly spaced along their tracks."""
     usable = np.flatnonzero(laser.doubt == "")
     order = usable[np.lexsort((laser.ground[usable, 0], laser.ground[usable, 1], laser.track[usable]))]
     every = max(1, int(np.ceil(len(order) / most)))
@@ -96,7 +96,7 @@ def select_along_tracks(laser: LaserPoints, most: int) -> np.ndarray:
 
 
 def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:
-    """Return the windows in which laser points are looked up, each in the image that sees them most steeply."""
+    """Return the windows that show laser points, each in the image with the steepest view of them."""
     steep = np.full((len(images), len(ground)), -np.inf)
     place = np.zeros((len(images), len(ground), 2))
     for number in usable:

@@ -33,7 +33,7 @@ from .tie_options import TieOptions
 
 
 class PairSummary(NamedTuple):
-    """A pair of images by their ids: matches that were kept, and the offset across the epipolar lines (px)."""
+    """A pair of images by their ids, the number of accepted matches, and the offset across the epipolar lines (px)."""
 
     first: str
     second: str
@@ -55,7 +55,7 @@ class TiePoints(NamedTuple):
     warnings : tuple of str
         What a user should know.
     holds : tuple of ImageHold
-        What holds each image with pixels.
+        How each image with pixels is connected to the others.
     """
 
     image_points: ImagePoints
@@ -143,8 +143,8 @@ def find_tie_points(
     ]
     if search.choice is not None:
         warnings += [
-            f"{list_ids(images[number].id for number in held)}: held by the single link {images[link.first].id} - "
-            f"{images[link.second].id} of {link.matches} matches, which no loop checks: may be wrong together"
+            f"{list_ids(images[number].id for number in held)}: connected by the single link {images[link.first].id} - "
+            f"{images[link.second].id} of {link.matches} matches, which no third image checks: may be wrong together"
             for link, held in find_bridges(links)
             if not {images[number].id for number in held} <= search.earlier
         ]

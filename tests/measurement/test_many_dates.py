@@ -74,7 +74,7 @@ def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints
     assert min(hold.links for hold in found.holds if hold.links) >= 2
     for hold in found.holds:
         if not hold.links:
-            assert "held by nothing" in hold.sentence
+            assert "connected to no other image" in hold.sentence
             assert any(text.startswith(f"{hold.image}: no tie points") for text in found.warnings)
     assert set(found.image_points.image_ids.tolist()) == held
     assert "px beside those of the other images" in next(

@@ -19,9 +19,9 @@ from hrsi.hrsi_engine.measurement.block_matching.links import (
     find_displaced_images,
     judge_links,
 )
-from hrsi.hrsi_engine.measurement.block_matching.overlaps import Overlap
+from hrsi.hrsi_engine.measurement.block_matching.overlaps import CHOICE, Overlap, choose_probes
 from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import CHOICE, Probe, choose_probes
+from hrsi.hrsi_engine.measurement.block_matching.probes import Probe
 
 ALL_CELLS = (511, 511)
 

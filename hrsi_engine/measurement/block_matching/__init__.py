@@ -1,4 +1,4 @@
-"""Tie points over a block: which images overlap, how they lie to one another, where to match, what belongs together.
+"""Tie points of a block: overlapping pairs, their relative geometry, matching of windows, tracks and links.
 
 `search` goes through the rounds. `overlaps` finds pairs at the true height of the terrain, `probes` and `pair_choice`
 those worth matching, `overview` and `coarse` what the RPCs are off and how high the ground is, `plan` the windows,

@@ -1,4 +1,4 @@
-"""Features of two images compared within bands along the epipolar lines: each other's likest, and clearly so."""
+"""Matching of features within bands along epipolar lines: mutual nearest neighbours that pass the ratio test."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ def match_in_bands(
         if not len(columns):
             continue
         likeness = roots[0][rows] @ roots[1][columns].T
-        told = best[rows], rival[rows], nearest[rows]
-        told_back, lines_back = back_best[columns], np.full(len(columns), -1)
+        of_lines = best[rows], rival[rows], nearest[rows]
+        of_points, line_of_point = back_best[columns], np.full(len(columns), -1)
         compare(
             likeness, *(part.astype(np.float32) for part in near), second_xy[columns].astype(np.float32),
-            np.float32(margin_px), *told, told_back, lines_back,
+            np.float32(margin_px), *of_lines, of_points, line_of_point,
         )  # fmt: skip
-        best[rows], rival[rows] = told[:2]
-        nearest[rows] = np.where(told[2] >= 0, columns[told[2]], -1)
-        better = lines_back >= 0
-        back_best[columns], back[columns[better]] = told_back, rows[lines_back[better]]
+        best[rows], rival[rows] = of_lines[:2]
+        nearest[rows] = np.where(of_lines[2] >= 0, columns[of_lines[2]], -1)
+        better = line_of_point >= 0
+        back_best[columns], back[columns[better]] = of_points, rows[line_of_point[better]]
     distinct = (1.0 - best) < OVERVIEW.ratio**2 * (1.0 - np.maximum(rival, 0.0))
     index = np.flatnonzero(distinct & (best > 0.0))
     index = index[back[nearest[index]] == index]
@@ -73,7 +73,7 @@ def match_in_bands(
 
 
 def _group_neighbours(lines: EpipolarLines) -> Iterator[np.ndarray]:
-    """Yield the rows of lines near one another; lines that are nowhere are left out."""
+    """Yield the rows of lines that are near one another; lines without finite positions are left out."""
     known = np.flatnonzero(np.isfinite(lines.origin).all(axis=1) & np.isfinite(lines.reach))
     strips = max(1, round(np.sqrt(len(known) / OVERVIEW.line_batch)))
     for strip in np.array_split(known[np.argsort(lines.origin[known, 0], kind="stable")], strips):

@@ -1,4 +1,4 @@
-"""How two images lie to one another: what their RPCs are off, and how high the ground is that they show.
+"""Relative geometry of two images from their overviews: the offset between their RPCs and the heights of the ground.
 
 Features of the two overviews are matched within bands along the epipolar lines; the band's width is what the RPCs may
 be off, and grows where nothing is found. What agrees with one offset across the lines gives that offset, and by
@@ -62,7 +62,7 @@ COARSE = OverviewMatchThresholds()
 
 @dataclass(frozen=True, eq=False)
 class CoarseJob:
-    """Two images with the pixels per pixel of their overviews, the heights of the ground, what the RPCs may be off."""
+    """A pair of overviews: images, reduction factors ``steps``, range of heights, largest error of the RPCs (px)."""
 
     first: Image
     second: Image
@@ -111,7 +111,7 @@ def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
 
 def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
-    """Return the matches that agree, of the second image as it is; where they are few, of its negative or of both."""
+    """Return the consistent matches with the second image; where they are few, with its negative or with both."""
     found = _match_features(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
     if len(found["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
@@ -127,7 +127,7 @@ def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult
 
 
 def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:
-    """Return the matches of features that agree with one offset between the images."""
+    """Return the matches of features that are consistent with one offset between the images."""
     rpcs = [reduce_rpc(image.rpc, step) for image, step in zip((job.first, job.second), job.steps, strict=True)]
     xy = [(part["xy"] - (step - 1) / 2.0) / step for part, step in zip((first, second), job.steps, strict=True)]
     lines = compute_epipolar_lines(rpcs[0], rpcs[1], xy[0], job.heights)
@@ -151,7 +151,7 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 
 
 def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
-    """Return the features of windows of the first image and of the places in the second that may show them."""
+    """Return the features of windows of the first image and of the parts of the second that may show them."""
     geometry = TilePairGeometry(
         job.first.rpc,
         job.second.rpc,
@@ -202,14 +202,14 @@ def _select_common(
 
 
 class PairEstimate(NamedTuple):
-    """What is known of a pair before its windows are matched, and by how many matches."""
+    """The estimated geometry of a pair, and the number of matches that it is estimated from."""
 
     geometry: TilePairGeometry
     matches: int
 
 
 def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
-    """Return the offset and the heights that matches stand for; None where they are too few to tell."""
+    """Return the offset and the heights estimated from matches; None where there are too few of them."""
     first_xy, second_xy = found["first_xy"], found["second_xy"]
     if len(first_xy) < COARSE.fewest:
         return None

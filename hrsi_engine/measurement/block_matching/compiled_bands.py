@@ -14,7 +14,7 @@ def compare_in_bands(
     margin_px: float, best: np.ndarray, second: np.ndarray, nearest: np.ndarray, back_best: np.ndarray,
     back: np.ndarray,
 ) -> None:  # fmt: skip
-    """Find the likest point within each line's band, and the likest line of each point.
+    """Find the most similar point within each line's band, and the most similar line of each point.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Points of a star are looked for in the images that miss them, where all cameras together put them.
+"""Completion of tracks: points are searched in the images that lack them, where all cameras together predict them.
 
 An image is the reference of the pairs with images after it, so a point that a later image's star has on two others is
 not looked for in the earlier ones; and what failed where a pair alone predicted it may succeed where three images do.
@@ -21,7 +21,7 @@ from .windows import TIE_WINDOWS, ImageWindow, predict_window, read_tile
 
 @dataclass(frozen=True, eq=False)
 class TransferJob:
-    """Points of a reference image with heights, and an image that is to show them.
+    """Points of a reference image with heights, and a partner in which they are searched.
 
     windows : parts of the reference; xy : (n, 2) whole pixels; height_m : (n,)
     """
@@ -36,7 +36,7 @@ class TransferJob:
 
 
 def transfer_star(job: TransferJob) -> PartResult:
-    """Return the points that are found, as `match_stars` does."""
+    """Return the points that are found, in the columns of `match_stars`."""
     rows, other = [], job.partner
     for window in job.windows:
         inside = window.contains(job.xy)

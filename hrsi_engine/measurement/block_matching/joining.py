@@ -1,4 +1,4 @@
-"""From the matches of all windows to tracks: tested by pair, free of contradictions and repetitions, evenly spread.
+"""Tracks from the matches of all windows: outliers, contradictions and repetitions are dropped, the rest is thinned.
 
 Two tests see two kinds of wrong matches. *Across* the epipolar line of its pair a match may be off only by what the
 RPCs are off, which changes slowly over the image: the deviations are compared with a polynomial trend, fitted robustly
@@ -131,7 +131,7 @@ def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool 
 
 
 def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence[Image]) -> EpipolarMiss:
-    """Return how far the matches of one pair are off its epipolar lines, at their median height."""
+    """Return the misses of one pair's matches from their epipolar lines, at their median height."""
     first, second = images[matches.first[rows[0]]], images[matches.second[rows[0]]]
     middle = float(np.median(matches.height_m[rows]))
     return compute_epipolar_miss(first.rpc, second.rpc, matches.first_xy[rows], matches.second_xy[rows], middle)
@@ -161,7 +161,7 @@ def _find_mainland(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
 
 
 def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> float:
-    """Return what the cameras add to an image point, from how far good matches are off across the epipolar lines."""
+    """Return the standard deviation (px) that cameras add to an image point, by the misses across epipolar lines."""
     deviation, variance = [], []
     for rows in group_by_pair(matches).values():
         if len(rows) < TESTS.fewest:
@@ -238,7 +238,7 @@ def drop_contradictions(matches: BlockMatches, images: Sequence[Image]) -> Block
 
 
 def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
-    """Return a mask of the matches of one reference."""
+    """Return the mask of the matches of one reference whose heights agree with those of their tracks."""
     # Px per metre of height along the epipolar lines of each match, by its pair's mean
     stretch = np.zeros(len(matches))
     for (first, second), rows in group_by_pair(matches).items():

@@ -1,4 +1,4 @@
-"""Which links between images hold: closures of three images, weak links, and what holds each image.
+"""Reliability of the links between images: closures of triangles, weak links, bridges, connections of each image.
 
 A link is a pair with matches. Three links i-j, j-k, i-k close: a point p of i that is matched at q in j and at r in k
 must be where the link j-k says that q is. The matches of j-k near q tell that, by the displacement that they have in
@@ -76,20 +76,20 @@ class ImageLink(NamedTuple):
 
 
 class ImageHold(NamedTuple):
-    """What holds an image.
+    """How an image is connected to the others of its block.
 
     Parameters
     ----------
     image : str
         Its id.
     links : int
-        Sound links that it has.
+        Number of its sound links.
     images : int
-        Images that hang together with it, itself among them.
+        Images connected with it directly or through others, itself among them.
     tried : int
-        Pairs of it that were tried.
+        Number of its pairs that were tried.
     reason : str
-        Why nothing holds it; empty where something does.
+        Why it has no sound link; empty where it has one.
     """
 
     image: str
@@ -102,13 +102,13 @@ class ImageHold(NamedTuple):
     def sentence(self) -> str:
         """The verdict in words."""
         if not self.links:
-            return f"{self.image}: held by nothing ({self.reason})"
-        links = "1 sound link" if self.links == 1 else f"{self.links} sound links"
-        return f"{self.image}: held by {links} in a block of {self.images} images"
+            return f"{self.image}: connected to no other image ({self.reason})"
+        others = "1 other image" if self.links == 1 else f"{self.links} other images"
+        return f"{self.image}: connected to {others} by reliable matches, in a block of {self.images} images"
 
 
 def judge_links(matches: BlockMatches) -> list[ImageLink]:
-    """Return all links with how their triangles close, and whether they are sound."""
+    """Return all links with the numbers of their closed and open triangles, and whether they are sound."""
     rows = group_by_pair(matches)
     open_, closed = _sort_triangles(matches, rows)
     strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= LINKS.weak_matches]).ravel()
@@ -169,7 +169,7 @@ def _compute_closure(
     between: np.ndarray,
     trees: dict[NumberPair, cKDTree],
 ) -> float | None:
-    """Return the median closure of a triangle in px; None where too few points tell."""
+    """Return the median closure of a triangle in px; None where too few points are in all three links."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]
     if len(a) < LINKS.fewest_closures:
@@ -195,7 +195,7 @@ def _compute_closure(
 
 
 def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
-    """Return the links with those not sound that are on no loop and would hold an image by few matches alone.
+    """Return the links; bridges (on no loop) that alone connect an image, by few matches, are not sound.
 
     What then hangs together in pairs only, beside a larger block, is cut too.
     """
@@ -228,7 +228,7 @@ def find_bridges(links: Sequence[ImageLink]) -> list[tuple[ImageLink, list[int]]
 
 
 class _LinkGraph:
-    """The graph of links: which are bridges, and what hangs together with and without them.
+    """The graph of links: its bridges, and its connected components with and without them.
 
     bridge : (links,) of each link, whether no loop has it
     size : of each image, how many hang together with it by links on loops
@@ -264,7 +264,7 @@ def _build_adjacency(pairs: np.ndarray, count: int) -> coo_matrix:
 
 
 def drop_unsound_links(matches: BlockMatches, links: Sequence[ImageLink]) -> BlockMatches:
-    """Return the matches of the sound links, whichever of the two images is the reference."""
+    """Return the matches of the sound links only, whichever of the two images is the reference."""
     sound = {frozenset(link[:2]) for link in links if link.sound}
     keep = np.zeros(len(matches), dtype=bool)
     for pair, rows in group_by_pair(matches).items():
@@ -300,7 +300,7 @@ def summarise_holds(
     images: Sequence[Image], usable: Sequence[int], links: Sequence[ImageLink], tried: Mapping[int, int],
     reasons: Mapping[int, str],
 ) -> tuple[ImageHold, ...]:  # fmt: skip
-    """Return what holds each usable image: its sound links, and how many images hang together with it."""
+    """Return for each usable image its sound links, and the number of images connected with it."""
     sound = [link for link in links if link.sound]
     count = Counter(number for link in sound for number in link[:2])
     together = _LinkGraph(sound).together

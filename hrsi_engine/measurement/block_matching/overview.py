@@ -1,4 +1,4 @@
-"""Features of whole images at a low resolution: enough to see how two images lie to one another."""
+"""Features of whole images at a low resolution, from which the relative geometry of pairs is estimated."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def detect_overview_features(job: OverviewJob) -> PartResult:
 
 
 def hand_over(features: PartResult) -> PartResult:
-    """Return features that were found before, as a part of the work whose result others need."""
+    """Return features that were found before: a part of the work whose result other parts need."""
     return features
 
 

@@ -1,4 +1,4 @@
-"""Which pairs of a block are matched: those that a probe says will match, so that every image is held many times.
+"""Choice of the pairs of a block that are matched: by probes, such that every image has several links.
 
 Each of K spanning trees over the images, none of whose pairs another one has, holds the block together by itself: an
 image then hangs on K pairs at least, and K pairs must fail before the block falls apart. The trees are those with the
@@ -17,7 +17,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from .probes import CHOICE, Probe
+from .overlaps import CHOICE
+from .probes import Probe
 
 NumberPair = tuple[int, int]
 
@@ -66,7 +67,7 @@ class PairChoice:
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
     def tell(self, pair: NumberPair, found: bool) -> None:
-        """Take notice of how a pair came out; a pair that was found may fail later."""
+        """Record whether a pair matched; a pair that matched may fail later."""
         self.found.discard(pair)
         self.failed.discard(pair)
         (self.found if found else self.failed).add(pair)

@@ -1,4 +1,4 @@
-"""What the RPCs of a block are off to one another, from the matches found so far, so that hard pairs are sought near.
+"""Relative shifts of a block's cameras, from the matches found so far: hard pairs are searched near predicted places.
 
 Where image b shows the point that image a shows at p follows from both RPCs, the height h of the point and the shifts
 s that the images have to what their RPCs say::

@@ -1,4 +1,4 @@
-"""The rounds of one search for tie points: who is matched with whom, how, and what of it holds."""
+"""The rounds of a search for tie points: which pairs are matched, with which options, and which links are accepted."""
 
 from __future__ import annotations
 
@@ -25,18 +25,10 @@ from .links import (
     find_displaced_images,
     judge_links,
 )
+from .overlaps import CHOICE, choose_probes, compute_central_views, compute_convergence_deg, find_likely_overlaps
 from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
 from .pair_choice import PairChoice
-from .probes import (
-    CHOICE,
-    Probe,
-    ProbeJob,
-    choose_probes,
-    compute_central_views,
-    compute_convergence_deg,
-    find_likely_overlaps,
-    probe_pairs,
-)
+from .probes import Probe, ProbeJob, probe_pairs
 from .relative_cameras import estimate_relative_cameras
 from .star import Partner, StarJob, match_stars
 from .windows import PyramidRaster
@@ -78,7 +70,7 @@ class PairCandidate(NamedTuple):
 
 
 class TieSearch:
-    """The rounds of one search."""
+    """State and rounds of one search."""
 
     def __init__(
         self,

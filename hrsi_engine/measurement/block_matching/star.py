@@ -88,9 +88,9 @@ def stack_matches(rows: Sequence[PartnerMatches]) -> PartResult:
 
 
 def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) -> Iterator[PartnerMatches]:
-    """Match the windows of a cell in turn, each with the partners that still lack points there.
+    """Match the windows of a cell in turn, each with the partners that still lack points in the cell.
 
-    ``options`` are those of each partner: the band that one window tells is taken for the others.
+    ``options`` are those of each partner: the band chosen in one window is used in the others.
     """
     lacking = list(job.partners)
     for window, own in zip(cell.windows, cell.own, strict=True):

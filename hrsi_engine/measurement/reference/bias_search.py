@@ -1,4 +1,4 @@
-"""By how much an image lies beside where its RPC puts it: correlation with its prediction, coarse to fine.
+"""Offset of an image from the position that its RPC predicts: correlation with its prediction, coarse to fine.
 
 Parts of the image (all of it, where it is small) are predicted at a resolution at which the largest bias is a few tens
 of working pixels; the correlation surfaces of their gradient directions are added, so that parts that changed, or

@@ -1,4 +1,4 @@
-"""Whether a reference can be trusted: against the accuracy that the RPCs state, and against surveyed GCPs.
+"""Checks of a reference: against the accuracy that the RPCs state, and against surveyed GCPs.
 
 The bias that matching finds in an image is that of the RPC and that of the reference together. It is suspicious where
 it exceeds 3.5 standard deviations of both: a wrong datum, CRS or place moves a reference by tens to hundreds of
@@ -51,7 +51,7 @@ class ReferenceAccuracy:
 
 @dataclass(frozen=True)
 class ReferenceShift:
-    """Where an image's RPC lies beside the reference, and how far it may; all in metres.
+    """Offset of an image's RPC from the reference, with its limit, in metres.
 
     east_m, north_m : the ground by the RPC less the same ground in the reference
     bias_m : the RPC's own sigma; stated tells whether it comes from ERR_BIAS
@@ -94,7 +94,7 @@ def compute_reference_shift(
 
 
 def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
-    """Return what the user should know of shifts that neither RPCs nor reference explain."""
+    """Return warnings of shifts that the accuracies of RPCs and reference do not explain."""
     bad = [shift for shift in shifts if shift.is_excessive]
     if not bad:
         return []
@@ -165,7 +165,7 @@ def contradiction(
     gcps: Sequence[ImageGcps],
     accuracy: ReferenceAccuracy,
 ) -> Contradiction | None:
-    """Return how surveyed GCPs and the reference differ; None where no image has both."""
+    """Return the difference between surveyed GCPs and the reference; None where no image has both."""
     by_id = {image.id: image for image in images}
     agreed = {part.image_id: part.agreement for part in control.images if part.agreement is not None}
     differences, variances = [], []

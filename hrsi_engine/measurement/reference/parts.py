@@ -1,4 +1,4 @@
-"""Parts of a reference that lie beside the rest of it: a corner of a mosaic that was placed wrongly.
+"""Parts of a reference that are shifted against the rest: a corner of a mosaic that was placed wrongly.
 
 An image's bias moves all places alike (its drift, a little); what moves those of one part only is the reference's. The
 places are divided into parts of the ground, the middle of their offsets in metres is taken, and the parts are compared
@@ -21,7 +21,7 @@ from .matching import ImageControl, ReferenceControl
 
 
 class PartShift(NamedTuple):
-    """A part of a reference that lies beside the rest: its middle, by how much (metres), and how many places it has."""
+    """A part of a reference that is shifted against the rest: its middle, its shift (m), and its number of places."""
 
     lon_deg: float
     lat_deg: float

@@ -1,4 +1,4 @@
-"""What an image should show by its RPC: an orthoimage resampled into the image's geometry through RPC and DEM.
+"""Prediction of an image: an orthoimage resampled into the image's geometry through RPC and DEM.
 
 Both the image and the orthoimage are brought to working pixels of ``step`` image pixels first, low-pass filtered where
 that makes them coarser, so that the two show the same detail. A working pixel ``(i, j)`` of a patch that begins at
@@ -140,7 +140,7 @@ def predict_patch(
     node_px: float,
     gsd_m: float,
 ) -> Patch:
-    """Return what an orthoimage makes a patch of an image look like.
+    """Return the prediction of a patch of an image from an orthoimage.
 
     ``offset_px (2,)`` is by how much the image's points lie beside where its RPC puts them; rays are computed every
     ``node_px`` working pixels and interpolated; ``gsd_m`` is the ground distance of the image's pixels.

@@ -1,4 +1,4 @@
-"""Which of many measured offsets agree: an affine bias of an image, found in spite of a majority of false matches.
+"""Robust estimation of an image's affine bias from measured offsets, a majority of which may be false.
 
 The densest place of the offsets gives the start, an affine function with Tukey's weights follows it over the image.
 The agreement is told from chance by the number of offsets that would fall within the tolerance if every match were

@@ -1,4 +1,4 @@
-"""Where a point of one image lies in another: on the projection of its ray, a nearly straight epipolar line.
+"""Epipolar lines by RPCs: the image of a point's ray in another image, which is nearly straight.
 
 The line is found by localizing the point at heights and projecting into the other image. A match is judged by its
 distance across the line (which a true match keeps but for the RPCs' bias) and by the height that its position along

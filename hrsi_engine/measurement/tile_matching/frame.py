@@ -1,4 +1,4 @@
-"""The second image as the first would see it: windows resampled to where RPCs, heights and bias predict each pixel.
+"""The second image in the geometry of the first: windows resampled to where RPCs, heights and bias predict them.
 
 In this frame - columns and rows of the first tile - a point is displaced by what is not known yet: the rest of the
 bias, and the parallax of the rest of the height, which has one direction per place, that of the epipolar lines.

@@ -168,10 +168,10 @@ class _Task:
 
 
 class _BandChoice(NamedTuple):
-    """The name of a band, and whether enough matches told it."""
+    """The name of a band, and whether enough matches were there to choose it."""
 
     name: str
-    told: bool
+    reliable: bool
 
 
 class _Seeds(NamedTuple):
@@ -213,7 +213,7 @@ class _MatchTable:
 
 
 def _find_seeds(task: _Task) -> _Seeds:
-    """Return the candidates of all finders that geometry allows; without finders, the prediction itself."""
+    """Return the candidates of all finders consistent with the RPCs; without finders, the prediction itself."""
     frame, options = task.frame, task.options
     if not options.finders:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
@@ -229,7 +229,7 @@ def _find_seeds(task: _Task) -> _Seeds:
 
 
 def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
-    """Return where points are sought: the middle of their neighbours' displacements, and as far as these differ."""
+    """Return where points are searched: around the median displacement of their neighbours, over its spread."""
     options = task.options
     direction = task.direction[rows]
     if not options.finders and seeds.points is task.points:
@@ -320,7 +320,7 @@ def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Co
 
 
 def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
-    """Return the matches that fit the others within their own precision, with sigmas scaled to what is observed."""
+    """Return the matches consistent with the others, with sigmas scaled by the observed misses."""
     known = np.flatnonzero(found.done)
     if len(known) < EPIPOLAR.fewest:
         return make_empty_matches()
@@ -345,6 +345,6 @@ def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
         1.0 / (1.0 + (sigma * scale / (TILE_MATCH.half_quality_px * frame.second.step)) ** 2),
         np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
-        task.chosen[0].name if task.chosen[0].told else "",
+        task.chosen[0].name if task.chosen[0].reliable else "",
     )  # fmt: skip
     return matches.select(good)

@@ -66,7 +66,7 @@ def check_rpc_consistency(
     floor_px: float = 0.5,
     unit_px: float = 1.0,
 ) -> Consistency:
-    """Judge matches by RPC geometry, whatever the RPCs' bias.
+    """Test matches against RPC geometry, whatever the relative bias of the RPCs.
 
     Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
     it is found as the mode of the distances and refined by a robust plane. Matches beyond 3.5 robust sigmas (at
