@@ -39,7 +39,8 @@ from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.terrain import Chart, TerrainSurface
 from hrsi.hrsi_engine.measurement.reference.matching import match_reference
 from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
-from hrsi.hrsi_engine.surface.dem import GridSurface, surface_heights
+from hrsi.hrsi_engine.surface.dem import surface_heights
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points
 from hrsi.processing_algorithms.interface.declare import Context

@@ -36,8 +36,8 @@ from hrsi.hrsi_engine.laboratory.simulation import (  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.checks import ReferenceAccuracy, compute_reference_shift  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference  # noqa: E402
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # noqa: E402
-from hrsi.hrsi_engine.surface.dem import GridSurface  # noqa: E402
-from hrsi.hrsi_engine.surface.ray_intersection import intersect_surface  # noqa: E402
+from hrsi.hrsi_engine.surface.dem import intersect_surface  # noqa: E402
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface  # noqa: E402
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "real"
 OPTIONS = ReferenceOptions(points=150)

@@ -40,7 +40,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
-from hrsi.hrsi_engine.surface.ray_intersection import intersect_surface
+from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"

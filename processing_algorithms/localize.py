@@ -12,8 +12,7 @@ from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.geopackage.declared_layers import LocalizedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
-from ..hrsi_engine.surface.dem import HeightSurface
-from ..hrsi_engine.surface.ray_intersection import Status, intersect_surface
+from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, parse_lines, standard_input
 from .files.image_files import is_on_image, open_input_images

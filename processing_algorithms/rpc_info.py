@@ -19,7 +19,8 @@ from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
-from ..hrsi_engine.surface.dem import ConstantHeight, HeightSurface
+from ..hrsi_engine.surface.dem import HeightSurface
+from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder

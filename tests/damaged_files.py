@@ -41,8 +41,7 @@ from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
 from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
 from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
 from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
-from hrsi.hrsi_engine.surface.dem import surface_heights
-from hrsi.hrsi_engine.surface.ray_intersection import intersect_surface
+from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main as command_line
 from hrsi.processing_algorithms.point_session.files import open_block

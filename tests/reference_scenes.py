@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.terrain import TerrainSurface
-from hrsi.hrsi_engine.surface.dem import GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.surface.dem import SURFACE, ConstantHeight, GridSurface, surface_heights
-from hrsi.hrsi_engine.surface.ray_intersection import Status, intersect_surface
+from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
+from hrsi.hrsi_engine.surface.grid_surface import SURFACE, ConstantHeight, GridSurface
 from hrsi.tests.test_rpc import synthetic_rpc
 
 HEIGHT_M = 1e-3  # what `intersect_surface` promises

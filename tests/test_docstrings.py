@@ -9,7 +9,7 @@ import check_docstrings
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions
 from hrsi.hrsi_engine.io.csv_tables import write_csv
-from hrsi.hrsi_engine.surface.dem import ConstantHeight
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 
 
 def test_every_function_class_and_method_of_the_public_api():

@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.block.imaging_geometry import (
 )
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.surface.dem import ConstantHeight
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 from hrsi.tests.test_rpc import rpc_files, synthetic_rpc
 
 # data/real/README.md, computed there with another RPC implementation: heights and, for each image, incidence and

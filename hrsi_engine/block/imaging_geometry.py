@@ -25,8 +25,7 @@ from ..camera.rpc_fit import make_virtual_grid
 from ..foundation.errors import SolveError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
-from ..surface.dem import HeightSurface, surface_heights
-from ..surface.ray_intersection import Status, intersect_surface
+from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .block import Image
 from .footprints import (
     OUTLINE_PER_SIDE,

@@ -10,8 +10,7 @@ from ..foundation.errors import InputError
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import continuous_longitudes
 from ..ground.map_crs import map_epsg_of
-from ..surface.dem import HeightSurface, surface_heights
-from ..surface.ray_intersection import Status, intersect_surface
+from ..surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .grid import ORTHO
 
 

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..surface.dem import GridSurface, HeightSurface, surface_heights
+from ..surface.dem import HeightSurface, surface_heights
+from ..surface.grid_surface import GridSurface
 from .grid import ORTHO, GridWindow, MapGrid
 
 

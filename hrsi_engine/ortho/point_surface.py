@@ -20,7 +20,7 @@ from ..foundation.errors import InputError
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import LocalFrame, continuous_longitudes, metres_per_degree
-from ..surface.dem import GridSurface
+from ..surface.grid_surface import GridSurface
 
 
 @thresholds

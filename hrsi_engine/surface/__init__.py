@@ -5,7 +5,7 @@ from ..foundation.lazy_names import lazy_names
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "dem": "ConstantHeight GridSurface HeightSurface surface_heights",
-        "ray_intersection": "Status SurfaceIntersection intersect_surface",
+        "dem": "HeightSurface Status SurfaceIntersection intersect_surface surface_heights",
+        "grid_surface": "ConstantHeight GridSurface",
     },
 )

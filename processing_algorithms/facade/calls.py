@@ -20,8 +20,7 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
-from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
-from ...hrsi_engine.surface.ray_intersection import intersect_surface
+from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.terrain import open_terrain
 from ..interface.declare import Algorithm, Context, made_options, params_of

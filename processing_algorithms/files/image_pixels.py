@@ -13,8 +13,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import GdalRaster, image_id
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
 from ...hrsi_engine.measurement.interest_points.windows import Area
-from ...hrsi_engine.surface.dem import HeightSurface
-from ...hrsi_engine.surface.ray_intersection import intersect_surface
+from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface
 
 
 class ImagePixels(NamedTuple):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.dems import open_dem
-from ...hrsi_engine.surface.dem import ConstantHeight, HeightSurface
+from ...hrsi_engine.surface.dem import HeightSurface
+from ...hrsi_engine.surface.grid_surface import ConstantHeight
 from ..interface.option_groups import DemOptions, TerrainOptions
 
 

@@ -20,8 +20,8 @@ from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters.images import image_id, open_image
 from ...hrsi_engine.laboratory.registration import MethodComparison, choose_group, compare_kinds
-from ...hrsi_engine.surface.dem import ConstantHeight
-from ...hrsi_engine.surface.ray_intersection import intersect_surface
+from ...hrsi_engine.surface.dem import intersect_surface
+from ...hrsi_engine.surface.grid_surface import ConstantHeight
 from ..files.result_folder import check_folder, plan_page
 from ..files.terrain import open_terrain
 from ..interface.declare import Context, Report

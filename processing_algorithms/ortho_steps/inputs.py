@@ -27,7 +27,8 @@ from ...hrsi_engine.ortho.footprint import (
 )
 from ...hrsi_engine.ortho.grid import MapGrid, round_resolution
 from ...hrsi_engine.ortho.point_surface import surface_of_points
-from ...hrsi_engine.surface.dem import ConstantHeight, GridSurface, HeightSurface
+from ...hrsi_engine.surface.dem import HeightSurface
+from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.terrain import open_terrain
 

@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
-from hrsi.hrsi_engine.surface.dem import GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 #: For what counts observations and passes, or compares every point: none may be left out.
 EVERYTHING = AdjustOptions(test_sigmas=False, reject_sigma=0.0)

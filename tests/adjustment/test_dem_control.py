@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.adjustment.result import Decision
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
-from hrsi.hrsi_engine.surface.dem import GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 SIGMA_DEM_M = 2.0
 TILTS = (0.10, 0.19)  # 5 degrees of convergence: 0.3 px of noise are 3 m of height, and a bias of 5 px 50 m

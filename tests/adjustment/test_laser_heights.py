@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
 from hrsi.hrsi_engine.results.verdict import judge
-from hrsi.hrsi_engine.surface.dem import GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 OPTIONS = AdjustOptions(model="shift")
 

@@ -12,8 +12,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.surface.dem import surface_heights
-from hrsi.hrsi_engine.surface.ray_intersection import Status, intersect_surface
+from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
 
 
 def write_dem(

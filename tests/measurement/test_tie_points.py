@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency, match_descriptors
 from hrsi.hrsi_engine.measurement.tracks import build_tracks, select_tracks_by_cell
-from hrsi.hrsi_engine.surface.dem import ConstantHeight
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 
 OPTIONS = TieOptions(margin_px=40.0)
 

@@ -14,7 +14,7 @@ import hrsi.hrsi_engine.ortho.mapping as mapping_module
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _Chunk, _interpolate_nodes
-from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from hrsi.tests.ortho.scenes import CELL_DEG, SIZE, rpc_image, utm_wkt, write_dem
 
 POSITION_PX = 1e-6  # both evaluate the same formula in double precision

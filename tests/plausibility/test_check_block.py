@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.ground.map_crs import utm_zone
 from hrsi.hrsi_engine.plausibility import check_block
-from hrsi.hrsi_engine.surface.dem import ConstantHeight, GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 
 FOOT_M = 0.3048
 

@@ -8,7 +8,7 @@ import pytest
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.plausibility.relief import find_relief_reasons
-from hrsi.hrsi_engine.surface.dem import GridSurface
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 ORIGIN = np.array([11.0, 47.0])
 STEP = 3e-4  # degrees: cells of about 23 x 33 m

@@ -160,7 +160,7 @@ def test_quickbird_positions_differ_as_the_geoid_says(real_data):
     from hrsi.hrsi_engine.ground.geoids import geoid_heights
     from hrsi.hrsi_engine.io.rasters.dems import open_dem
     from hrsi.hrsi_engine.io.rasters.images import open_image
-    from hrsi.hrsi_engine.surface.ray_intersection import intersect_surface
+    from hrsi.hrsi_engine.surface.dem import intersect_surface
 
     image = open_image(str(real_data / "qb2_gcp" / "qb2_basic1b.tif"))
     path = str(real_data / "qb2_gcp" / "dem_egm2008_24m.tif")

@@ -12,7 +12,7 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ...ground.crs_operations import has_heights, operations_of
 from ...ground.operation_uses import OperationUse, with_geoid
-from ...surface.dem import GridSurface
+from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
 from ..opening.datasets import check_advice, gdal_messages, open_dataset
 from .geoid_grids import open_geoid, read_geoid_heights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from osgeo import gdal
 
-from ...surface.dem import GridSurface
+from ...surface.grid_surface import GridSurface
 
 
 def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:

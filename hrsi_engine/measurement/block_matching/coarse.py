@@ -23,8 +23,7 @@ from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
-from ...surface.dem import HeightSurface
-from ...surface.ray_intersection import Status, intersect_surface
+from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import compute_epipolar_miss, transfer
 from ..tile_matching.features import invert_descriptors
 from ..tile_matching.rpc_consistency import check_rpc_consistency

@@ -9,8 +9,7 @@ import numpy as np
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
-from ...surface.dem import HeightSurface, surface_heights
-from ...surface.ray_intersection import Status, intersect_surface
+from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from .predicted_patches import PATCH, read_means
 
 

@@ -15,8 +15,7 @@ from ...block.block import Image, Raster
 from ...block.orthoimage import Orthoimage
 from ...foundation.pixel_filters import blur, erode, interpolate, reduce_by_area
 from ...foundation.thresholds import threshold, thresholds
-from ...surface.dem import HeightSurface
-from ...surface.ray_intersection import Status, intersect_surface
+from ...surface.dem import HeightSurface, Status, intersect_surface
 
 
 @thresholds

@@ -1,0 +1,225 @@
+"""Surfaces of constant height and of rasters, whose cells are read tile by tile."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import longitudes_near
+from ..ground.operation_uses import OperationUse
+
+
+@thresholds
+class SurfaceThresholds:
+    """What of a surface is kept in memory."""
+
+    tile: int = threshold(256, "cells", "side of a part that is kept in memory")
+    tiles: int = threshold(128, "tiles", "kept in memory: 68 MB")
+
+
+SURFACE = SurfaceThresholds()
+
+
+@dataclass(frozen=True)
+class ConstantHeight:
+    """A surface of one height everywhere.
+
+    Parameters
+    ----------
+    height_m : float
+        The ellipsoidal height.
+    """
+
+    height_m: float
+
+    def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.grid_coordinates`."""
+        return lonlat
+
+    def heights(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.heights`."""
+        return np.full(len(grid), self.height_m)
+
+    def covers(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.covers`."""
+        return np.ones(len(grid), dtype=bool)
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+        """As `HeightSurface.bounds`."""
+        return self.height_m, self.height_m
+
+
+ReadCells = Callable[[int, int, int, int], np.ndarray]
+
+
+ToGrid = Callable[[np.ndarray], np.ndarray]
+
+
+class GridSurface:
+    """A regular grid of heights, read tile by tile: of a DEM of a continent only the part in use is in memory.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    read : callable
+        ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none.
+    to_grid : callable
+        Column, row ``(n, 2)`` of lon, lat points ``(n, 2)``.
+    operations : tuple of OperationUse
+        How it came to WGS84.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], read: ReadCells, to_grid: ToGrid, operations: tuple[OperationUse, ...] = ()
+    ) -> None:
+        if min(shape) < 2:
+            raise ValueError(f"a grid of {shape} cells has no area; 2 x 2 are needed")
+        self.shape, self.operations = shape, operations
+        self._read, self._to_grid = read, to_grid
+        self._tiles: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
+        self._ranges: dict[tuple[int, int], tuple[float, float]] = {}
+        self._lock = threading.Lock()
+
+    @classmethod
+    def from_array(
+        cls, heights_m: np.ndarray, origin_deg: tuple[float, float], cell_deg: tuple[float, float]
+    ) -> GridSurface:
+        """Return the surface of an array in memory whose rows and columns follow parallels and meridians.
+
+        Parameters
+        ----------
+        heights_m : (rows, columns) ndarray
+            Ellipsoidal heights, NaN where there are none.
+        origin_deg : tuple of float
+            Lon, lat of the first cell's centre.
+        cell_deg : tuple of float
+            The step to the next column and row; the latter below zero where the first row is the northernmost.
+
+        Returns
+        -------
+        GridSurface
+            The surface.
+        """
+        cells = np.asarray(heights_m, dtype=np.float64)
+        half_width = 0.5 * cell_deg[0] * (cells.shape[1] - 1)
+
+        def to_grid(lonlat: np.ndarray) -> np.ndarray:
+            lon = longitudes_near(lonlat[:, 0], origin_deg[0] + half_width, abs(half_width))
+            return np.column_stack([(lon - origin_deg[0]) / cell_deg[0], (lonlat[:, 1] - origin_deg[1]) / cell_deg[1]])
+
+        return cls(
+            (cells.shape[0], cells.shape[1]),
+            lambda row, column, rows, columns: cells[row : row + rows, column : column + columns],
+            to_grid,
+        )
+
+    def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.grid_coordinates`."""
+        return self._to_grid(lonlat)
+
+    def covers(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.covers`: half a cell around the outermost centres belongs to the area."""
+        last = np.array([self.shape[1] - 0.5, self.shape[0] - 0.5])
+        return np.asarray(((grid >= -0.5) & (grid <= last)).all(axis=1))
+
+    def heights(self, grid: np.ndarray) -> np.ndarray:
+        """As `HeightSurface.heights`: bilinearly interpolated; NaN where one of the four cells has no data.
+
+        In the outer half of a border cell its height is taken as it is.
+        """
+        result = np.full(len(grid), np.nan)
+        inside = np.flatnonzero(self.covers(grid))
+        if not inside.size:
+            return result
+        column = np.clip(grid[inside, 0], 0.0, self.shape[1] - 1.0)
+        row = np.clip(grid[inside, 1], 0.0, self.shape[0] - 1.0)
+        left, top = np.minimum(column.astype(int), self.shape[1] - 2), np.minimum(row.astype(int), self.shape[0] - 2)
+        tile = (top // SURFACE.tile) * (1 + self.shape[1] // SURFACE.tile) + left // SURFACE.tile
+        for number in np.unique(tile):
+            here = np.flatnonzero(tile == number)
+            place = int(top[here[0]]) // SURFACE.tile, int(left[here[0]]) // SURFACE.tile
+            i, j = top[here] - place[0] * SURFACE.tile, left[here] - place[1] * SURFACE.tile
+            result[inside[here]] = _interpolate_cells(
+                self._read_tile(place), i, j, row[here] - top[here], column[here] - left[here]
+            )
+        return result
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+        """As `HeightSurface.bounds`: of all tiles that touch the box."""
+        (column0, row0), (column1, row1) = self._find_tile(low), self._find_tile(high)
+        ranges = [
+            self._find_range((row, column)) for row in range(row0, row1 + 1) for column in range(column0, column1 + 1)
+        ]
+        lowest, highest = np.array(ranges).T
+        if np.isnan(lowest).all():
+            return np.nan, np.nan
+        return float(np.nanmin(lowest)), float(np.nanmax(highest))
+
+    def window(self, low: np.ndarray, high: np.ndarray) -> tuple[int, int, np.ndarray]:
+        """Return first row, first column and the cells around a box of grid coordinates, NaN where there are none.
+
+        The box is cut to the surface; at least 2 x 2 cells come back.
+
+        Parameters
+        ----------
+        low, high : (2,) ndarray
+            Column, row of two corners.
+
+        Returns
+        -------
+        tuple of int, int and (rows, columns) ndarray
+            First row, first column, and ellipsoidal heights in metres.
+        """
+        last = np.array(self.shape[::-1]) - 2
+        column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()
+        column1, row1 = np.clip(np.floor(high), [column0, row0], last).astype(int).tolist()
+        cells = np.empty((row1 - row0 + 2, column1 - column0 + 2))
+        for tile_row in range(row0 // SURFACE.tile, row1 // SURFACE.tile + 1):
+            for tile_column in range(column0 // SURFACE.tile, column1 // SURFACE.tile + 1):
+                tile = self._read_tile((tile_row, tile_column))
+                top, left = tile_row * SURFACE.tile - row0, tile_column * SURFACE.tile - column0
+                part = tile[max(0, -top) : len(cells) - top, max(0, -left) : cells.shape[1] - left]
+                top, left = max(0, top), max(0, left)
+                cells[top : top + part.shape[0], left : left + part.shape[1]] = part
+        return row0, column0, cells
+
+    def _find_tile(self, grid: np.ndarray) -> tuple[int, int]:
+        cell = np.clip(np.nan_to_num(grid), 0, np.array([self.shape[1] - 2, self.shape[0] - 2])).astype(int)
+        return int(cell[0]) // SURFACE.tile, int(cell[1]) // SURFACE.tile
+
+    def _find_range(self, place: tuple[int, int]) -> tuple[float, float]:
+        if place not in self._ranges:
+            tile = self._read_tile(place)
+            empty = np.isnan(tile).all()
+            self._ranges[place] = (np.nan, np.nan) if empty else (float(np.nanmin(tile)), float(np.nanmax(tile)))
+        return self._ranges[place]
+
+    def _read_tile(self, place: tuple[int, int]) -> np.ndarray:
+        """Return a tile with the first row and column of its neighbours, from the cache or read now."""
+        with self._lock:
+            tile = self._tiles.pop(place, None)
+            if tile is None:
+                row, column = place[0] * SURFACE.tile, place[1] * SURFACE.tile
+                rows, columns = (
+                    min(SURFACE.tile + 1, self.shape[0] - row),
+                    min(SURFACE.tile + 1, self.shape[1] - column),
+                )
+                tile = np.asarray(self._read(row, column, rows, columns), dtype=np.float64)
+            self._tiles[place] = tile
+            while len(self._tiles) > SURFACE.tiles:
+                self._tiles.popitem(last=False)
+            return tile
+
+
+def _interpolate_cells(
+    cells: np.ndarray, i: np.ndarray, j: np.ndarray, down: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    upper = cells[i, j] * (1.0 - right) + cells[i, j + 1] * right
+    lower = cells[i + 1, j] * (1.0 - right) + cells[i + 1, j + 1] * right
+    return np.asarray(upper * (1.0 - down) + lower * down)
