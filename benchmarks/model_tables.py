@@ -28,7 +28,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.refinement.selection import RULES
-from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_models.md"
 MODELS_COMPARED = ("shift", "affine", "auto")
@@ -60,7 +60,7 @@ def adjusted(block: Block, model: str) -> tuple[Adjustment, float]:
 def judge_by_survey(block: Block, model: str) -> Outcome:
     """Adjust a block; its check points judge, east, north and height."""
     result, seconds = adjusted(block, model)
-    left, check = residuals(result), block.points.role == Role.CHECK
+    left, check = compute_residuals(result), block.points.role == Role.CHECK
     return Outcome(_rms(left.ground_m[check]), _rms(left.ground_sigma_m[check]), *_how(result), seconds)
 
 

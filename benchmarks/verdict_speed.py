@@ -16,7 +16,7 @@ from hrsi.benchmarks.adjust_speed import OPTIONS, simulated
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.plausibility import check_block
-from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.hrsi_engine.results.verdict import Evidence, find_reasons
 
 REPEATS = 3
@@ -40,7 +40,7 @@ def main() -> None:
     print(f"{len(block.images)} images, {len(block.measurements)} image points, {len(block.points)} points")
     options = replace(OPTIONS, reject_sigma=4.0)
     adjusting, result = seconds(lambda: adjust(block, options))
-    left = residuals(result)
+    left = compute_residuals(result)
     pairs = zip(block.images, result.values, strict=True)
     refined = [result.model.compute_refined_rpc(image, values) for image, values in pairs]
     before, found = seconds(lambda: check_block(block))

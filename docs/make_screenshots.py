@@ -273,7 +273,7 @@ class Session:
         wait_until(lambda: not self.panel.is_adjusting())
         self.panel.choose(WRONG_POINT)
         for view in self.panel.ui.shown_views():
-            expected = self.panel.session.predicted(WRONG_POINT, view.image())
+            expected = self.panel.session.predict_place(WRONG_POINT, view.image())
             fit = fit_target(self.panel.session.images[view.image()], expected, "center")
             view.chip.show_chip(fit.chip_svg)
 

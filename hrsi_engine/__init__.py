@@ -19,7 +19,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "refinement.selection": "choose_model",
         "measurement": "TieOptions find_tie_points",
         "plausibility": "check_block",
-        "results.residuals": "residuals",
+        "results.residuals": "compute_residuals",
         "results.verdict": "judge",
         "io": "open_image read_rpc",
     },

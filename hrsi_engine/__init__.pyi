@@ -28,5 +28,5 @@ from .refinement.estimate import Control as Control
 from .refinement.refine import compare_models as compare_models
 from .refinement.refine import refine_rpc as refine_rpc
 from .refinement.selection import choose_model as choose_model
-from .results.residuals import residuals as residuals
+from .results.residuals import compute_residuals as compute_residuals
 from .results.verdict import judge as judge

@@ -31,14 +31,14 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
         images, options.points, options.dem, options.tie_points, earlier.ties, earlier.known
     )
     clock.lap("read")
-    how = earlier.adjusted_by(options.adjustment)
+    how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
     laser = read_laser_points(images, options.laser, context)
     how = with_free_control(how, options.dem, options.points, laser)
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
-    with plausibility.explained_by(reasons):
+    with plausibility.explain_failures(reasons):
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
@@ -46,6 +46,6 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
     entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
     reasons += ground_reasons(result, dem_surface(options.dem, options.points.height_datum), how.sigma_dem_m)
-    with plausibility.explained_by(reasons):
+    with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest)

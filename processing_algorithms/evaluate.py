@@ -40,10 +40,10 @@ from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps import plausibility
-from .block_steps.inputs import read_block, require_matches_used
+from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
-from .block_steps.summary import number
-from .block_steps.tie_search import count_pairs, find
+from .block_steps.summary import format_digits
+from .block_steps.tie_search import count_pairs, find_ties
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.image_files import open_input_images
 from .files.result_folder import check_folder, plan_page, tell
@@ -57,7 +57,7 @@ MOST_PAIRS_TOLD = 10
 
 
 @dataclass(frozen=True, eq=False)
-class EvaluatedSet:
+class RpcSet:
     """A set of RPCs: the block seen by them, its tracks fitted, and the surveyed points compared."""
 
     name: str
@@ -73,24 +73,24 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     """Read or find points, fit them under every set of RPCs, write what came out."""
     check_folder(options.folder, context)
     clock = Clock()
-    require_matches_used(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
+    refuse_idle_matches(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
     images = open_input_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum)
     if context.dry_run:
-        return _plan(options, images, list(cameras), surface, context)
+        return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
     block, warnings, search_folders = _read_points(options, images, surface, context)
     clock.lap("tracks")
     # Under every set the same points: tracks of two images or more that are right under one set at least
     tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
-    sets: list[EvaluatedSet] = []
+    sets: list[RpcSet] = []
     for done, (name, (source, rpcs)) in enumerate(cameras.items()):
         advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
         seen = block.with_cameras(rpcs)
         observations, fit = fit_tracks(seen, tracks)
         known_px, known_m = known_residuals_px(seen), known_differences_m(seen)
-        sets.append(EvaluatedSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))
+        sets.append(RpcSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
     kept = everywhere & ~wrong
@@ -104,15 +104,15 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         },
         "sets": {one.name: _set_entry(one, observations, kept, predicted, surface) for one in sets},
     }  # fmt: skip
-    warnings += _warnings(entries, len(images), len(predicted) > 0)
+    warnings += _list_warnings(entries, len(images), len(predicted) > 0)
     clock.lap("evaluate")
     report: Report = {
-        **context.record, "seconds": {}, **entries, "best": _best(entries["sets"]), "warnings": warnings,
+        **context.record, "seconds": {}, **entries, "best": _rank_sets(entries["sets"]), "warnings": warnings,
     }  # fmt: skip
     tell(warnings, context)
     target = options.folder
     with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=search_folders) as folder:
-        layers = _layers(sets, observations, kept, predicted, report)
+        layers = _make_layers(sets, observations, kept, predicted, report)
         styles = default_styles(layers)
         for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
             as_residuals = replace(arrows, name=RESIDUAL_LAYERS[0])
@@ -132,7 +132,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
 # ---- what is read ----------------------------------------------------------------------------------------------------
 
 
-def _plan(
+def _plan_run(
     options: EvaluateOptions,
     images: Sequence[Image],
     sets: Sequence[str],
@@ -177,7 +177,7 @@ def _read_points(
     search_folders: tuple[str, ...] = ()
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
-        ties, finished = find(
+        ties, finished = find_ties(
             images, options.search, surface, options.folder.output_dir, context.stage(0.0, 0.8)
         )  # fmt: skip
         found, warnings = [ties.image_points], list(ties.warnings)
@@ -195,13 +195,13 @@ def _read_points(
             raise InputError(
                 f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
             )
-        near = _near_used(block, used, options.apart_px)
+        near = _find_points_near(block, used, options.apart_px)
         block = block.with_measurements(~near[block.measurements.point])
         warnings.append(f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out")
     return block, warnings, search_folders
 
 
-def _near_used(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:
+def _find_points_near(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:
     """Return a mask of the tie points that come near a used image point on any image."""
     rows = block.measurements
     near = np.zeros(len(block.points), dtype=bool)
@@ -217,7 +217,7 @@ def _near_used(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:
 
 
 def _set_entry(
-    one: EvaluatedSet,
+    one: RpcSet,
     observations: Observations,
     kept: np.ndarray,
     predicted: np.ndarray,
@@ -238,8 +238,8 @@ def _set_entry(
         "scatter_px": rmse(np.concatenate([np.zeros(0), *(pair.left_px[kept[pair.points]] for pair in one.pairs)])),
         "images": {},
         "pairs": [],
-        "control": _known_entry(one, Role.GCP),
-        "check": _known_entry(one, Role.CHECK),
+        "control": _survey_entry(one, Role.GCP),
+        "check": _survey_entry(one, Role.CHECK),
         "dem": None if surface is None else _height_entry(one.fit.ground[kept], surface),
     }
     for index, image in enumerate(one.block.images):
@@ -271,7 +271,7 @@ def _fit_by_views(observations: Observations, fit: TrackFit, kept: np.ndarray) -
     }
 
 
-def _known_entry(one: EvaluatedSet, role: Role) -> Report:
+def _survey_entry(one: RpcSet, role: Role) -> Report:
     """Return how the surveyed points of a role fit, in metres on the ground and pixels on the images."""
     points = one.block.points.role == role
     rows = points[one.block.measurements.point]
@@ -299,7 +299,7 @@ def _height_entry(ground: np.ndarray, surface: HeightSurface) -> Report:
     }  # fmt: skip
 
 
-def _best(sets: Mapping[str, Report]) -> Report:
+def _rank_sets(sets: Mapping[str, Report]) -> Report:
     """Return the set that comes out first by each figure that exists for all; None where there is no such figure."""
     keys = {
         "predicted": lambda entry: entry["predicted_rmse_px"], "fit": lambda entry: entry["fit_rmse_px"],
@@ -313,7 +313,7 @@ def _best(sets: Mapping[str, Report]) -> Report:
     return best
 
 
-def _warnings(entries: Report, images: int, tracks: bool) -> list[str]:
+def _list_warnings(entries: Report, images: int, tracks: bool) -> list[str]:
     predictions = next(iter(entries["sets"].values()))["predictions"]
     if tracks and predictions < FEW_PREDICTIONS:
         why = "two images have none" if images < 3 else "they need points on three images or more"
@@ -324,8 +324,8 @@ def _warnings(entries: Report, images: int, tracks: bool) -> list[str]:
 # ---- layers ----------------------------------------------------------------------------------------------------------
 
 
-def _layers(
-    sets: Sequence[EvaluatedSet], observations: Observations, kept: np.ndarray, predicted: np.ndarray, report: Report
+def _make_layers(
+    sets: Sequence[RpcSet], observations: Observations, kept: np.ndarray, predicted: np.ndarray, report: Report
 ) -> list[Layer]:
     """Return footprints with each set's figures, the pairs as a table, and a layer of residuals for each set."""
     images = sets[0].block.images
@@ -343,7 +343,7 @@ def _layers(
     return [*layers, *(_residual_layer(one, observations, kept, predicted) for one in sets)]
 
 
-def _residual_layer(one: EvaluatedSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
+def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
     """Return the residuals of one set: of tracks on the images, of known points on the images and on the ground.
 
     ``residual`` says what it is: ``predicted`` from the other images, ``fit`` by all, or at a ``known`` position.
@@ -404,7 +404,7 @@ def summarise(report: Report) -> str:
         f"{tracks['points']} tracks ({views or 'none'} images), {tracks['wrong']} wrong ones left out, "
         f"{next(iter(sets.values()))['predictions']} predictions",
         f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
-        *(f"{label:<{width}}" + "".join(f"{number(value):>{cell}}" for value in values)
+        *(f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
           for label, values in rows.items() if any(value is not None for value in values)),
     ]  # fmt: skip
     lines += [f"warning: {text}" for text in report["warnings"]]

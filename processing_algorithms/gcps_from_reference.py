@@ -29,10 +29,10 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         dem_surface(options.dem, options.height_datum)
         return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
     matching = context.stage(0.0, 0.9)
-    found = reference_control.match(
+    found = reference_control.find_reference_control(
         images, options.reference, dem_surface(options.dem, options.height_datum), options.sigma_dem, matching
     )
-    ground, measured = reference_control.points(found)
+    ground, measured = reference_control.reference_points(found)
     if not len(ground):
         raise SolveError(f"{options.reference.reference}: no GCP was found: {'; '.join(found.warnings)}")
     report: Report = {
@@ -40,12 +40,12 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
     }  # fmt: skip
     sigma_m = tuple(ground.sigma_m[0])
-    layers = [_layer(found, sigma_m, used=True), _layer(found, sigma_m, used=False)]
+    layers = [_make_layer(found, sigma_m, used=True), _make_layer(found, sigma_m, used=False)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
 
-def _layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
+def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:
     """Return the matches that agree, or those that do not, at the positions of their places in the reference.
 
     ``sigma_m`` is that of a horizontal coordinate and of the height of each place.

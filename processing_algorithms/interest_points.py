@@ -40,7 +40,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     for number, image in enumerate(images):
         parts = [
             detect_interest_points(image.raster, name, options.detection, region, stage(context.progress, *share))
-            for name, share in zip(names, _shares(number, len(images), len(names)), strict=True)
+            for name, share in zip(names, _progress_shares(number, len(images), len(names)), strict=True)
         ]
         tables.append(join_points(parts))
     suns = [None if image.rpc is None else _sun_of(image, options.sun_azimuth) for image in images]
@@ -52,24 +52,24 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "detector": options.detector,
         "images": {
-            image.id: _summary(image, points) | _sun_entry(sun, words)
+            image.id: _image_summary(image, points) | _sun_entry(sun, words)
             for image, points, sun, words in zip(images, tables, suns, shadows, strict=True)
         },
         "warnings": warnings,
     }  # fmt: skip
-    layers = [_layer(images, tables, grounds, shadows)]
+    layers = [_make_layer(images, tables, grounds, shadows)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
 
 
-def _shares(image: int, images: int, detectors: int) -> list[tuple[float, float]]:
+def _progress_shares(image: int, images: int, detectors: int) -> list[tuple[float, float]]:
     """Return the shares of the progress bar of each detector on one image."""
     steps = images * detectors
     first = image * detectors
     return [(0.9 * (first + k) / steps, 0.9 * (first + k + 1) / steps) for k in range(detectors)]
 
 
-def _summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]:
+def _image_summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]:
     lower, right = points.xy[:, 1] >= image.raster.size[1] / 2.0, points.xy[:, 0] >= image.raster.size[0] / 2.0
     quarters = np.bincount(2 * lower + right, minlength=4)
     return {
@@ -105,7 +105,7 @@ def _sun_entry(sun: FoundSun | None, words: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _layer(
+def _make_layer(
     images: list[ImagePixels], tables: list[InterestPoints], grounds: list[np.ndarray], shadows: list[np.ndarray]
 ) -> Layer:
     """Return one layer of all points: at their ground positions where all images have an RPC, else a table."""

@@ -33,7 +33,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     if context.dry_run:
         counts = {"images": len(images), "image points": len(points.ids)}
         return plan_folder(options.folder, LAYERS_FILE, counts, [], context)
-    columns, warnings = _localize(images, points, surface)
+    columns, warnings = _localize_points(images, points, surface)
     tell(warnings, context)
     report: Report = {
         **context.record, "images": ids, "from_file": bool(options.points),
@@ -46,7 +46,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         for row in np.flatnonzero(np.isnan(columns["lon"])):
             table[row] |= {"lon": None, "lat": None, "height": None}
         report["points"] = table
-    write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
+    write_folder(options.folder, report, LAYERS_FILE, _make_layers(columns), context)
     return report
 
 
@@ -58,7 +58,7 @@ def _from_lines(images: list[Image]) -> ImagePositions:
     return ImagePositions(np.array(rest, dtype=str), np.full(len(rest), images[0].id), numbers[:, :2], numbers[:, 2])
 
 
-def _localize(
+def _localize_points(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return one row for each point, and warnings on points without ground position."""
@@ -98,7 +98,7 @@ def _on_ground(
     return ground, status
 
 
-def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
+def _make_layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     return [Layer("ground_points", "PointZ", WGS84_3D, ground, LocalizedPointRows(**columns))]
 

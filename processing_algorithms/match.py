@@ -52,12 +52,12 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )
-    report = _report(images, areas, found, context.record, perf_counter() - started)
-    _write(options, report, images, areas, found, context)
+    report = _make_report(images, areas, found, context.record, perf_counter() - started)
+    _write_results(options, report, images, areas, found, context)
     return report
 
 
-def _report(
+def _make_report(
     images: list[ImagePixels],
     areas: list[Area],
     found: ControlNetworkMatch,
@@ -70,8 +70,9 @@ def _report(
         **record, "seconds": {"total": seconds}, "status": found.status,
         "first": images[0].id, "second": images[1].id, "correspondences": len(found),
         "rotation_deg": found.rotation_deg, "scale": found.scale, "affine": found.affine.tolist(),
-        "sigma_px": _median(made.sigma_px), "residual_px": _median(made.residual_px),
-        "epipolar_nmad_px": _median(MAD_TO_SIGMA * np.abs(made.epipolar_px)), "correlation": _median(made.correlation),
+        "sigma_px": _median_or_none(made.sigma_px), "residual_px": _median_or_none(made.residual_px),
+        "epipolar_nmad_px": _median_or_none(MAD_TO_SIGMA * np.abs(made.epipolar_px)),
+        "correlation": _median_or_none(made.correlation),
         "kinds": dict(sorted(Counter(found.kind.tolist()).items())),
         "network": {"correspondences": found.network, "runner_up": found.runner_up},
         "images": [
@@ -83,11 +84,11 @@ def _report(
     }  # fmt: skip
 
 
-def _median(values: np.ndarray) -> float | None:
+def _median_or_none(values: np.ndarray) -> float | None:
     return float(np.median(values)) if len(values) else None
 
 
-def _write(
+def _write_results(
     options: MatchAlgorithmOptions, report: Report, images: list[ImagePixels], areas: list[Area],
     found: ControlNetworkMatch, context: Context,
 ) -> None:  # fmt: skip
@@ -96,7 +97,7 @@ def _write(
     ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
     report["warnings"] += ground_warnings(images, ground)
     tell(report["warnings"], context)
-    layers = _layers(images, found, ground)
+    layers = _make_layers(images, found, ground)
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), layers)
         columns = layers[0].fields
@@ -104,7 +105,7 @@ def _write(
         write_csv(str(folder / TABLE_FILE), list(columns), rows)
         if options.report:
             sides = [
-                _side(image, area, xy)
+                _picture_side(image, area, xy)
                 for image, area, xy in zip(images, areas, (found.positions.first, found.positions.second), strict=True)
             ]
             write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
@@ -112,12 +113,12 @@ def _write(
     advance(context.progress, 1.0, "done")
 
 
-def _side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
+def _picture_side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
     grey, valid = image.raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
     return PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy)
 
 
-def _layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[np.ndarray]) -> list[Layer]:
+def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[np.ndarray]) -> list[Layer]:
     """Return the correspondences, and the same as image points, on the ground where the images have RPCs."""
     made = found.positions
     ids = np.char.add("M", np.char.zfill(np.arange(1, len(found) + 1).astype(str), len(str(max(len(found), 1)))))

@@ -59,17 +59,17 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     if context.dry_run:
         return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(targets)}, warnings, context)
     made = [target for target in targets if not target.measurement.refusal]
-    warnings += _refused_everywhere(targets, {image_id(path): path for path in options.images})
+    warnings += _list_failures(targets, {image_id(path): path for path in options.images})
     tell(warnings, context)
     report: Report = {
         **context.record, "measured": len(made),
-        "refused": len(targets) - len(made), "targets": [_row(target) for target in targets],
+        "refused": len(targets) - len(made), "targets": [_target_row(target) for target in targets],
         "chips_left_out": max(len(targets) - MOST_PAGE_CHIPS, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(
-            str(folder / LAYERS_FILE), _layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
+            str(folder / LAYERS_FILE), _make_layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
         )
         if options.report:
             rasters = {image.id: image.raster for image in images}
@@ -84,7 +84,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     return report
 
 
-def _row(target: Target) -> dict[str, Any]:
+def _target_row(target: Target) -> dict[str, Any]:
     made = target.measurement
     return {
         "id": target.id, "image": target.image, "kind": made.kind,
@@ -100,7 +100,7 @@ def _open_images(paths: Sequence[str]) -> list[ImagePixels]:
     return images
 
 
-def _refused_everywhere(targets: list[Target], paths: Mapping[str, str]) -> list[str]:
+def _list_failures(targets: list[Target], paths: Mapping[str, str]) -> list[str]:
     """Return a word on each image on which no target could be measured."""
     warnings = []
     for image in dict.fromkeys(target.image for target in targets):
@@ -122,13 +122,13 @@ def _near_positions(
     targets = []
     rows = zip(points.ids.tolist(), points.image_ids.tolist(), points.xy, points.kind.tolist(), strict=True)
     for number, (name, image, xy, kind) in enumerate(rows):
-        made = measure_target(by_id[image].raster, xy, _kind(options.kind, kind, name), options.target)
+        made = measure_target(by_id[image].raster, xy, _choose_kind(options.kind, kind, name), options.target)
         targets.append(Target(name, image, made, xy))
         advance(context.progress, 0.9 * (number + 1) / len(points), f"target {name}")
     return targets, warnings
 
 
-def _kind(wanted: str, stated: str, name: str) -> str:
+def _choose_kind(wanted: str, stated: str, name: str) -> str:
     """Return what a target is: the option, else what its row says, else a centre."""
     if wanted != AUTOMATIC_KIND:
         return wanted
@@ -155,10 +155,10 @@ def _approximate_points(
         return tables.image, warnings
     if tables.ground is None:
         raise InputError(f"{file} holds no points: add some")
-    return _project(images, file, tables.ground.ids, tables.ground.ground, warnings), warnings
+    return _project_points(images, file, tables.ground.ids, tables.ground.ground, warnings), warnings
 
 
-def _project(
+def _project_points(
     images: list[ImagePixels], file: str, ids: np.ndarray, ground: np.ndarray, warnings: list[str]
 ) -> ImagePoints:
     """Return where the RPCs see ground points of a file, for all images in which they lie; warn of the others."""
@@ -203,7 +203,7 @@ def _of_edges(
     for key in dict.fromkeys(keys.tolist()):
         rows = np.flatnonzero(keys == key)
         name, image = str(points.ids[rows[0]]), str(points.image_ids[rows[0]])
-        kind = _kind(options.kind, str(points.kind[rows[0]]), name)
+        kind = _choose_kind(options.kind, str(points.kind[rows[0]]), name)
         made = measure_edges(points.xy[rows], kind)
         targets.append(Target(name, image, made))
         if not made.refusal and (made.sigma_px > TARGETS.largest_sigma_px or not made.used.all()):
@@ -217,7 +217,7 @@ def _of_edges(
 # ---- results ---------------------------------------------------------------------------------------------------
 
 
-def _layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
+def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> list[Layer]:
     """Return the measured points, ready as image points; at their ground positions where the images have RPCs."""
     made = [target for target in targets if not target.measurement.refusal]
     found = [target.measurement for target in made]

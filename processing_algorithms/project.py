@@ -32,7 +32,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
         return plan_folder(options.folder, LAYERS_FILE, counts, warnings, context)
-    columns = _project(images, ids, ground)
+    columns = _project_points(images, ids, ground)
     if options.points:
         seen = set(columns["image"][columns["inside"]].tolist())
         bare = [image.id for image in images if image.id not in seen]
@@ -50,7 +50,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
             {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
             for name, image, sample, line, good in values
         ]
-    write_folder(options.folder, report, LAYERS_FILE, _layers(columns), context)
+    write_folder(options.folder, report, LAYERS_FILE, _make_layers(columns), context)
     return report
 
 
@@ -78,7 +78,7 @@ def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, 
     return np.array(rest, dtype=str), ground, [f"the DEM has no height for {lost} points"] if lost else []
 
 
-def _project(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
+def _project_points(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
     """Return one row for each point and image."""
     parts = [image.rpc.project(ground) for image in images]
     xy = np.concatenate(parts)
@@ -91,7 +91,7 @@ def _project(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[s
     }  # fmt: skip
 
 
-def _layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
+def _make_layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
     ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     return [Layer("image_points", "PointZ", WGS84_3D, ground, ProjectedPointRows(**columns))]
 

@@ -15,13 +15,13 @@ from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refi
 from ..hrsi_engine.refinement.selection import select_control
 from ..hrsi_engine.results.block_results import assemble_result
 from ..hrsi_engine.results.figures import control_and_check
-from ..hrsi_engine.results.residuals import residuals
+from ..hrsi_engine.results.residuals import compute_residuals
 from ..hrsi_engine.results.separate_images import separate_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.model_choice import choice_entry
-from .block_steps.summary import COLUMN_WIDTHS, number
+from .block_steps.summary import COLUMN_WIDTHS, format_digits
 from .block_steps.summary import summarise as summarise_block
 from .declarations.refine_rpc import RefineAlgorithmOptions
 from .files.image_files import open_input_images
@@ -45,8 +45,8 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     clock.lap("check")
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)
-    with plausibility.explained_by(reasons):
-        refinements = _refine(block, options.refinement, context.stage(0.1, 0.3))
+    with plausibility.explain_failures(reasons):
+        refinements = _refine_images(block, options.refinement, context.stage(0.1, 0.3))
     result = separate_result(block, refinements)
     clock.lap("refine")
     # What the report has besides a block's: each image's model, how it was chosen, GCPs left out
@@ -65,15 +65,15 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         },
     }
     if options.compare:
-        more["models"] = _compare(block, refinements, context.stage(0.3, 0.6))
+        more["models"] = _compare_models(block, refinements, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
-    with plausibility.explained_by(reasons):
+    with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, more, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest)
 
 
-def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:
+def _refine_images(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:
     """Return every image's refinement from its own GCPs."""
     refinements = []
     for index, image in enumerate(block.images):
@@ -83,16 +83,16 @@ def _refine(block: Block, options: RefineOptions, context: Context) -> list[Refi
     return refinements
 
 
-def _compare(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
+def _compare_models(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
     table = {}
     for done, name in enumerate(SINGLE_IMAGE_MODELS):
         advance(context.progress, done / len(SINGLE_IMAGE_MODELS), f"model {name}")
-        table[name] = _figures(block, refinements, name)
+        table[name] = _model_figures(block, refinements, name)
     return table
 
 
-def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
+def _model_figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
     """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
     try:
         model = SINGLE_IMAGE_MODELS[name]
@@ -105,7 +105,7 @@ def _figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict
     result = separate_result(block, others)
     left_out = np.concatenate([found.estimate.left_out_px for found in others])
     return {
-        **control_and_check(result, residuals(result)),
+        **control_and_check(result, compute_residuals(result)),
         "prediction_rmse_px": float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))),
         "note": "" if result.converged else "not converged",
     }
@@ -135,7 +135,9 @@ def _model_table(models: Mapping[str, Any]) -> list[str]:
     lines = [head]
     for name, entry in models.items():
         figures = entry[role]
-        numbers = "".join(f"{number(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in COLUMN_WIDTHS.items())
-        predicted = f"{number(entry['prediction_rmse_px']):>13}"
+        numbers = "".join(
+            f"{format_digits(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in COLUMN_WIDTHS.items()
+        )
+        predicted = f"{format_digits(entry['prediction_rmse_px']):>13}"
         lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
     return [*lines, ""]

@@ -32,7 +32,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
     check_folder(options.folder, context)
     images = open_input_images(options.images, context)
-    surface, warnings = _surface(options, images)
+    surface, warnings = _choose_surface(options, images)
     tell(warnings, context)
     views = [ViewDirection(image, surface) for image in images]
     if context.dry_run:
@@ -54,11 +54,11 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "pairs": [_pair_entry(pair) for pair in pairs],
         "warnings": warnings,
     }
-    write_folder(options.folder, report, LAYERS_FILE, _layers(report, views), context)
+    write_folder(options.folder, report, LAYERS_FILE, _make_layers(report, views), context)
     return report
 
 
-def _surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
+def _choose_surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
     """Return the ground; without DEM and height, one at the mean of the RPCs' heights, with a warning."""
     surface = open_terrain(options.terrain)
     if surface is not None:
@@ -113,7 +113,7 @@ def _pair_entry(pair: PairGeometry) -> dict[str, Any]:
     }
 
 
-def _layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
+def _make_layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
     left_out = ("footprint", "rpc_ignored")
     rows = [
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}

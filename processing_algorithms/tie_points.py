@@ -21,7 +21,7 @@ from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_column
 from ..hrsi_engine.measurement.tie_points import TiePoints
 from .block_steps.earlier_ties import read_earlier_ties, with_earlier
 from .block_steps.outputs import Clock
-from .block_steps.tie_search import count_pairs, find, held_entries
+from .block_steps.tie_search import connection_entries, count_pairs, find_ties
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.dry_run import plan
 from .files.image_files import open_input_images
@@ -46,7 +46,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         files = ["report.json", LAYERS_FILE, COLUMNS_FILE, *([TABLE_FILE] if options.csv else [])]
         return plan(context, options.folder.output_dir, files, counts)
     searching = context.stage(0.0, 0.95)
-    found, finished = find(images, options.search, surface, options.folder.output_dir, searching, earlier.ids)
+    found, finished = find_ties(images, options.search, surface, options.folder.output_dir, searching, earlier.ids)
     found = earlier.with_new(found)
     clock.lap("tie_points")
     target = options.folder
@@ -77,7 +77,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             names["csv"] = TABLE_FILE
             write_measurements(str(folder / TABLE_FILE), found.image_points)
         outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
-        report = with_earlier(_report(images, found, context.record), earlier.report)
+        report = with_earlier(_make_report(images, found, context.record), earlier.report)
         report |= {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
     for warning in found.warnings:
@@ -86,7 +86,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     return report
 
 
-def _report(images: Sequence[Image], found: TiePoints, record: Report) -> Report:
+def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> Report:
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)
     views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)
@@ -105,7 +105,7 @@ def _report(images: Sequence[Image], found: TiePoints, record: Report) -> Report
         ],
         "ties": {"points": len(ids), "observations": len(rows),
                  "by_views": {str(count): int(views[count]) for count in range(2, len(views)) if views[count]}},
-        **held_entries(found), "warnings": list(found.warnings),
+        **connection_entries(found), "warnings": list(found.warnings),
     }  # fmt: skip
 
 

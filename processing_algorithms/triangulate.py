@@ -12,7 +12,7 @@ from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps.earlier_block import EarlierBlock, read_earlier
-from .block_steps.earlier_ties import joined_to
+from .block_steps.earlier_ties import join_ties
 from .block_steps.laser_points import (
     adjust_at_laser_points,
     laser_entries,
@@ -23,7 +23,7 @@ from .block_steps.laser_points import (
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.reference_control import read_reference_block, reference_reasons
 from .block_steps.summary import summarise as summarise
-from .block_steps.tie_search import count_pairs, find, held_entries
+from .block_steps.tie_search import connection_entries, count_pairs, find_ties
 from .declarations.triangulate import TriangulateOptions
 from .files.image_files import open_input_images
 from .files.terrain import dem_surface
@@ -37,7 +37,7 @@ SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
 def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
-    block_inputs.require_matches_used(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
+    block_inputs.refuse_idle_matches(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
     images = open_input_images(options.images, context)
     automatic = options.tie_points == AUTOMATIC_TIES
     earlier = read_earlier(options.growth, images, None if automatic else options.tie_points)
@@ -53,18 +53,18 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")
     if context.dry_run:
-        return _plan(images, earlier, options, context)
+        return _plan_run(images, earlier, options, context)
     # The share of the time that each step takes: where tie points are found in the images, that is most of it
     found_at, read_at, adjusted_at = SHARES[options.tie_points == AUTOMATIC_TIES]
     searching = context.stage(0.0, found_at)
     found, warnings, kept, held = _automatic_ties(images, earlier, options, searching)
     clock.lap("tie_points")
-    block, places, more, entries = _read(images, earlier, options, found, context.stage(found_at, read_at))
-    how = earlier.adjusted_by(options.adjustment)
+    block, places, more, entries = _read_block(images, earlier, options, found, context.stage(found_at, read_at))
+    how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     reasons += reference_reasons(entries)
     clock.lap("check")
-    with plausibility.explained_by(reasons):
+    with plausibility.explain_failures(reasons):
         laser = read_laser_points(images, options.laser, context)
         how = with_free_control(how, options.dem, options.points, laser, places)
         how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
@@ -77,12 +77,12 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
     warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
     entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
-    with plausibility.explained_by(reasons):
+    with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest, kept)
 
 
-def _plan(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
+def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
     """Return what would be done: the pairs are counted, not matched, and checks look at the points that files hold."""
     read_laser_points(images, options.laser, context)
     points, how, pairs = options.points, options.adjustment, None
@@ -105,14 +105,14 @@ def _automatic_ties(
         return [], [], (), {}
     surface = dem_surface(options.dem, options.points.height_datum)
     folder = options.output.folder.output_dir
-    found, finished = find(images, options.search, surface, folder, context, earlier.image_ids)
+    found, finished = find_ties(images, options.search, surface, folder, context, earlier.image_ids)
     points = found.image_points
     for table in earlier.ties:
-        points, _ = joined_to(points, table)
-    return [points], list(found.warnings), finished.discarded, held_entries(found)
+        points, _ = join_ties(points, table)
+    return [points], list(found.warnings), finished.discarded, connection_entries(found)
 
 
-def _read(
+def _read_block(
     images: Sequence[Image],
     earlier: EarlierBlock,
     options: TriangulateOptions,

@@ -32,7 +32,7 @@ Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the 
 def run(options: WriteRpcOptions, context: Context) -> Report:
     """Find every image's RPC and its output first, then write; or restore."""
     report: Report = {**context.record, "images": {}, "warnings": []}
-    jobs = [] if options.restore else _jobs(options)
+    jobs = [] if options.restore else _plan_jobs(options)
     if context.dry_run:
         return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
     if options.output_dir:
@@ -42,7 +42,7 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         part = stage(context.progress, index / steps, (index + 1) / steps)
         advance(part, 0.0)
         image_id, entry, notices = (
-            _restore(options.images[index], part) if options.restore else _write(jobs[index], part)
+            _restore_images(options.images[index], part) if options.restore else _write_rpcs(jobs[index], part)
         )
         report["images"][image_id] = entry
         report["warnings"] += notices
@@ -61,11 +61,11 @@ class WriteJob(NamedTuple):
     found: FoundRpc
 
 
-def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
+def _plan_jobs(options: WriteRpcOptions) -> list[WriteJob]:
     """Return what is to be written; raise `InputError` before anything is."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
-    jobs = [_job(path, options) for path in options.images]
+    jobs = [_plan_job(path, options) for path in options.images]
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
@@ -79,17 +79,17 @@ def _jobs(options: WriteRpcOptions) -> list[WriteJob]:
     return jobs
 
 
-def _job(path: str, options: WriteRpcOptions) -> WriteJob:
+def _plan_job(path: str, options: WriteRpcOptions) -> WriteJob:
     """Return the job of one image; an RPC file alone has no pixels to copy and becomes a sidecar."""
     how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
     suffix = OUTPUT_ENDINGS[how]
     folder = options.output_dir or os.path.dirname(path)
     return WriteJob(
-        path, path if suffix is None else os.path.join(folder, image_id(path) + suffix), how, _found(path, options)
+        path, path if suffix is None else os.path.join(folder, image_id(path) + suffix), how, _choose_rpc(path, options)
     )
 
 
-def _found(path: str, options: WriteRpcOptions) -> FoundRpc:
+def _choose_rpc(path: str, options: WriteRpcOptions) -> FoundRpc:
     """Return the RPC to be written: that of `rpc`, else the image's own."""
     given = options.rpc
     if not given:
@@ -103,8 +103,8 @@ def _found(path: str, options: WriteRpcOptions) -> FoundRpc:
     return rpc_for_image(given, path)
 
 
-def _write(job: WriteJob, progress: Progress) -> Outcome:
-    notices = _writers()[job.how](job.path, job.output, job.found.rpc, progress)
+def _write_rpcs(job: WriteJob, progress: Progress) -> Outcome:
+    notices = _choose_writers()[job.how](job.path, job.output, job.found.rpc, progress)
     entry = {
         "path": job.path,
         "output": job.output,
@@ -115,7 +115,7 @@ def _write(job: WriteJob, progress: Progress) -> Outcome:
     return image_id(job.path), entry, notices
 
 
-def _writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]]:
+def _choose_writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]]:
     """Return the ways of writing: ``(image path, output path, rpc, progress) -> notices``."""
 
     def sidecar(kind: str) -> Callable[[str, str, RPC, Progress], tuple[str, ...]]:
@@ -133,7 +133,7 @@ def _writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]
     }
 
 
-def _restore(path: str, progress: Progress) -> Outcome:
+def _restore_images(path: str, progress: Progress) -> Outcome:
     notices = restore(path, progress)
     found = read_rpc_or_none(path)
     entry = {"path": path, "output": path, "source": found.source if found else None, "max_difference_px": None}

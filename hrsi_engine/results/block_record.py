@@ -31,7 +31,7 @@ from ..io.catalogue.block_records import POINT_LAYERS
 from ..io.opening.item_images import item_entry
 
 
-def record_of(result: Adjustment) -> dict[str, Any]:
+def make_record(result: Adjustment) -> dict[str, Any]:
     """Return the record of a result, as JSON takes it."""
     p = len(result.model.parameters)
     covariance = result.cameras.covariance[:, :p, :p]
@@ -42,12 +42,12 @@ def record_of(result: Adjustment) -> dict[str, Any]:
             {
                 "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
                 **item_entry(image.path),
-                "rpc": {part.name: _plain(getattr(image.rpc, part.name)) for part in fields(image.rpc)},
+                "rpc": {part.name: _plain_value(getattr(image.rpc, part.name)) for part in fields(image.rpc)},
                 "values": values.tolist(), "covariance": own.tolist() if known[k] else None,
             }
             for k, (image, values, own) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
         ],
-        "pairs": _pairs(result), "layers": POINT_LAYERS,
+        "pairs": _count_common_points(result), "layers": POINT_LAYERS,
     }  # fmt: skip
 
 
@@ -56,7 +56,7 @@ def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:
     return {"schema": np.array(1), **{part.name: np.asarray(getattr(joint, part.name)) for part in fields(joint)}}
 
 
-def joint_of_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
+def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
     """Return what `joint_arrays` wrote; raise `InputError` where the arrays do not belong together."""
     try:
         given = {part.name: arrays[part.name] for part in fields(JointCameras)}
@@ -76,11 +76,11 @@ def joint_of_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCamer
     return JointCameras(**{**given, **names})
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _pairs(result: Adjustment) -> list[list[Any]]:
+def _count_common_points(result: Adjustment) -> list[list[Any]]:
     """Return pairs of images with the number of points that were measured on both and kept."""
     rows, block = result.block.measurements, result.block
     kept = result.weight > 0.0

@@ -19,24 +19,24 @@ from ..foundation.workers.threads import one_thread_calls
 from ..io.geopackage.layers import Layer
 from ..refinement.model import RefitRPC
 from . import statistics
-from .block_record import record_of
+from .block_record import make_record
 from .drawings import Outline, report_figures
 from .figures import block_report, rejection_warnings
 from .layers import block_layers, residuals_epsg
 from .lineage import state_accuracy
-from .residuals import Residuals, residuals
+from .residuals import Residuals, compute_residuals
 from .tables import thinning_warnings
 from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
 
 
 @thresholds
-class RefinedRpcThresholds:
+class RpcAgreementThresholds:
     """When a refined RPC does not reproduce its model."""
 
     warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
 
 
-REFINED_RPC = RefinedRpcThresholds()
+RPC_AGREEMENT = RpcAgreementThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class BlockResult:
     @property
     def record(self) -> dict[str, Any]:
         """What ``block.json`` holds, for images that join the block later."""
-        return record_of(self.adjustment)
+        return make_record(self.adjustment)
 
     def make_layers(self, residual_crs: str) -> list[Layer]:
         """Return the layers of ``block.gpkg``, residuals in ``both``, ``wgs84`` or ``utm``."""
@@ -125,7 +125,7 @@ def assemble_result(
         The results.
     """
     images, model = adjustment.block.images, adjustment.model
-    left = residuals(adjustment)
+    left = compute_residuals(adjustment)
     cameras = zip(images, adjustment.values, strict=True)
     refined = state_accuracy(adjustment, [model.compute_refined_rpc(image, values) for image, values in cameras])
     lap("residuals")
@@ -133,13 +133,13 @@ def assemble_result(
     beside_model = [
         f"{image.id}: the refined RPC differs from its model by up to {new.fit_max_px:.3f} px"
         for image, new in zip(images, refined, strict=True)
-        if new.fit_max_px > REFINED_RPC.warned_px
+        if new.fit_max_px > RPC_AGREEMENT.warned_px
     ]
     report = {
         **record, "verdict": {}, "seconds": {},
         "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
         **block_report(adjustment, left, refined),
-        **statistics.entries(adjustment, left),
+        **statistics.statistic_entries(adjustment, left),
         "warnings": [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
                      *beside_model, *describe_residual_fields(evidence)],
         **entries,

@@ -27,8 +27,8 @@ from ..io.pages.pictures import picture_uri
 from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
-from .statistics import normalised_residuals, worst_known
-from .tables import positions
+from .statistics import normalise_residuals, rank_survey_points
+from .tables import choose_positions
 
 MOST_KNOWN = 1500  # known points on the map, the worst first
 MOST_TIES, WORST_TIES = 2500, 300  # tie points one by one: all of them, or of more the worst
@@ -47,7 +47,7 @@ Outline = Callable[[Image, np.ndarray], Sequence[np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _PointSelection:
     """What all figures share: residuals and statistics of measurements, and which points have a number on the page.
 
     points : (m,) the points on the page; number : (points,) the number of each, -1 without
@@ -82,49 +82,49 @@ def report_figures(
     """
     shown = _choose_points(result, left)
     images = refined or result.block.images
-    cards = _cards(result, shown)
-    pictures = _pictures(result.block.images, [card.image for card in cards])
+    cards = _make_cards(result, shown)
+    pictures = _read_pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        map=_map(result, left, shown, images, pictures),
+        map=_make_map(result, left, shown, images, pictures),
         points=_point_columns(result, left, shown),
         pictures=list(pictures.values()),
         cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
-        chips=_chips(result, shown, outline),
-        normalised={axis: _thin(values) for axis, values in normalised_residuals(result).items()},
+        chips=_make_chips(result, shown, outline),
+        normalised={axis: _thin_values(values) for axis, values in normalise_residuals(result).items()},
     )
 
 
-def _thin(values: np.ndarray) -> np.ndarray:
+def _thin_values(values: np.ndarray) -> np.ndarray:
     return values[:: max(1, len(values) // MOST_VALUES)]
 
 
 # ---- points ----------------------------------------------------------------------------------------------------
 
 
-def _choose_points(result: Adjustment, left: Residuals) -> _Shown:
+def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     """Number the points that are shown one by one: known ones, those of the report's tables among them, then ties."""
     block, statistic = result.block, np.nan_to_num(measurement_statistic(left))
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
-    placed = finite_rows(positions(result))
-    known = _worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
-    listed = np.concatenate([worst_known(result, left, role) for role in (Role.GCP, Role.CHECK)])
+    placed = finite_rows(choose_positions(result))
+    known = _select_worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
+    listed = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
     known = np.union1d(known, listed)  # a row of the page's tables leads to its point
     ties = np.flatnonzero(placed & ~block.known)
     if len(ties) > MOST_TIES:
-        ties = _worst(ties, worst, WORST_TIES)
+        ties = _select_worst(ties, worst, WORST_TIES)
     points = np.concatenate([known, ties])
     number = np.full(len(block.points), -1)
     number[points] = np.arange(len(points))
-    return _Shown(left.measured_px, statistic, points, number)
+    return _PointSelection(left.measured_px, statistic, points, number)
 
 
-def _worst(points: np.ndarray, worst: np.ndarray, most: int) -> np.ndarray:
+def _select_worst(points: np.ndarray, worst: np.ndarray, most: int) -> np.ndarray:
     """Return the points with the largest statistics, in their order."""
     return np.sort(points[np.argsort(-worst[points], kind="stable")[:most]])
 
 
-def _point_columns(result: Adjustment, left: Residuals, shown: _Shown) -> dict[str, Any]:
+def _point_columns(result: Adjustment, left: Residuals, shown: _PointSelection) -> dict[str, Any]:
     """Return what the page's script tells of the points, by columns, and their measurements."""
     block, rows, points = result.block, result.block.measurements, shown.points
     here = np.flatnonzero(shown.number[rows.point] >= 0)
@@ -134,33 +134,34 @@ def _point_columns(result: Adjustment, left: Residuals, shown: _Shown) -> dict[s
     flag = np.select([unused, outlier], [2, 1], 0)
     worst = np.zeros(len(block.points), dtype=np.int64)
     np.maximum.at(worst, rows.point, flag)
-    place = positions(result)[points]
+    place = choose_positions(result)[points]
     return {
         "images": [image.id for image in block.images],
         "roles": [role.label for role in Role],
         "points": {
             "id": block.points.ids[points].tolist(), "role": block.points.role[points].tolist(),
             "lon": np.round(place[:, 0], 7).tolist(), "lat": np.round(place[:, 1], 7).tolist(),
-            "height": _rounded(place[:, 2], 2),
-            "east": _rounded(left.ground_m[points, 0]), "north": _rounded(left.ground_m[points, 1]),
-            "up": _rounded(left.ground_m[points, 2]), "residual": _rounded(_point_rms(block, shown)[points]),
-            "sigma": _rounded(np.hypot(*result.ground_sigma_m[points, :2].T)),
+            "height": _round_numbers(place[:, 2], 2),
+            "east": _round_numbers(left.ground_m[points, 0]), "north": _round_numbers(left.ground_m[points, 1]),
+            "up": _round_numbers(left.ground_m[points, 2]),
+            "residual": _round_numbers(_point_rms(block, shown)[points]),
+            "sigma": _round_numbers(np.hypot(*result.ground_sigma_m[points, :2].T)),
             "rays": block.rays_per_point()[points].tolist(), "flag": worst[points].tolist(),
         },
         "measurements": {
             "point": shown.number[rows.point[here]].tolist(), "image": rows.image[here].tolist(),
-            "sample": _rounded(rows.xy[here, 0], 2), "line": _rounded(rows.xy[here, 1], 2),
-            "dx": _rounded(shown.residual_px[here, 0]), "dy": _rounded(shown.residual_px[here, 1]),
+            "sample": _round_numbers(rows.xy[here, 0], 2), "line": _round_numbers(rows.xy[here, 1], 2),
+            "dx": _round_numbers(shown.residual_px[here, 0]), "dy": _round_numbers(shown.residual_px[here, 1]),
             "flag": flag[here].tolist(),
         },
     }  # fmt: skip
 
 
-def _rounded(values: np.ndarray, digits: int = 3) -> list[float | None]:
+def _round_numbers(values: np.ndarray, digits: int = 3) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in np.round(values, digits).tolist()]
 
 
-def _point_rms(block: Block, shown: _Shown) -> np.ndarray:
+def _point_rms(block: Block, shown: _PointSelection) -> np.ndarray:
     """Return sqrt(mean(dx² + dy²)) over the measurements of each point, NaN without."""
     square = np.sum(shown.residual_px**2, axis=1)
     known = np.isfinite(square)
@@ -170,11 +171,15 @@ def _point_rms(block: Block, shown: _Shown) -> np.ndarray:
         return np.sqrt(total / np.bincount(point, minlength=len(block.points)))
 
 
-def _map(
-    result: Adjustment, left: Residuals, shown: _Shown, images: Sequence[Image], pictures: Mapping[str, Picture]
+def _make_map(
+    result: Adjustment,
+    left: Residuals,
+    shown: _PointSelection,
+    images: Sequence[Image],
+    pictures: Mapping[str, Picture],
 ) -> BlockMap:
     """Return footprints, points with their residuals, and tie points by cells where they are too many."""
-    block, place = result.block, positions(result)
+    block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
     many = len(ties) > MOST_TIES
@@ -198,7 +203,7 @@ def _map(
 # ---- images ----------------------------------------------------------------------------------------------------
 
 
-def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
+def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
     """Return the images with the largest residuals; known points and outliers first, then some ties."""
     rows = result.block.measurements
     here = np.flatnonzero(finite_rows(shown.residual_px))
@@ -214,10 +219,10 @@ def _cards(result: Adjustment, shown: _Shown) -> list[ImageCard]:
     }
     chosen = sorted(sorted(size, key=lambda index: -size[index])[:MOST_IMAGES])
     rays = result.block.rays_per_point()
-    return [_card(result, index, parts[index], shown, rays) for index in chosen]
+    return [_make_card(result, index, parts[index], shown, rays) for index in chosen]
 
 
-def _card(result: Adjustment, index: int, part: np.ndarray, shown: _Shown, rays: np.ndarray) -> ImageCard:
+def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSelection, rays: np.ndarray) -> ImageCard:
     rows, image = result.block.measurements, result.block.images[index]
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
@@ -232,10 +237,10 @@ def _card(result: Adjustment, index: int, part: np.ndarray, shown: _Shown, rays:
     column, row = np.clip((share * CARD_CELLS).astype(np.int64), 0, CARD_CELLS - 1).T
     cell, shape = row * CARD_CELLS + column, (CARD_CELLS, CARD_CELLS)
     is_tie = role == Role.TIE
-    count = _sums(cell[is_tie], None, shape)
+    count = _sum_cells(cell[is_tie], None, shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean_rays = _sums(cell[is_tie], rays[rows.point[part[is_tie]]], shape) / count
-        means, errors = _means(cell, shown.residual_px[part], shape)
+        mean_rays = _sum_cells(cell[is_tie], rays[rows.point[part[is_tie]]], shape) / count
+        means, errors = _average_cells(cell, shown.residual_px[part], shape)
     drawn = part[chosen]
     return ImageCard(
         image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
@@ -245,21 +250,22 @@ def _card(result: Adjustment, index: int, part: np.ndarray, shown: _Shown, rays:
     )  # fmt: skip
 
 
-def _sums(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
+def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
     return np.bincount(cell, weights, shape[0] * shape[1]).reshape(shape)
 
 
-def _means(cell: np.ndarray, residual: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def _average_cells(cell: np.ndarray, residual: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean residual of each part and its standard error, NaN where they are too few."""
-    count = _sums(cell, None, shape)[:, :, None]
+    count = _sum_cells(cell, None, shape)[:, :, None]
     total, square = (
-        np.stack([_sums(cell, values, shape) for values in columns.T], axis=2) for columns in (residual, residual**2)
+        np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
+        for columns in (residual, residual**2)
     )
     mean = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
     return mean, np.sqrt(np.maximum(square / count - mean**2, 0.0) / (count - 1))
 
 
-def _pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
+def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
     """Return pictures of the wanted images that are files of pixels, by image id, as long as reading them is quick."""
     side = next((side for most, side in PICTURE_SIDES_PX.items() if len(wanted) <= most), 0)
     found: dict[str, Picture] = {}
@@ -307,7 +313,7 @@ def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m:
 # ---- chips -----------------------------------------------------------------------------------------------------
 
 
-def _chips(result: Adjustment, shown: _Shown, outline: Outline | None) -> list[PointChip]:
+def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | None) -> list[PointChip]:
     """Return chips of control points, check points and the tie points that stand out, each the worst first."""
     block, rows = result.block, result.block.measurements
     pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
@@ -329,13 +335,13 @@ def _chips(result: Adjustment, shown: _Shown, outline: Outline | None) -> list[P
             PointChip(
                 id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
                 point=int(shown.number[point]), residual_px=residual, outlier=bool(outlier[row]),
-                chip=_chip(image, xy, residual, curves),
+                chip=_make_chip(image, xy, residual, curves),
             )
         )  # fmt: skip
     return chips
 
 
-def _chip(image: Image, xy: np.ndarray, residual: np.ndarray, curves: tuple[np.ndarray, ...]) -> TargetChip:
+def _make_chip(image: Image, xy: np.ndarray, residual: np.ndarray, curves: tuple[np.ndarray, ...]) -> TargetChip:
     """Return the pixels around a measurement, wide enough for its outline and for the computed position if near."""
     reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
     half = int(np.clip(max(reach), CHIP_HALF_PX, LARGEST_CHIP_PX))

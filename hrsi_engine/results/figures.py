@@ -13,7 +13,7 @@ from ..adjustment.statistics.precision import errors_90, predicted_accuracy
 from ..block.block import GroundPoints, Role
 from ..block.pointing import estimate_pointing
 from ..refinement.model import RefitRPC
-from .outliers import MOST_OUTLIERS, named_measurement, outlier_entries
+from .outliers import MOST_OUTLIERS, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
 MEASUREMENTS_NAMED = 6  # most measurements in a warning
@@ -57,7 +57,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "ties": _tie_entry(result, left),
         **outlier_entries(result, left),
         "solves": result.solves,
-        "rejected": _list_rejected(result),
+        "rejected": _list_exclusions(result),
         "findings": [asdict(finding) for finding in result.findings],
         "variance_components": [asdict(part) for part in result.variance_components],
         "parts": [_part_entry(part) for part in result.parts],
@@ -68,7 +68,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
     }
 
 
-def _list_rejected(result: Adjustment) -> dict[str, Any]:
+def _list_exclusions(result: Adjustment) -> dict[str, Any]:
     """Return how many measurements were left out, as blunders or as doubtful, and the worst of them."""
     out = np.flatnonzero(result.decision != int(Decision.KEPT))
     out = out[np.argsort(-np.nan_to_num(result.statistic[out]), kind="stable")]
@@ -76,7 +76,7 @@ def _list_rejected(result: Adjustment) -> dict[str, Any]:
         "blunders": int((result.decision == int(Decision.BLUNDER)).sum()),
         "doubtful": int((result.decision == int(Decision.DOUBTFUL)).sum()),
         "measurements": [
-            named_measurement(result, row)
+            name_measurement(result, row)
             | {
                 "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
@@ -129,7 +129,7 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     dict
         ``control`` and ``check``, in metres and pixels as their keys say.
     """
-    return {"control": _known_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
+    return {"control": _survey_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
 
 
 def _image_entry(
@@ -150,7 +150,7 @@ def _image_entry(
     }
 
 
-def _known_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, Any]:
+def _survey_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, Any]:
     points = result.block.points.role == role
     rows = points[result.block.measurements.point]
     east, north, height = (rmse(left.ground_m[points, axis]) for axis in range(3))
@@ -172,7 +172,7 @@ def survey_sigma_m(points: GroundPoints, rows: np.ndarray) -> np.ndarray:
 
 
 def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    entry = _known_entry(result, left, Role.CHECK)
+    entry = _survey_entry(result, left, Role.CHECK)
     points = result.block.points.role == Role.CHECK
     entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
     entry["predicted"] = predicted_accuracy(
@@ -212,7 +212,7 @@ def rejection_warnings(result: Adjustment) -> list[str]:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
-        for entry in _list_rejected(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
+        for entry in _list_exclusions(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
     ]
     return [
         f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "

@@ -14,11 +14,11 @@ from ..io.geopackage.layers import Layer
 from .residuals import Residuals
 from .tables import (
     Table,
+    choose_positions,
     ground_points_table,
     image_points_table,
     images_table,
     laser_points_table,
-    positions,
     residuals_table,
 )
 
@@ -42,7 +42,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     list of Layer
         Footprints, points, measurements and residuals; laser points where there are any.
     """
-    middle = middle_position(positions(result))
+    middle = middle_position(choose_positions(result))
     left_over = residuals_table(result, left)
     footprints = images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
@@ -58,19 +58,19 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
 
 def residuals_epsg(result: Adjustment) -> int:
     """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
-    return map_epsg(*middle_position(positions(result))[:2])
+    return map_epsg(*middle_position(choose_positions(result))[:2])
 
 
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:
     """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
     place = table.positions
-    return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _projected(place, epsg), table.columns)
+    return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _project_positions(place, epsg), table.columns)
 
 
-def _projected(place: Any, epsg: int) -> Any:
+def _project_positions(place: Any, epsg: int) -> Any:
     """Return positions ``(n, 3)`` in a projected CRS; those that rows share, once."""
     if isinstance(place, Stacked):
-        return Stacked(tuple(_projected(part, epsg) for part in place.parts))
+        return Stacked(tuple(_project_positions(part, epsg) for part in place.parts))
     if isinstance(place, Picked):
-        return Picked(_projected(place.values, epsg), place.index)
+        return Picked(_project_positions(place.values, epsg), place.index)
     return np.column_stack([to_projected(place, epsg), place[:, 2]])

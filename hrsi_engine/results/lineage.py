@@ -25,7 +25,7 @@ from ..foundation.errors import list_ids
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
-from .tables import positions
+from .tables import choose_positions
 
 NODES = 5  # of the grid over an image, along each axis
 GRIDS_AT_ONCE = 1000  # images whose grids are in memory together
@@ -48,7 +48,7 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[Refi
     list of RefitRPC
         In the same order.
     """
-    height = float(middle_position(positions(result))[2])
+    height = float(middle_position(choose_positions(result))[2])
     images = result.block.images
     stated = list(refined)
     for first in range(0, len(images), GRIDS_AT_ONCE):

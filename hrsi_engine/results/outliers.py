@@ -21,7 +21,7 @@ OUTLIER_SIGMAS = 4.0  # of a normal error in an image 1 in 3000 is larger
 MOST_OUTLIERS = 200  # of a list in the report
 
 
-def statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
 
     Parameters
@@ -36,7 +36,7 @@ def statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 def measurement_statistic(left: Residuals) -> np.ndarray:
     """Return the statistic of each image measurement ``(n,)``."""
-    return statistic(left.measured_px, left.measured_sigma_px)
+    return compute_statistic(left.measured_px, left.measured_sigma_px)
 
 
 def is_outlier(statistics: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ def measurement_flags(result: Adjustment, left: Residuals) -> Words:
 
 def ground_flags(left: Residuals) -> Words:
     """Return ``ok`` or ``outlier`` for the ground residual of each point."""
-    outlier = is_outlier(statistic(left.ground_m, left.ground_sigma_m))
+    outlier = is_outlier(compute_statistic(left.ground_m, left.ground_sigma_m))
     return Words(np.array(["ok", "outlier"]), outlier.astype(np.int8))
 
 
@@ -71,13 +71,13 @@ def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     worst = outliers[np.argsort(-np.nan_to_num(found[outliers]), kind="stable")]
     return {
         "outliers": [
-            named_measurement(result, row) | {"statistic": float(found[row])} for row in worst[:MOST_OUTLIERS].tolist()
+            name_measurement(result, row) | {"statistic": float(found[row])} for row in worst[:MOST_OUTLIERS].tolist()
         ],
         "outlier_count": len(worst),
     }
 
 
-def named_measurement(result: Adjustment, row: int) -> dict[str, str]:
+def name_measurement(result: Adjustment, row: int) -> dict[str, str]:
     """Return id, image and role of a measurement, as reports name it."""
     points, rows = result.block.points, result.block.measurements
     return {

@@ -63,7 +63,7 @@ class Residuals:
         return f"<Residuals of {len(self.ground_m)} points and {len(self.measured_px)} measurements>"
 
 
-def residuals(result: Adjustment) -> Residuals:
+def compute_residuals(result: Adjustment) -> Residuals:
     """Return all residuals of an adjustment.
 
     Parameters
@@ -77,7 +77,7 @@ def residuals(result: Adjustment) -> Residuals:
         Of measurements in pixels, of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
-    at_known = surveyed_residuals_px(block, result.model, result.values)
+    at_known = survey_residuals_px(block, result.model, result.values)
     # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
     known = np.flatnonzero(block.known)
     surveyed = np.zeros(len(block.points), dtype=bool)
@@ -87,7 +87,7 @@ def residuals(result: Adjustment) -> Residuals:
     sigma_px = np.hypot(unit_sigma(result) * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
     sigma_m = _ground_sigmas(result)
     single = block.rays_per_point() == 1
-    for here, covariance, by_ground in _known_covariances(result, at_known, there):
+    for here, covariance, by_ground in _survey_covariances(result, at_known, there):
         sigma_px[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
         alone = single[rows.point[here]]  # where its ray meets the known height: the same error, seen on the ground
         outwards = np.linalg.inv(by_ground[alone, :, :2])
@@ -99,7 +99,7 @@ def residuals(result: Adjustment) -> Residuals:
         measured_px=np.where(there[:, None], at_known, result.residual_px),
         measured_sigma_px=sigma_px,
         at_known_px=at_known,
-        before_px=surveyed_residuals_px(block, result.model, np.zeros_like(result.values)),
+        before_px=survey_residuals_px(block, result.model, np.zeros_like(result.values)),
         tie_before_px=_tie_residuals_before(result),
     )
 
@@ -124,7 +124,7 @@ def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray
             yield index, rows[order[bounds[index] : bounds[index + 1]]]
 
 
-def surveyed_residuals_px(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
+def survey_residuals_px(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
     """Return observed - projected ``(measurements, 2)`` of the known points' surveyed positions, NaN for all others."""
     return residuals_at_px(block, model, values, np.where(block.known[:, None], block.points.ground, np.nan))
 
@@ -189,7 +189,7 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     return residual
 
 
-def _known_covariances(
+def _survey_covariances(
     result: Adjustment, at_known: np.ndarray, chosen: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield covariances of the ``chosen`` residuals at known positions, some images at a time.

@@ -75,8 +75,8 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     Known points on several images are intersected with the refined cameras; nothing else of a point is estimated.
     """
     model = _common_model(refinements)
-    values = _pad([found.estimate.values for found in refinements], len(model.parameters))
-    sigmas = _pad([found.estimate.sigmas for found in refinements], len(model.parameters))
+    values = _pad_rows([found.estimate.values for found in refinements], len(model.parameters))
+    sigmas = _pad_rows([found.estimate.sigmas for found in refinements], len(model.parameters))
     residual, weight = _control_residuals(block, refinements)
     points, rows = len(block.points), len(block.measurements)
     redundancy = sum(found.estimate.redundancy for found in refinements)
@@ -84,8 +84,8 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     converged = all(found.estimate.converged for found in refinements)
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
-        cameras=EstimatedCameras(model, values, _covariances(refinements, values.shape[1])),
-        ground=_intersect(block, model, values),
+        cameras=EstimatedCameras(model, values, _pad_covariances(refinements, values.shape[1])),
+        ground=_intersect_points(block, model, values),
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
         residual_px=residual, weight=weight,
@@ -110,11 +110,11 @@ def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:
     return PerImage({found.image.id: found.model for found in refinements})
 
 
-def _pad(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
+def _pad_rows(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
     return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
 
 
-def _covariances(refinements: Sequence[Refinement], width: int) -> np.ndarray:
+def _pad_covariances(refinements: Sequence[Refinement], width: int) -> np.ndarray:
     """Return the covariance of each image's parameters ``(images, p, p)``, 0 for what its model does not have."""
     covariance = np.zeros((len(refinements), width, width))
     for place, found in zip(covariance, refinements, strict=True):
@@ -138,7 +138,7 @@ def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple
     return residual, weight
 
 
-def _intersect(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
+def _intersect_points(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
     """Return positions of the known points measured on several images, NaN for others."""
     ground = np.full((len(block.points), 3), np.nan)
     several = block.known & (block.rays_per_point() >= 2)

@@ -49,7 +49,7 @@ EARLIEST = "1957-10-04T00:00:00Z"  # of an image from space, for one of unknown 
 
 
 @dataclass(frozen=True)
-class RefinedFiles:
+class DeliveryFiles:
     """Where a refined image's files are.
 
     Parameters
@@ -70,7 +70,7 @@ class RefinedFiles:
     staged: Mapping[str, str]
 
 
-def item_of_image(image: Image, refined: RefitRPC, files: RefinedFiles, report: Mapping[str, Any]) -> dict[str, Any]:
+def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report: Mapping[str, Any]) -> dict[str, Any]:
     """Return a refined image as a STAC item.
 
     Parameters
@@ -90,12 +90,12 @@ def item_of_image(image: Image, refined: RefitRPC, files: RefinedFiles, report: 
         The item, as JSON takes it.
     """
     new, height = replace(image, rpc=refined.rpc), image.middle_height_m
-    outline = _turned(compute_footprint(new, height))
-    assets = {"image": _asset(files.image, files, "data")}
+    outline = _orient_outline(compute_footprint(new, height))
+    assets = {"image": _make_asset(files.image, files, "data")}
     if image.size is not None:
         assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
     if files.rpc is not None:
-        assets["rpc"] = _asset(files.rpc, files, "metadata", "rpc")
+        assets["rpc"] = _make_asset(files.rpc, files, "metadata", "rpc")
     if image.raster is None:
         del assets["image"]
     assets["report"] = {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}
@@ -106,10 +106,11 @@ def item_of_image(image: Image, refined: RefitRPC, files: RefinedFiles, report: 
     return {
         "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
         "id": image.id,
-        "geometry": mapping(outline), "bbox": list(_bbox(outline)),
+        "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
         "properties": {
-            **_time(image, report["date"]), "created": report["date"],
-            **_satellite(image), **_view(new, height), **_made(image, report), **_accuracy(refined, report),
+            **_time_properties(image, report["date"]), "created": report["date"],
+            **_platform_properties(image), **_view_properties(new, height),
+            **_processing_properties(image, report), **_accuracy_properties(refined, report),
             **json_members(refined.rpc, STAC_NAMES),
         },
         "links": links, "assets": assets,
@@ -126,7 +127,7 @@ def has_time(item: Mapping[str, Any]) -> bool:
     return item["properties"]["datetime"] is not None
 
 
-def _time(image: Image, date: str) -> dict[str, Any]:
+def _time_properties(image: Image, date: str) -> dict[str, Any]:
     """Return when an image was taken; at some time before the run's ``date`` where that is not known."""
     time = read_time(image.path) if image.path else None
     if time is not None:
@@ -134,13 +135,13 @@ def _time(image: Image, date: str) -> dict[str, Any]:
     return {"datetime": None, "start_datetime": EARLIEST, "end_datetime": date}
 
 
-def _satellite(image: Image) -> dict[str, Any]:
+def _platform_properties(image: Image) -> dict[str, Any]:
     source = item_of(image.path)
     kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
     return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept}
 
 
-def _view(image: Image, height: float) -> dict[str, Any]:
+def _view_properties(image: Image, height: float) -> dict[str, Any]:
     """Return where the satellite and the sun stood, seen from the middle of the image."""
     first_sample, last_sample, first_line, last_line = image.domain_px
     middle = np.array([[0.5 * (first_sample + last_sample), 0.5 * (first_line + last_line)]])
@@ -156,7 +157,7 @@ def _view(image: Image, height: float) -> dict[str, Any]:
     return {key: round(value, 4) for key, value in view.items()}
 
 
-def _made(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
+def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
     images = len(report["images"])
     return {
         "processing:lineage": (
@@ -170,7 +171,7 @@ def _made(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _accuracy(refined: RefitRPC, report: Mapping[str, Any]) -> dict[str, Any]:
+def _accuracy_properties(refined: RefitRPC, report: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the adjustment predicts for the image, and what check points (else it) say of the block."""
     told: dict[str, Any] = {}
     rpc = refined.rpc
@@ -184,7 +185,7 @@ def _accuracy(refined: RefitRPC, report: Mapping[str, Any]) -> dict[str, Any]:
     return told | known | ({"hrsi:accuracy_from": source} if known else {})
 
 
-def _asset(path: str, files: RefinedFiles, *roles: str) -> dict[str, Any]:
+def _make_asset(path: str, files: DeliveryFiles, *roles: str) -> dict[str, Any]:
     ending = path[path.rfind(".") :].lower()
     asset: dict[str, Any] = {"href": href_of(path, files.folder), "roles": list(roles)}
     if ending in MEDIA_TYPES:
@@ -197,7 +198,7 @@ def _asset(path: str, files: RefinedFiles, *roles: str) -> dict[str, Any]:
     return asset
 
 
-def _turned(outline: Polygon) -> Polygon | MultiPolygon:
+def _orient_outline(outline: Polygon) -> Polygon | MultiPolygon:
     """Return an outline as RFC 7946 has it: counter-clockwise, in two parts where it crosses 180 degrees."""
     if outline.is_empty:
         return outline
@@ -209,7 +210,7 @@ def _turned(outline: Polygon) -> Polygon | MultiPolygon:
     return MultiPolygon([orient(part) for part in parts if part.geom_type == "Polygon"])
 
 
-def _bbox(outline: Polygon | MultiPolygon) -> tuple[float, ...]:
+def _bounding_box(outline: Polygon | MultiPolygon) -> tuple[float, ...]:
     """Return west, south, east, north; west is beyond east where the outline crosses 180 degrees."""
     if outline.geom_type == "Polygon":
         return tuple(outline.bounds)

@@ -21,7 +21,7 @@ IMAGE_AXES = ("sample", "line")
 MOST_KNOWN_ROWS = 200
 
 
-def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
+def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the normalised residuals of control and tie measurements that took part, by axis, ``(n,)`` each.
 
     Check points' are left out: they are only intersected, and no part of what was minimised. Without redundancy
@@ -35,7 +35,7 @@ def normalised_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 
-def distribution(values: np.ndarray) -> dict[str, Any]:
+def summarise_distribution(values: np.ndarray) -> dict[str, Any]:
     """Return number, mean, standard deviation and the share beyond 3; the share is 0.0027 for a normal variable."""
     if not len(values):
         return {"count": 0, "mean": None, "std": None, "beyond_3": None}
@@ -61,38 +61,40 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     return counts
 
 
-def covered_share(counts: np.ndarray) -> float:
+def coverage_share(counts: np.ndarray) -> float:
     """Return the share of an image's cells that hold a point."""
     return float(np.mean(counts > 0))
 
 
-def worst_known(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
+def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
     here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
     return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
 
 
-def known_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:
+def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:
     """Return the points of a role with survey - computed and what it is judged by, the worst first."""
     points = result.block.points
     names = ("east_m", "north_m", "height_m")
     return [
         {"id": str(points.ids[row])}
-        | {name: _number(left.ground_m[row, axis]) for axis, name in enumerate(names)}
-        | {f"sigma_{name}": _number(left.ground_sigma_m[row, axis]) for axis, name in enumerate(names)}
-        for row in worst_known(result, left, role).tolist()
+        | {name: _number_or_none(left.ground_m[row, axis]) for axis, name in enumerate(names)}
+        | {f"sigma_{name}": _number_or_none(left.ground_sigma_m[row, axis]) for axis, name in enumerate(names)}
+        for row in rank_survey_points(result, left, role).tolist()
     ]
 
 
-def entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
+def statistic_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Return these statistics as the report has them."""
     return {
-        "normalised_residuals": {axis: distribution(values) for axis, values in normalised_residuals(result).items()},
-        "tie_coverage": {name: covered_share(counts) for name, counts in tie_coverage(result).items()},
-        "control_points": known_point_rows(result, left, Role.GCP),
-        "check_points": known_point_rows(result, left, Role.CHECK),
+        "normalised_residuals": {
+            axis: summarise_distribution(values) for axis, values in normalise_residuals(result).items()
+        },
+        "tie_coverage": {name: coverage_share(counts) for name, counts in tie_coverage(result).items()},
+        "control_points": survey_point_rows(result, left, Role.GCP),
+        "check_points": survey_point_rows(result, left, Role.CHECK),
     }
 
 
-def _number(value: float) -> float | None:
+def _number_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

@@ -71,7 +71,7 @@ def laser_points_table(found: LaserOutcome) -> Table:
     return Table(points.ground, columns)
 
 
-def positions(result: Adjustment) -> np.ndarray:
+def choose_positions(result: Adjustment) -> np.ndarray:
     """Return the best known position of each point: adjusted, else surveyed; NaN without either."""
     return np.where(np.isfinite(result.ground), result.ground, result.block.points.ground)
 
@@ -79,7 +79,7 @@ def positions(result: Adjustment) -> np.ndarray:
 def ground_points_table(result: Adjustment) -> Table:
     """Return all points at their adjusted positions, with sigmas; known ones also as they were surveyed."""
     points = result.block.points
-    place = positions(result)
+    place = choose_positions(result)
     here = finite_rows(place)
     surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
@@ -97,16 +97,16 @@ def ground_points_table(result: Adjustment) -> Table:
         sigma_xy=sigma_survey[:, 0],
         sigma_h=sigma_survey[:, 1],
     )
-    return _placed(place, here, columns)
+    return _select_positions(place, here, columns)
 
 
 def image_points_table(result: Adjustment, left: Residuals) -> Table:
     """Return all measurements at the position of their point, with residuals, weights and flags."""
     rows = result.block.measurements
-    place = positions(result)
+    place = choose_positions(result)
     here = finite_rows(place)[rows.point]
     columns = ImagePointRows(
-        **_identity(result.block, rows.point, rows.image),
+        **_identity_columns(result.block, rows.point, rows.image),
         sample=rows.xy[:, 0],
         line=rows.xy[:, 1],
         sigma_px=rows.sigma_px,
@@ -119,7 +119,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
         weight=result.weight,
         flag=measurement_flags(result, left),
     )
-    return _placed(Picked(place, rows.point), here, columns)
+    return _select_positions(Picked(place, rows.point), here, columns)
 
 
 def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
@@ -144,12 +144,12 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _placed(place: np.ndarray | Picked, here: np.ndarray, columns: LayerRows) -> Table:
+def _select_positions(place: np.ndarray | Picked, here: np.ndarray, columns: LayerRows) -> Table:
     """Return the rows that have a position; the columns themselves where all do."""
     return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
 
 
-def _identity(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
+def _identity_columns(block: Block, point: np.ndarray, image: np.ndarray) -> dict[str, Column]:
     return {
         "id": Words(block.points.ids, point),
         "role": Words(ROLE_LABELS, block.points.role[point]),
@@ -182,7 +182,7 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[Picked,
     """Return image residuals of measurements whose point has a position, with these."""
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
-    place = positions(result)
+    place = choose_positions(result)
     here: Any = np.flatnonzero(finite_rows(residual) & finite_rows(place)[rows.point])
     flags = measurement_flags(result, left)
     if len(here) > most:
@@ -194,7 +194,7 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[Picked,
     found = ResidualRows.of_level(
         "image",
         count,
-        **_identity(result.block, rows.point[here], rows.image[here]),
+        **_identity_columns(result.block, rows.point[here], rows.image[here]),
         residual_sample_px=residual[here, 0],
         residual_line_px=residual[here, 1],
         sigma_sample_px=sigma[here, 0],

@@ -399,7 +399,7 @@ class PointsDock(QDockWidget):
     def take_prediction(self) -> None:
         """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
         if self._active is not None and self._active.image() in self.session.images:
-            self.measure(self._active.image(), *self.session.predicted(self.point(), self._active.image()))
+            self.measure(self._active.image(), *self.session.predict_place(self.point(), self._active.image()))
 
     @told
     def forget_measurement(self) -> None:
@@ -427,11 +427,11 @@ class PointsDock(QDockWidget):
 
     def next_point(self) -> None:
         """Choose the next point that is not measured on all images which show it."""
-        self.choose(self.session.next_unmeasured(self.point(), 1))
+        self.choose(self.session.find_next_gap(self.point(), 1))
 
     def previous_point(self) -> None:
         """Choose the point before that is not measured on all images which show it."""
-        self.choose(self.session.next_unmeasured(self.point(), -1))
+        self.choose(self.session.find_next_gap(self.point(), -1))
 
     def pick_point(self) -> None:
         """Ask for a place in the map, and make a ground point of it."""

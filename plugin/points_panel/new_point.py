@@ -9,7 +9,7 @@ from qgis.PyQt.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QDoubleSpi
 
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms import point_session
-from ...processing_algorithms.point_session.rows import ROLES, KnownPoint
+from ...processing_algorithms.point_session.rows import ROLES, SurveyPoint
 from ..translation import tr
 from .new_block import HEIGHT_DATUMS
 
@@ -61,14 +61,14 @@ class NewPointDialog(QDialog):
         except HrsiError as error:
             self.height.setToolTip(str(error))
 
-    def point(self) -> KnownPoint:
+    def point(self) -> SurveyPoint:
         """Return the point; a sigma of 0 takes the default."""
         sigmas: dict[str, Any] = {
             name: field.value()
             for name, field in (("sigma_xy", self.sigma_xy), ("sigma_h", self.sigma_h))
             if field.value()
         }
-        return KnownPoint(
+        return SurveyPoint(
             self.name.text().strip(), *self._lonlat, self.height.value(), self.role.currentText(), **sigmas
         )
 

@@ -12,7 +12,7 @@ from qgis.PyQt.QtGui import QColor
 
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
-from ...processing_algorithms.point_session.rows import CLICK_KINDS, Measured
+from ...processing_algorithms.point_session.rows import CLICK_KINDS, ImageMeasurement
 from ..help_text import as_rich_text
 from ..translation import tr
 
@@ -193,7 +193,7 @@ class MeasurementsModel(RowsModel):
 
     def edit(self, row: MeasurementRow, title: str, value: Any) -> None:
         """Enter a value; where a point was not measured yet, the other coordinate is the predicted one."""
-        measured = row.measured or Measured(*row.predicted, kind=CLICK_KINDS[-1])
+        measured = row.measured or ImageMeasurement(*row.predicted, kind=CLICK_KINDS[-1])
         if title == "kind":
             changed = replace(measured, kind=str(value))
         else:

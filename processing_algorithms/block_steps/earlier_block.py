@@ -22,7 +22,7 @@ from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord,
 from ...hrsi_engine.io.catalogue.stac_items import recorded_images
 from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
 from ...hrsi_engine.io.rasters.images import open_image
-from ...hrsi_engine.results.block_record import joint_of_arrays
+from ...hrsi_engine.results.block_record import read_joint_arrays
 from ..files.image_files import require_ids
 from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions
 
@@ -45,7 +45,7 @@ class EarlierBlock:
         """Ids of the earlier images."""
         return [image.id for image in self.images]
 
-    def adjusted_by(self, options: AdjustOptions) -> AdjustOptions:
+    def adjust_options(self, options: AdjustOptions) -> AdjustOptions:
         """Return the options with what is known of the earlier cameras."""
         if self.joint is None or self.model is None:
             return options
@@ -60,7 +60,7 @@ def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_point
     require_ids([*(one.path for one in record.images), *(image.path for image in images)],
                 [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
     if options.earlier_cameras != FREE:
-        return _observed(record)
+        return _observe_cameras(record)
     earlier = _open_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
@@ -68,7 +68,7 @@ def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_point
     if ground is None or measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
     known = ground.select(np.isin(ground.role, [int(Role.GCP), int(Role.CHECK)]))
-    measured = _told_apart(measured, known, tie_points)
+    measured = _rename_conflicts(measured, known, tie_points)
     return EarlierBlock(earlier, (measured,), (known,))
 
 
@@ -82,17 +82,17 @@ def _open_images(record: BlockRecord) -> tuple[Image, ...]:
     return tuple(replace(open_image(path), id=one.id, rpc=one.rpc) for path, one in opened)
 
 
-def _observed(record: BlockRecord) -> EarlierBlock:
+def _observe_cameras(record: BlockRecord) -> EarlierBlock:
     """Return the images with their cameras before any adjustment, and what that said of them together."""
     source = os.path.join(record.folder, CAMERAS_FILE)
-    joint = joint_of_arrays(read_cameras(record.folder), source)
+    joint = read_joint_arrays(read_cameras(record.folder), source)
     if set(joint.images) != {one.id for one in record.images}:
         raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
     images = _open_images(record)
     return EarlierBlock(images, model=record.model, joint=joint)
 
 
-def _told_apart(measured: ImagePoints, known: GroundPoints, tie_points: str | None) -> ImagePoints:
+def _rename_conflicts(measured: ImagePoints, known: GroundPoints, tie_points: str | None) -> ImagePoints:
     """Return earlier measurements whose tie points have other ids where a new file means other points by the same ids.
 
     They are the same points unless the new file has one of them at another place of the same image.

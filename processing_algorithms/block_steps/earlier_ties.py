@@ -41,7 +41,7 @@ class EarlierTies:
         """Return the earlier points with those found now behind them, numbered on."""
         if self.points is None or self.ground is None:
             return found
-        new, kept = joined_to(found.image_points, self.points)
+        new, kept = join_ties(found.image_points, self.points)
         tables = [self.points, new]
         columns = {
             name: np.concatenate([getattr(table, name) for table in tables])
@@ -63,14 +63,14 @@ class NewTracks(NamedTuple):
     track: np.ndarray
 
 
-def joined_to(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewTracks]:
+def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewTracks]:
     """Return new tie points without what is known, joined to the earlier points that they meet, others numbered on.
 
     A track that stands on an earlier image where one earlier point does is that point, seen by further images: without
     such points nothing would tie an image to pairs of others along their epipolar lines. One that meets several points,
     or has another place on an image of the one that it meets, stays a point of its own.
     """
-    known, row = _places(earlier), _places(new)
+    known, row = _round_positions(earlier), _round_positions(new)
     order = np.argsort(known)
     place = order[np.minimum(np.searchsorted(known, row, sorter=order), len(order) - 1)]
     met = known[place] == row
@@ -95,7 +95,7 @@ def joined_to(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewT
     return renamed.select(fresh), NewTracks(own[~joined], np.flatnonzero(~joined))
 
 
-def _places(points: ImagePoints) -> np.ndarray:
+def _round_positions(points: ImagePoints) -> np.ndarray:
     """Return image and position of each measurement, to a thousandth of a pixel."""
     texts = np.char.mod("%.3f", points.xy)
     return np.char.add(

@@ -105,7 +105,7 @@ def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, l
     known = np.isin(named, [image.id for image in images])
     if known.all() or known.sum() < 2:
         return ties, []
-    return ties.select(isin(ties.image_ids, named[known])), [_left_out(ties, named[~known].tolist())]
+    return ties.select(isin(ties.image_ids, named[known])), [_omission_warning(ties, named[~known].tolist())]
 
 
 def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) -> tuple[list[ImagePoints], list[str]]:
@@ -118,13 +118,13 @@ def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) ->
     if named <= known or not known <= named:
         return list(measured), []
     return [table.select(isin(table.image_ids, list(known))) for table in measured], [
-        _left_out(table, sorted(others))
+        _omission_warning(table, sorted(others))
         for table in measured
         if (others := {str(name) for name in find_unique_ids(table.image_ids)[0]} - known)
     ]
 
 
-def _left_out(table: ImagePoints, others: Sequence[str]) -> str:
+def _omission_warning(table: ImagePoints, others: Sequence[str]) -> str:
     listed = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
     return f"{table.source}: measurements on images that are not in the block are left out ({listed})"
 
@@ -158,7 +158,7 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     return ImagePoints.create(names, image[rows], xy[rows], source=tables[0].source)
 
 
-def require_matches_used(search: SearchOptions, is_automatic: bool, instead: str) -> None:
+def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str) -> None:
     """Raise `InputError` where matches are named and nothing is done with them: the option ``instead`` is used."""
     if search.matches and not is_automatic:
         raise InputError(
@@ -176,10 +176,10 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
         raise InputError(f"{spec}: holds no positions in images: name matches of two images or points on several")
     if pairs and tracks:
         raise InputError(f"{spec}: holds both matches of pairs and points with ids: name files of one kind")
-    return join_image_points(pairs) if pairs else joined_tracks(tracks)
+    return join_image_points(pairs) if pairs else join_tracks(tracks)
 
 
-def joined_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
+def join_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
     """Return tables of points that the same ids join, under each other."""
     return ImagePoints.create(
         join_names([table.ids for table in tables]), join_names([table.image_ids for table in tables]),

@@ -41,20 +41,20 @@ def read_laser_points(images: Sequence[Image], options: LaserFile, context: Cont
     if not options.laser:
         return None
     points = read_laser(options.laser, options.laser_datum)
-    points = points.select(np.flatnonzero(_seen_by(images, points.ground, 10.0 * MAY_LIE_BESIDE_PX) >= 1))
+    points = points.select(np.flatnonzero(_count_views(images, points.ground, 10.0 * MAY_LIE_BESIDE_PX) >= 1))
     if not len(points):
         raise InputError(
             f"{options.laser}: none of its laser points lies on an image: check that they are of this area"
         )
     reasons = find_laser_reasons(points)
-    beside = _seen_by(images, points.ground, MAY_LIE_BESIDE_PX) < 2
+    beside = _count_views(images, points.ground, MAY_LIE_BESIDE_PX) < 2
     points = replace(points, doubt=np.where((reasons == "") & beside, NOT_SEEN, reasons))
     good = int((points.doubt == "").sum())
     context.log(f"{options.laser}: {len(points)} laser points on the images or near them, {good} of them usable")
     return points
 
 
-def _seen_by(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:
+def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:
     """Return how many images each place ``(n, 3)`` lies on, or at most so far beside."""
     count = np.zeros(len(ground), dtype=np.int64)
     for image in images:

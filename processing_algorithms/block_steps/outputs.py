@@ -25,7 +25,7 @@ from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_record import joint_arrays
 from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.lineage import lineage_items
-from ...hrsi_engine.results.stac import RefinedFiles, has_time, item_collection, item_of_image
+from ...hrsi_engine.results.stac import DeliveryFiles, has_time, item_collection, item_of_image
 from ...hrsi_engine.results.verdict import Verdict
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
@@ -36,7 +36,7 @@ from .rpc_outputs import (
     WRITE_NOTHING,
     clear_the_way,
     images_with_pixels,
-    planned_names,
+    plan_file_names,
     prepare_images,
     write_new_files,
 )
@@ -82,7 +82,7 @@ def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
     """Return the names of the files that a block's results are written into."""
     own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, CAMERAS_FILE, *([PAGE_FILE] if output.report else [])]
     items = [STAC_FILE, *(_item_file(image) for image in images)] if output.stac else []
-    return [*own, *items, *planned_names(images, output.write).values()]
+    return [*own, *items, *plan_file_names(images, output.write).values()]
 
 
 def _item_file(image: Image) -> str:
@@ -213,7 +213,7 @@ def _write_items(
         written = entry["output"]
         staged = folder / os.path.basename(written)
         apart = written.upper().endswith(".TXT")  # a sidecar: the pixels stay where they are
-        files = RefinedFiles(
+        files = DeliveryFiles(
             output_dir, image.path if apart else written, written if apart else None,
             {written: str(staged)} if staged.is_file() else {},
         )  # fmt: skip

@@ -35,7 +35,7 @@ def input_reasons(
 
 
 @contextmanager
-def explained_by(reasons: Sequence[Reason]) -> Iterator[None]:
+def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
     """Say what is wrong with the inputs where an adjustment fails on them, not how the adjustment failed."""
     try:
         yield

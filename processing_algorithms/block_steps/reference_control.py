@@ -48,7 +48,7 @@ class FromReference(NamedTuple):
     excessive: bool = False
 
 
-def match(
+def find_reference_control(
     images: Sequence[Image],
     options: ReferenceImage,
     surface: HeightSurface | None,
@@ -123,7 +123,7 @@ def _image_entry(found: Any, shift: Any) -> Report:
     }  # fmt: skip
 
 
-def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
+def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     """Return the GCPs and their measurements, those that agree."""
     control = found.control
     seen = np.unique(np.concatenate([part.places[part.used] for part in control.images]))
@@ -143,7 +143,7 @@ def points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
     return ground, image_points
 
 
-def contradicts(found: FromReference, block: Block) -> str:
+def describe_contradiction(found: FromReference, block: Block) -> str:
     """Return what to say where the surveyed GCPs of a block contradict the reference; nothing where they do not."""
     rows = block.measurements
     surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != REFERENCE_KIND)
@@ -203,13 +203,13 @@ def read_reference_block(
     Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside
     it than both can explain, it is the reference that is believed, and the user is told.
     """
-    found = match(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
-    ground, measured = points(found)
+    found = find_reference_control(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
+    ground, measured = reference_points(found)
     control = files
     if files.gcp_ids:
         control = replace(files, gcp_ids=(*files.gcp_ids, *ground.ids.tolist()))
     block, warnings = read_files(images, control, dem, tie_points, [*ties, measured], [ground])
-    contradiction = contradicts(found, block)
+    contradiction = describe_contradiction(found, block)
     places: ReferencePlaces | None = None
     if contradiction:
         found.entries["used"] = False

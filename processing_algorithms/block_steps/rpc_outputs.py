@@ -23,29 +23,29 @@ from ...hrsi_engine.refinement.model import RefitRPC
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 
 
-def _copy(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+def _write_copy(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
     write_geotiff_copy(source, target, rpc, progress, lineage)
 
 
-def _virtual(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+def _write_virtual(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
     write_vrt(source, target, rpc, lineage)
 
 
-def _text(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
+def _write_text(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
     write_rpc_text(target, rpc, lineage)
 
 
 #: By the choice of `write`: ending of the new file, and what writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
-    "copy": (".tif", _copy),
-    "vrt": (".vrt", _virtual),
-    "sidecar": ("_RPC.TXT", _text),
+    "copy": (".tif", _write_copy),
+    "vrt": (".vrt", _write_virtual),
+    "sidecar": ("_RPC.TXT", _write_text),
 }
 IN_PLACE, WRITE_NOTHING = "in-place", "none"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 
 
-def planned_names(images: Sequence[Image], how: str) -> dict[str, str]:
+def plan_file_names(images: Sequence[Image], how: str) -> dict[str, str]:
     """Return the names of the new files with refined RPCs, by image id."""
     choices = {image.id: how if _has_file(image) or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
     return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
@@ -64,7 +64,7 @@ def write_new_files(
     progress: Progress,
 ) -> dict[str, str]:
     """Write each image's refined RPC into a new file of ``folder``; return the file names by image id."""
-    names = planned_names(images, how)
+    names = plan_file_names(images, how)
     for done, (image, new) in enumerate(zip(images, refined, strict=True)):
         if image.id not in names:
             continue

@@ -26,19 +26,19 @@ def summarise(report: Report) -> str:
         "",
         f"{'points':<16}{'number':>7}"
         + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
-        *(_known_points(role, report[role]) for role in ("control", "check")),
+        *(_survey_line(role, report[role]) for role in ("control", "check")),
     ]
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
     if check["ce90_m"] is not None:
-        lines.append(f"check: CE90 {number(check['ce90_m'])} m, LE90 {number(check['le90_m'])} m")
+        lines.append(f"check: CE90 {format_digits(check['ce90_m'])} m, LE90 {format_digits(check['le90_m'])} m")
     if ties["points"]:
         lines.append(
             f"ties: {ties['points']} points, {ties['observations']} observations, "
-            f"RMSE {number(ties['before_rmse_px'])} px before, {number(ties['rmse_px'])} px after"
+            f"RMSE {format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
     lines += [
         f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
-        f"{number(part['ce90_m'])} m, LE90 {number(part['le90_m'])} m"
+        f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
         for part in report["parts"][:MOST_PARTS]
         if not part["gcps"] and part["ce90_m"] is not None
     ]
@@ -61,11 +61,11 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
     return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
 
 
-def _known_points(role: str, entry: Report) -> str:
-    numbers = "".join(f"{number(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
+def _survey_line(role: str, entry: Report) -> str:
+    numbers = "".join(f"{format_digits(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
     return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
 
 
-def number(value: float | None) -> str:
+def format_digits(value: float | None) -> str:
     """Return a figure with three digits, a dash where there is none."""
     return "-" if value is None else f"{value:.3f}"

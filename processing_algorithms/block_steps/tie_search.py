@@ -18,17 +18,17 @@ from .inputs import read_matches
 UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while the search is at work or was stopped
 
 
-def find(
+def find_ties(
     images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, output_dir: str, context: Context,
     earlier: Collection[str] = (),
-) -> tuple[TiePoints, Finished]:  # fmt: skip
+) -> tuple[TiePoints, SearchStore]:  # fmt: skip
     """Find the tie points of a block as the options say; what is finished is kept until the caller discards it.
 
     Images with the ids ``earlier`` are not matched with one another again.
     """
     if earlier and options.matches:
         raise InputError("`matches` takes no part where images join a block: leave out `matches` or `add_to`")
-    finished = Finished(options.work_dir, output_dir)
+    finished = SearchStore(options.work_dir, output_dir)
     if kept := len(finished.parts):
         context.log(f"continues with {kept} finished parts in {finished.parts.folder}")
     scheduler = open_scheduler(options.workers.scheduler, options.threads, options.workers.certificates)
@@ -60,7 +60,7 @@ def count_pairs(
     return len(find_overlapping_pairs(images, options.search, surface, earlier))
 
 
-def held_entries(found: TiePoints) -> Report:
+def connection_entries(found: TiePoints) -> Report:
     """Return what holds each image, as reports have it: sound links, images in one block with it, pairs tried."""
     return {
         "held": {
@@ -71,7 +71,7 @@ def held_entries(found: TiePoints) -> Report:
     }  # fmt: skip
 
 
-class Finished:
+class SearchStore:
     """Where the finished parts of a search are kept: a folder on the disk or in an object store."""
 
     def __init__(self, work_dir: str | None, output_dir: str) -> None:

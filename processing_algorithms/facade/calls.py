@@ -27,10 +27,10 @@ from ..interface.declare import Algorithm, Context, made_options, params_of
 from ..interface.naming import spell_arguments
 from ..interface.option_groups import TerrainOptions
 from ..interface.options import Face, checked_options, suggestion
-from .given import taken
+from .given import convert_options
 from .opening import open as open_images
 from .result import Result
-from .signatures import described, function_name, signature_of
+from .signatures import describe_call, function_name, signature_of
 
 #: Algorithms whose results are files for later work: those need a folder of the caller's.
 MAKES_FILES = frozenset({"orthorectify", "simulate"})
@@ -43,7 +43,7 @@ _OPTION = re.compile(r"--([a-z][a-z0-9-]*)")
 _log = logging.getLogger("hrsi")
 
 
-def declared_call(algorithm: Algorithm) -> Callable[..., Result]:
+def make_call(algorithm: Algorithm) -> Callable[..., Result]:
     """Return the function that runs a declared algorithm.
 
     Parameters
@@ -68,19 +68,19 @@ def declared_call(algorithm: Algorithm) -> Callable[..., Result]:
             near = suggestion(unknown, signature.parameters)
             raise TypeError(f"hrsi.{call.__name__} has no parameter {unknown}{near}") from None
         progress = given.pop("progress", None) or silent
-        return run_given(algorithm, given, progress)
+        return run_call(algorithm, given, progress)
 
     call.__name__ = call.__qualname__ = function_name(algorithm.name)
-    call.__doc__ = described(algorithm)
+    call.__doc__ = describe_call(algorithm)
     call.__signature__ = signature  # type: ignore[attr-defined]
     call.__module__ = __name__
     return call
 
 
-def run_given(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -> Result:
+def run_call(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -> Result:
     """Run an algorithm with what people give in Python; errors name the parameters."""
     try:
-        options = taken(algorithm, given)
+        options = convert_options(algorithm, given)
         kept = None
         keys = {param.key for param in algorithm.params}
         needs_folder = any(param.key == "output_dir" and param.required for param in algorithm.params)
@@ -89,13 +89,13 @@ def run_given(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -
             brief = {key: value for key, value in BRIEF.items() if key in keys}
             options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
         checked = checked_options(algorithm, options, PYTHON)
-        report = algorithm.execute(checked, Context(progress, lambda text: _log.info(_spelt(text, algorithm))))
+        report = algorithm.execute(checked, Context(progress, lambda text: _log.info(_spell_message(text, algorithm))))
     except HrsiError as error:
-        raise type(error)(_spelt(str(error), algorithm)) from error.__cause__
+        raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
     return Result(report, options.get("output_dir"), kept)
 
 
-def _spelt(text: str, algorithm: Algorithm) -> str:
+def _spell_message(text: str, algorithm: Algorithm) -> str:
     """Return a message in which options are named as parameters: by their keys."""
     keys = {param.name: param.key for param in algorithm.params}
     spelt = spell_arguments(text, algorithm.params, lambda param: param.key)
@@ -131,9 +131,9 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     """
     if not _is_array(points):
         return DECLARED["project"](images, points=points, **options)
-    image, given = _single(images), np.asarray(points, dtype=np.float64)
+    image, given = _single_image(images), np.asarray(points, dtype=np.float64)
     ground = _points_of_shape(given, (2, 3), "points", "lon, lat and height")
-    surface = _terrain("project", options)
+    surface = _choose_ground("project", options)
     if ground.shape[1] == 2:
         ground = np.column_stack([ground, np.full(len(ground), np.nan)])
     without = np.isnan(ground[:, 2])
@@ -172,9 +172,9 @@ def localize(images: Any, points: Any, **options: Any) -> Any:
     """
     if not _is_array(points):
         return DECLARED["localize"](images, points=points, **options)
-    image, given = _single(images), np.asarray(points, dtype=np.float64)
+    image, given = _single_image(images), np.asarray(points, dtype=np.float64)
     places = _points_of_shape(given, (2, 3), "points", "sample, line and height")
-    surface = _terrain("localize", options)
+    surface = _choose_ground("localize", options)
     if places.shape[1] == 3:
         found = image.rpc.localize(places[:, :2], places[:, 2]).ground
     elif surface is None:
@@ -191,7 +191,7 @@ def _is_array(points: Any) -> bool:
     return isinstance(points, np.ndarray) and points.dtype.names is None
 
 
-def _single(images: Any) -> Image:
+def _single_image(images: Any) -> Image:
     one = images[0] if isinstance(images, (list, tuple)) and len(images) == 1 else images
     if isinstance(one, (list, tuple)):
         raise InputError("an array of points belongs to one image: give one, or a table with the column image")
@@ -205,17 +205,17 @@ def _points_of_shape(points: np.ndarray, widths: tuple[int, ...], name: str, wha
     return rows
 
 
-def _terrain(name: str, options: dict[str, Any]) -> HeightSurface | None:
+def _choose_ground(name: str, options: dict[str, Any]) -> HeightSurface | None:
     """Return the ground that the options of `project` and `localize` name."""
     algorithm = REGISTRY[name]
     unknown = [key for key in options if key not in TERRAIN]
     if unknown:
         raise InputError(f"{name} of arrays has no parameter {unknown[0]}: it has {', '.join(TERRAIN)}")
-    checked = checked_options(algorithm, taken(algorithm, {"images": "image", **options}), PYTHON)
+    checked = checked_options(algorithm, convert_options(algorithm, {"images": "image", **options}), PYTHON)
     return open_terrain(made_options(TerrainOptions, checked))
 
 
-DECLARED = {function_name(name): declared_call(algorithm) for name, algorithm in REGISTRY.items()}
+DECLARED = {function_name(name): make_call(algorithm) for name, algorithm in REGISTRY.items()}
 
 
 def __getattr__(name: str) -> Any:

@@ -40,7 +40,7 @@ def _points(given: Any) -> Any:
 TAKEN: dict[Kind, Callable[[Any], Any]] = {Kind.IMAGES: _images, Kind.RASTER: path_of, Kind.POINTS: _points}
 
 
-def taken(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
+def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return options as their declaration takes them.
 
     Parameters

@@ -72,11 +72,11 @@ class Result:
     @property
     def warnings(self) -> list[str]:
         """What a user should know besides."""
-        return [self._spelt(text) for text in self.report.get("warnings", [])]
+        return [self._spell_text(text) for text in self.report.get("warnings", [])]
 
     def summary(self) -> str:
         """Return the lines that the command line prints at the end."""
-        return self._spelt(REGISTRY[self.algorithm].summarise(self.report))
+        return self._spell_text(REGISTRY[self.algorithm].summarise(self.report))
 
     # ---- tables ------------------------------------------------------------------------------------------------------
 
@@ -107,7 +107,7 @@ class Result:
         layers = self._layers()
         if name not in layers:
             raise InputError(f"{self.algorithm} has no table {name!r}: it has {', '.join(layers) or 'none'}")
-        return _frame(read_layer_table(layers[name], name))
+        return _make_frame(read_layer_table(layers[name], name))
 
     @property
     def images(self) -> Any:
@@ -120,7 +120,7 @@ class Result:
         listed = self.report.get("points")
         if self.folder is None and isinstance(listed, list):
             names = listed[0].keys() if listed else ()
-            return _frame({name: _column([row[name] for row in listed]) for name in names})
+            return _make_frame({name: _column([row[name] for row in listed]) for name in names})
         return self._short("points")
 
     @property
@@ -148,13 +148,13 @@ class Result:
         """
         images = self.report.get("images", {})
         outputs = {name: entry.get("output") for name, entry in images.items()} if isinstance(images, Mapping) else {}
-        written = {name: self._moved(path) for name, path in outputs.items() if path}
+        written = {name: self._locate_file(path) for name, path in outputs.items() if path}
         if not written:
             worst = next((reason["message"] for reason in self.reasons), "none was asked for")
             raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
         return {name: read_rpc(path).rpc for name, path in written.items()}
 
-    def _moved(self, path: str) -> str:
+    def _locate_file(self, path: str) -> str:
         """Return where a file lies now: a result folder may have been moved."""
         here = self.folder / os.path.basename(path) if self.folder is not None else Path(path)
         return str(here) if here.exists() else path
@@ -173,7 +173,7 @@ class Result:
             raise InputError(f"{self.algorithm} has no {name}: its tables are {', '.join(there) or 'none'}")
         return self.table(found)
 
-    def _spelt(self, text: str) -> str:
+    def _spell_text(self, text: str) -> str:
         return spell_arguments(text, REGISTRY[self.algorithm].params, lambda param: param.key)
 
     # ---- how it shows itself -----------------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ class Result:
     def _headline(self) -> str:
         verdict = self.report.get("verdict")
         if verdict:
-            return f"{verdict['level']}: {self._spelt(verdict['sentence'])}"
+            return f"{verdict['level']}: {self._spell_text(verdict['sentence'])}"
         lines = self.summary().strip().splitlines()
         return lines[0] if lines else "done"
 
@@ -193,7 +193,7 @@ class Result:
         """Return what a notebook shows: the verdict, its reasons, and control and check points."""
         parts = [f"<p><b>{html.escape(self.algorithm)}</b> {html.escape(self._headline())}</p>"]
         if self.reasons:
-            told = (f"{html.escape(self._spelt(r['message']))} <i>{html.escape(self._spelt(r['advice']))}</i>"
+            told = (f"{html.escape(self._spell_text(r['message']))} <i>{html.escape(self._spell_text(r['advice']))}</i>"
                     for r in self.reasons)  # fmt: skip
             parts.append(f"<ul>{''.join(f'<li>{text}</li>' for text in told)}</ul>")
         rows = [(role, self.report[role]) for role in ("control", "check") if self.report.get(role, {}).get("points")]
@@ -202,7 +202,7 @@ class Result:
             head = "".join(f"<th>{key.removeprefix('rmse_').replace('_', ' ')}</th>" for key in keys)
             body = "".join(
                 f"<tr><td>{role}</td><td>{figures['points']}</td>"
-                + "".join(f"<td>{_shown(figures.get(key))}</td>" for key in keys)
+                + "".join(f"<td>{_format_number(figures.get(key))}</td>" for key in keys)
                 + "</tr>"
                 for role, figures in rows
             )
@@ -235,7 +235,7 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
     return Result(report, folder)
 
 
-def _shown(value: Any) -> str:
+def _format_number(value: Any) -> str:
     return "–" if value is None else f"{value:.3f}"
 
 
@@ -244,6 +244,6 @@ def _column(values: list[Any]) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values]) if numbers else np.array(values)
 
 
-def _frame(columns: dict[str, np.ndarray]) -> Any:
+def _make_frame(columns: dict[str, np.ndarray]) -> Any:
     """Return columns as a table of pandas where that is installed."""
     return columns if util.find_spec("pandas") is None else import_module("pandas").DataFrame(columns)

@@ -47,13 +47,13 @@ def signature_of(algorithm: Algorithm) -> inspect.Signature:
             inspect.Parameter.POSITIONAL_OR_KEYWORD if _is_first(param) else inspect.Parameter.KEYWORD_ONLY,
             default=inspect.Parameter.empty if _is_needed(param) else param.default,
         )
-        for param in _ordered(algorithm)
+        for param in _sort_parameters(algorithm)
     ]
     progress = inspect.Parameter(PROGRESS, inspect.Parameter.KEYWORD_ONLY, default=None)
     return inspect.Signature([*parameters, progress])
 
 
-def _ordered(algorithm: Algorithm) -> list[Param]:
+def _sort_parameters(algorithm: Algorithm) -> list[Param]:
     """Return the options with those first that may stand without their names, the needed ones before the others."""
     return sorted(
         algorithm.params, key=lambda param: (not _is_first(param), not (_is_first(param) and _is_needed(param)))
@@ -68,14 +68,14 @@ def _is_needed(param: Param) -> bool:
     return param.required and param.kind is not Kind.OUTPUT_DIR
 
 
-def described(algorithm: Algorithm) -> str:
+def describe_call(algorithm: Algorithm) -> str:
     """Return the docstring of an algorithm's function, in NumPy's sections."""
     told = spell_arguments(algorithm.help, algorithm.params, lambda param: f"``{param.key}``")
-    entries = [entry for param in _ordered(algorithm) for entry in _entry(param, algorithm)]
+    entries = [entry for param in _sort_parameters(algorithm) for entry in _parameter_entry(param, algorithm)]
     return "\n".join([
         f"{algorithm.summary}.",
         "",
-        *_wrapped(told, ""),
+        *_wrap_text(told, ""),
         "",
         "Parameters",
         "----------",
@@ -101,13 +101,13 @@ def _folder_note(algorithm: Algorithm) -> str:
     return "Without ``output_dir`` they go when the result does." if given else ""
 
 
-def _entry(param: Param, algorithm: Algorithm) -> Iterator[str]:
+def _parameter_entry(param: Param, algorithm: Algorithm) -> Iterator[str]:
     text = spell_arguments(param.help, algorithm.params, lambda other: f"``{other.key}``")
     facts = [fact for fact in value_facts(param) if fact != "required"]
     kind = " or ".join(PLAIN_TYPES.get(param.kind, "str").split(" | "))
     yield f"{param.key} : {kind}{'' if _is_needed(param) else ', optional'}"
     stated = f" ({'; '.join(facts)})" if facts else ""
-    yield from _wrapped(f"{text}{stated}.", "    ")
+    yield from _wrap_text(f"{text}{stated}.", "    ")
 
 
 #: How the description calls a value, by kind.
@@ -127,7 +127,7 @@ PLAIN_TYPES = {
 }
 
 
-def _wrapped(text: str, indent: str) -> list[str]:
+def _wrap_text(text: str, indent: str) -> list[str]:
     lines: list[str] = []
     for paragraph in text.split("\n\n"):
         lines += ["", *textwrap.wrap(paragraph, 100, initial_indent=indent, subsequent_indent=indent)]
@@ -138,29 +138,29 @@ def stub_of(algorithm: Algorithm) -> str:
     """Return the function as a stub (``.pyi``) has it, with types and description."""
     parts: list[str] = []
     parameters = signature_of(algorithm).parameters
-    for param in _ordered(algorithm):
+    for param in _sort_parameters(algorithm):
         if parameters[param.key].kind is inspect.Parameter.KEYWORD_ONLY and "*" not in parts:
             parts.append("*")
         needed = parameters[param.key].default is inspect.Parameter.empty
-        kind = _literal(param.choices) if param.choices else TYPES[param.kind]
-        parts.append(f"{param.key}: {kind}" if needed else f"{param.key}: {_optional(kind, param.default)}")
+        kind = _literal_type(param.choices) if param.choices else TYPES[param.kind]
+        parts.append(f"{param.key}: {kind}" if needed else f"{param.key}: {_optional_type(kind, param.default)}")
     parts += ([] if "*" in parts else ["*"]) + [f"{PROGRESS}: Progress | None = None"]
-    body = textwrap.indent(f'"""{described(algorithm)}"""', "    ", lambda line: line.strip() != "")
+    body = textwrap.indent(f'"""{describe_call(algorithm)}"""', "    ", lambda line: line.strip() != "")
     listed = "".join(f"    {part},\n" for part in parts)
     return f"def {function_name(algorithm.name)}(\n{listed}) -> Result:\n{body}\n    ...\n"
 
 
-def _literal(choices: tuple[str, ...]) -> str:
-    return f"Literal[{', '.join(map(_quoted, choices))}]"
+def _literal_type(choices: tuple[str, ...]) -> str:
+    return f"Literal[{', '.join(map(_quote_text, choices))}]"
 
 
-def _optional(kind: str, default: Any) -> str:
-    return f"{kind} | None = None" if default is None else f"{kind} = {_shown(default)}"
+def _optional_type(kind: str, default: Any) -> str:
+    return f"{kind} | None = None" if default is None else f"{kind} = {_write_default(default)}"
 
 
-def _shown(default: Any) -> str:
-    return _quoted(default) if isinstance(default, str) else repr(default)
+def _write_default(default: Any) -> str:
+    return _quote_text(default) if isinstance(default, str) else repr(default)
 
 
-def _quoted(text: str) -> str:
+def _quote_text(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

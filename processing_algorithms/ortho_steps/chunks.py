@@ -81,18 +81,18 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> OrthoChunk:
                 f"{name} {used[name]} where {version} is wanted: orthoimages would differ from chunk to chunk: install "
                 "the same version everywhere"
             )
-    source, mapping = _opened(recipe)
+    source, mapping = _open_recipe(recipe)
     return warped_chunk(source, mapping.chunk, recipe.warp, window)
 
 
 @lru_cache(maxsize=8)
-def _opened(recipe: OrthoRecipe) -> tuple[OrthoSource, OrthoMapping]:
+def _open_recipe(recipe: OrthoRecipe) -> tuple[OrthoSource, OrthoMapping]:
     """Return image and mapping of a recipe, kept for its next chunks."""
     source = OrthoSource(recipe.path)
-    mapping = OrthoMapping(recipe.rpc, source.size, _surface(recipe.terrain), recipe.grid, recipe.error_px)
+    mapping = OrthoMapping(recipe.rpc, source.size, _open_surface(recipe.terrain), recipe.grid, recipe.error_px)
     return source, mapping
 
 
 @lru_cache(maxsize=2)
-def _surface(options: OrthorectifyOptions) -> HeightSurface:
+def _open_surface(options: OrthorectifyOptions) -> HeightSurface:
     return open_ortho_terrain(options).surface

@@ -107,11 +107,11 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         if not len(ground):
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
     gsd = {image.id: compute_ground_sample_m(image, below[image.id]) for image in images}
-    crs = _crs(options.crs, np.concatenate(list(below.values())))
+    crs = _choose_crs(options.crs, np.concatenate(list(below.values())))
     resolution = options.resolution or round_resolution(min(gsd.values()) / _metres_per_unit(crs))
     _require_resolution(resolution, crs, min(gsd.values()))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
-    grids = _grids(images, terrain.surface, crs, resolution, options.extent)
+    grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
     return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings)
 
 
@@ -127,18 +127,18 @@ def _check_images(images: Sequence[Image]) -> None:
         seen[image.id] = image.path
 
 
-def _crs(given: str | None, ground: np.ndarray) -> str:
+def _choose_crs(given: str | None, ground: np.ndarray) -> str:
     """Return the WKT of the orthoimages' CRS, without a height part."""
     if given is None:
         return choose_map_crs(ground)
-    crs = _named_crs(given, "crs")
+    crs = _parse_crs(given, "crs")
     crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
     if not (crs.is_projected or crs.is_geographic):
         raise InputError(f"`crs` {given!r} is neither projected nor geographic: choose another")
     return str(crs.to_wkt())
 
 
-def _named_crs(name: str, option: str) -> pyproj.CRS:
+def _parse_crs(name: str, option: str) -> pyproj.CRS:
     """Return a CRS that an option names."""
     try:
         return pyproj.CRS.from_user_input(name)
@@ -182,7 +182,7 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
     ]
 
 
-def _given_box(extent: str, crs: str) -> tuple[float, ...]:
+def _parse_box(extent: str, crs: str) -> tuple[float, ...]:
     """Return west, south, east, north in the orthoimages' CRS of ``W,S,E,N``, or of ``W,S,E,N [CRS]`` what holds it."""
     numbers, _, named = extent.strip().removesuffix("]").partition("[")
     try:
@@ -201,14 +201,14 @@ def _given_box(extent: str, crs: str) -> tuple[float, ...]:
     x, y = np.linspace(west, east, NODES_A_SIDE), np.linspace(south, north, NODES_A_SIDE)
     sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
     outline = np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
-    xy = operations_of(crs).from_wgs84(operations_of(_named_crs(named, "extent").to_wkt()).to_wgs84(outline))
+    xy = operations_of(crs).from_wgs84(operations_of(_parse_crs(named, "extent").to_wkt()).to_wgs84(outline))
     box = (*xy.min(axis=0).tolist(), *xy.max(axis=0).tolist())
     if not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
         raise InputError(f"`extent` {extent!r} is no box in the orthoimages' CRS: give it in that, or another `crs`")
     return box
 
 
-def _grids(
+def _make_grids(
     images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
 ) -> dict[str, MapGrid]:
     """Return each image's grid for an extent as the option says it."""
@@ -223,7 +223,7 @@ def _grids(
         if box[0] >= box[2] or box[1] >= box[3]:
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
-        box = _given_box(extent, crs)
+        box = _parse_box(extent, crs)
     grid = MapGrid.from_bounds(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:

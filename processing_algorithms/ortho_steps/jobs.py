@@ -60,14 +60,14 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         grid = plan.grids[image.id]
         mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px)
         scale = mapping.source_pixels_per_pixel()
-        warp = Warp(options.resampling, scale, _nodata(options.nodata, source))
+        warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
-        made_from = _made_from(image, plan, warp, form, options.error_px)
+        made_from = _list_dependencies(image, plan, warp, form, options.error_px)
         jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
     return jobs
 
 
-def _made_from(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, error_px: float) -> dict[str, Any]:
+def _list_dependencies(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, error_px: float) -> dict[str, Any]:
     """Return everything on which the pixels and the file of an orthoimage depend."""
     grid, used = plan.grids[image.id], versions()
     coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
@@ -80,7 +80,7 @@ def _made_from(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, err
     }  # fmt: skip
 
 
-def _nodata(given: str | None, source: OrthoSource) -> float | None:
+def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
     """Return the value of pixels that the image does not show; None for a mask band."""
     own = [value for value in source.nodata if value is not None]
     if given == MASK or (given is None and not own and source.masked):

@@ -94,25 +94,25 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
         for number, job in enumerate(jobs):
             part = stage(context.progress, float(share[number]), float(share[number + 1]))
             if job.key not in missing:
-                entries[job.image.id] = _entry(job, KEPT, None, 0.0)
+                entries[job.image.id] = _image_entry(job, KEPT, None, 0.0)
                 context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
                 continue
             begin = time.monotonic()
             try:
                 figures = write_orthoimage(
                     job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part,
-                    _lineage(job, options, context.record),
+                    _lineage_items(job, options, context.record),
                 )  # fmt: skip
             except Cancelled:
                 raise Cancelled(
                     f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the "
                     "rest"
                 ) from None
-            entries[job.image.id] = _entry(job, MADE, figures, time.monotonic() - begin)
+            entries[job.image.id] = _image_entry(job, MADE, figures, time.monotonic() - begin)
     return entries
 
 
-def _lineage(job: OrthoJob, options: OrthorectifyOptions, record: Report) -> dict[str, str]:
+def _lineage_items(job: OrthoJob, options: OrthorectifyOptions, record: Report) -> dict[str, str]:
     """Return what an orthoimage tells of itself: from which image, with which RPC, on which terrain.
 
     Not when: whoever makes it again from the same files gets the same bytes. The report has the date.
@@ -128,7 +128,7 @@ def _lineage(job: OrthoJob, options: OrthorectifyOptions, record: Report) -> dic
     }
 
 
-def _entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
+def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
     """Return what the report says of an orthoimage; figures of one that was kept are those of its making."""
     found = figures.summary() if figures is not None else stored_figures(job.path)
     return {

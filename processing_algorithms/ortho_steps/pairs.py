@@ -55,7 +55,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class MatchedPair:
+class PairMatches:
     """A pair with its windows by state, and the shift around which they were searched."""
 
     pair: Pair
@@ -77,7 +77,7 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
     base = open_ortho(paths[0])
     sets = {AFTER: [_on_base(path, base, warnings) for path in paths]}
     if options.before is not None:
-        sets = {BEFORE: [_on_base(path, base, warnings) for path in _before(options.before, paths)], **sets}
+        sets = {BEFORE: [_on_base(path, base, warnings) for path in _find_originals(options.before, paths)], **sets}
     names = [Path(path).stem for path in paths]
     if options.reference is not None:
         reference = _on_base(options.reference, base, warnings)
@@ -86,13 +86,13 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
         chosen = [(len(paths), k) for k in range(len(paths))]
     else:
         chosen = list(itertools.combinations(range(len(paths)), 2))
-    pairs = [found for i, j in chosen if (found := _pair((names[i], names[j]), sets, i, j, base)) is not None]
+    pairs = [found for i, j in chosen if (found := _make_pair((names[i], names[j]), sets, i, j, base)) is not None]
     if not pairs:
         raise InputError("no two of the orthoimages overlap: check their extents")
     return pairs, warnings
 
 
-def _before(folder: str, paths: Sequence[str]) -> list[str]:
+def _find_originals(folder: str, paths: Sequence[str]) -> list[str]:
     found = [os.path.join(folder, os.path.basename(path)) for path in paths]
     missing = [path for path in found if not os.path.exists(path)]
     if missing:
@@ -111,7 +111,7 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> OrthoRaster:
     return regrid(ortho, base)
 
 
-def _offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
+def _base_offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
     """Return column and row of an orthoimage's corner in the base, on whose pixels it lies."""
     offset = offset_of(base, ortho)
     if offset is None:
@@ -119,12 +119,12 @@ def _offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
     return offset
 
 
-def _pair(
+def _make_pair(
     names: tuple[str, str], sets: Mapping[str, Sequence[OrthoRaster]], i: int, j: int, base: OrthoRaster
 ) -> Pair | None:
     """Return the pair of the orthoimages i and j, None where they do not overlap in every state."""
     states = {state: (rasters[i], rasters[j]) for state, rasters in sets.items()}
-    offsets = {state: (_offset(base, both[0]), _offset(base, both[1])) for state, both in states.items()}
+    offsets = {state: (_base_offset(base, both[0]), _base_offset(base, both[1])) for state, both in states.items()}
     corners = [
         (offset, ortho.raster.size)
         for state, both in states.items()
@@ -139,7 +139,7 @@ def _pair(
 
 def match_pairs(
     pairs: Sequence[Pair], options: MisregistrationOptions, threads: int, context: Context
-) -> list[MatchedPair]:
+) -> list[PairMatches]:
     """Match the windows of all pairs, in every state at the same places, around the shift that most of them share."""
     found = []
     for number, pair in enumerate(pairs):
@@ -149,14 +149,15 @@ def match_pairs(
         for k, (state, both) in enumerate(pair.states.items()):
             here = stage(part, k / len(pair.states), (k + 1) / len(pair.states))
             first, second = (
-                _reader(ortho, offset, pair.area) for ortho, offset in zip(both, pair.offsets[state], strict=True)
+                _window_reader(ortho, offset, pair.area)
+                for ortho, offset in zip(both, pair.offsets[state], strict=True)
             )
             tell = partial(advance, here, message=" - ".join(pair.names))
             tell(0.0)
             common = find_common_shift(first, second, *pair.area[2:])
-            found_here = measure_shifts(first, _shift(second, common), centres, options, tell, threads)
+            found_here = measure_shifts(first, _shift_reader(second, common), centres, options, tell, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
-        found.append(MatchedPair(pair, matches, common_px))
+        found.append(PairMatches(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
         files = " and ".join(ortho.path for ortho in pairs[0].states[AFTER])
         others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
@@ -167,13 +168,13 @@ def match_pairs(
     return found
 
 
-def _reader(ortho: OrthoRaster, offset: tuple[int, int], area: tuple[int, int, int, int]) -> Read:
+def _window_reader(ortho: OrthoRaster, offset: tuple[int, int], area: tuple[int, int, int, int]) -> Read:
     """Return a function that reads windows counted from the common area's corner."""
     column, row = area[0] - offset[0], area[1] - offset[1]
     return lambda x, y, columns, rows: ortho.raster.read(x + column, y + row, columns, rows)
 
 
-def _shift(read: Read, shift: np.ndarray) -> Read:
+def _shift_reader(read: Read, shift: np.ndarray) -> Read:
     """Return a function that reads windows moved by a shift."""
     right, down = shift.tolist()
     return lambda x, y, columns, rows: read(x + right, y + down, columns, rows)
@@ -183,26 +184,26 @@ def _shift(read: Read, shift: np.ndarray) -> Read:
 
 
 def write_pair_results(
-    found: Sequence[MatchedPair], options: OrthoCheckOptions, warnings: list[str], context: Context
+    found: Sequence[PairMatches], options: OrthoCheckOptions, warnings: list[str], context: Context
 ) -> Report:
     """Write report, layers and maps; return the report."""
     report: Report = {
         **context.record, "states": list(found[0].matches),
-        "pairs": [_entry(pair) for pair in found], "all": _together(found),
-        "warnings": [*warnings, *_poor(found)],
+        "pairs": [_pair_entry(pair) for pair in found], "all": _pool_statistics(found),
+        "warnings": [*warnings, *_warn_of_failures(found)],
     }  # fmt: skip
     for text in report["warnings"]:
         context.log(f"warning: {text}")
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), _layers(found), progress=stage(context.progress, 0.9, 1.0))
+        write_geopackage(str(folder / LAYERS_FILE), _make_layers(found), progress=stage(context.progress, 0.9, 1.0))
         if options.report:
-            write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_maps(found))
+            write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_draw_maps(found))
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
 
 
-def _entry(found: MatchedPair) -> Report:
+def _pair_entry(found: PairMatches) -> Report:
     """Return figures of a pair, before and after in the windows matched in both."""
     pixel_m = float(np.mean(found.pair.base.pixel_m()))
     entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
@@ -215,7 +216,7 @@ def _entry(found: MatchedPair) -> Report:
     return entry
 
 
-def _together(found: Sequence[MatchedPair]) -> Report:
+def _pool_statistics(found: Sequence[PairMatches]) -> Report:
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     return {
         state: shift_statistics(np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m)
@@ -223,7 +224,7 @@ def _together(found: Sequence[MatchedPair]) -> Report:
     }
 
 
-def _poor(found: Sequence[MatchedPair]) -> list[str]:
+def _warn_of_failures(found: Sequence[PairMatches]) -> list[str]:
     return [
         f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
         for pair in found
@@ -231,18 +232,18 @@ def _poor(found: Sequence[MatchedPair]) -> list[str]:
     ]
 
 
-def _positions(found: MatchedPair) -> tuple[np.ndarray, np.ndarray]:
+def _window_positions(found: PairMatches) -> tuple[np.ndarray, np.ndarray]:
     """Return lon, lat of all windows and metres per pixel east and down."""
     pixels = found.matches[AFTER].centre + np.array(found.pair.area[:2])
     return found.pair.base.lonlat(pixels.astype(float)), np.array(found.pair.base.pixel_m())
 
 
-def _layers(found: Sequence[MatchedPair]) -> list[Layer]:
+def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
     """Return the windows with their shifts, in UTM and in WGS84."""
     parts: list[MisregistrationRows] = []
     places = []
     for pair in found:
-        lonlat, pixel_m = _positions(pair)
+        lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             count, shift = len(matches.centre), matches.shift_px
             part = MisregistrationRows(
@@ -263,11 +264,11 @@ def _layers(found: Sequence[MatchedPair]) -> list[Layer]:
     ]
 
 
-def _maps(found: Sequence[MatchedPair]) -> list[tuple[str, str]]:
+def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
     """Return titles and arrow maps of the first pairs."""
     maps = []
     for pair in found[:MOST_MAPS]:
-        lonlat, pixel_m = _positions(pair)
+        lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]
             count = len(metres)

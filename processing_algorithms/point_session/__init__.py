@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .files import read_ground_points as read_ground_points
     from .files import save as save
     from .recovery import EditKeeper as EditKeeper
-    from .recovery import find_unsaved as find_unsaved
+    from .recovery import find_journals as find_journals
     from .recovery import forget as forget
     from .recovery import recover as recover
     from .session import PointSession as PointSession
@@ -43,7 +43,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "session": "PointSession Snapshot",
         "files": "new_session open_block read_ground_points save",
-        "recovery": "EditKeeper find_unsaved forget recover",
+        "recovery": "EditKeeper find_journals forget recover",
         "transfers": "find_transfers new_tie place_tie",
         "views": "dem_height place_on view_of",
         "adjusting": "adjust_block block_of follow",

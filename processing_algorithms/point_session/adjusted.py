@@ -33,7 +33,7 @@ def reasons_by_point(image_suspicions: Mapping[Key, str]) -> dict[str, list[str]
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class ListedMeasurements:
     """A block with the measurements that a table lists alone: which they are, and what each is judged by (n, 2)."""
 
     block: Block
@@ -57,7 +57,7 @@ class Watched:
 
 
 @dataclass(frozen=True, eq=False)
-class Adjusted:
+class AdjustmentView:
     """An adjustment as the panel shows it.
 
     corrections : parameters of the model by image id
@@ -82,14 +82,14 @@ class Adjusted:
     listed: Collection[str] = frozenset()
 
     @cached_property
-    def watched(self) -> Watched:
+    def watched(self) -> ListedMeasurements:
         """What is shown of the measurements when cameras follow an edit."""
         block, ids = self.result.block, self.result.block.points.ids
         rows = (block.known | np.isin(ids, list(self.listed)))[block.measurements.point]
         kept = block.with_measurements(rows)
         names, images = ids[kept.measurements.point].tolist(), [image.id for image in block.images]
         keys = list(zip(names, [images[index] for index in kept.measurements.image.tolist()], strict=True))
-        return Watched(kept, keys, self.left.measured_sigma_px[rows])
+        return ListedMeasurements(kept, keys, self.left.measured_sigma_px[rows])
 
     @cached_property
     def measurement_suspicions(self) -> dict[str, list[str]]:

@@ -20,27 +20,27 @@ from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.results.figures import block_report
 from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
-from ...hrsi_engine.results.residuals import Residuals, residuals
+from ...hrsi_engine.results.residuals import Residuals, compute_residuals
 from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, summarise_accuracy
 from ..block_steps.model_choice import choice_warnings
-from ..block_steps.plausibility import explained_by
-from .adjusted import Adjusted, suspicion
-from .followed import Followed, followed
+from ..block_steps.plausibility import explain_failures
+from .adjusted import AdjustmentView, suspicion
+from .followed import CurrentView, update_view
 from .history import Key
 from .session import PointSession
 from .tables import ground_points, image_points
 
 
-def follow(session: PointSession) -> Followed:
+def follow(session: PointSession) -> CurrentView:
     """Return the block with the measurements of a session as they are now, at once; it must have been adjusted.
 
     Raises `SolveError` where what was edited leaves cameras undetermined.
     """
     if session.adjusted is None:
         raise InputError("the block is not adjusted yet: adjust it first")
-    edited = session.edited_points()
+    edited = session.list_edits()
     now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
-    return followed(session.adjusted, edited, now)
+    return update_view(session.adjusted, edited, now)
 
 
 def block_of(session: PointSession) -> Block:
@@ -54,25 +54,25 @@ def block_of(session: PointSession) -> Block:
 
 def adjust_block(
     block: Block, model: str, progress: Progress = silent, listed: Collection[str] = frozenset()
-) -> Adjusted:
+) -> AdjustmentView:
     """Adjust a block with a model's name or a rule that chooses one; residuals are of known and of ``listed`` points.
 
     Raises `SolveError`, `InputError`, `Cancelled`.
     """
     reasons = check_block(block)
-    with explained_by(reasons):
+    with explain_failures(reasons):
         follower = Follower(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
     result = follower.result
-    return shown(follower, residuals(result), listed, tuple(choice_warnings(result.choice)), reasons)
+    return show_adjustment(follower, compute_residuals(result), listed, tuple(choice_warnings(result.choice)), reasons)
 
 
-def shown(
+def show_adjustment(
     follower: Follower,
     left: Residuals,
     listed: Collection[str] = frozenset(),
     warnings: tuple[str, ...] = (),
     reasons: Sequence[Reason] = (),
-) -> Adjusted:
+) -> AdjustmentView:
     """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
     result, images = follower.result, follower.result.block.images
     names = result.block.points.ids
@@ -82,7 +82,7 @@ def shown(
     ]
     figures = block_report(result, left, refined)
     verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
-    return Adjusted(
+    return AdjustmentView(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
         residual_px=_image_residuals(result, left, rows),

@@ -19,8 +19,8 @@ from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.positions import SURVEYED
 from ...hrsi_engine.io.rasters.images import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers
-from .adjusted import Adjusted
-from .rows import ROLES, TIE, KnownPoint, Measured
+from .adjusted import AdjustmentView
+from .rows import ROLES, TIE, ImageMeasurement, SurveyPoint
 from .session import PointSession
 from .tables import images_layer, point_layers
 
@@ -38,17 +38,17 @@ def open_block(path: str) -> PointSession:
     missing = [name for name in ("images", "ground_points", "image_points") if name not in names]
     if missing:
         raise InputError(f"{path}: has no layer {missing[0]!r}: open the block.gpkg of a result, or begin a new one")
-    images = _open_images(_found_paths(path, text_columns(path, "images", ("path",))["path"]))
+    images = _open_images(_locate_images(path, text_columns(path, "images", ("path",))["path"]))
     ids = [image.id for image in images]
     ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
     image = read_points(f"{path}|layername=image_points", image_ids=ids).image if names["image_points"] else None
-    session = _session(images, ground, image, path, _listed_ties(path))
+    session = _make_session(images, ground, image, path, _read_tie_list(path))
     report = read_report(os.path.join(os.path.dirname(path), "report.json")) or {}
     session.model = str(report.get("model") or "")
     return session
 
 
-def _listed_ties(path: str) -> set[str]:
+def _read_tie_list(path: str) -> set[str]:
     """Return the tie points that somebody placed: only these have a position of their own beside the adjusted one."""
     if not layer_names(path)["ground_points"]:
         return set()
@@ -74,7 +74,7 @@ def new_session(
     ]
     ground = tables[0].ground if gcps and tables else None
     measured = [table.image for table in tables if table.image is not None]
-    session = _session(opened, ground, measured[-1] if measured else None, "")
+    session = _make_session(opened, ground, measured[-1] if measured else None, "")
     session.sources = {
         "images": [os.path.abspath(path) for path in images], "gcps": gcps, "image_points": image_points,
         "ground_crs": ground_crs, "height_datum": height_datum,
@@ -82,12 +82,12 @@ def new_session(
     return session
 
 
-def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[KnownPoint]:
+def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[SurveyPoint]:
     """Return the ground points of a layer or file, to be added to a session."""
     ground = read_points(source, ground_crs=ground_crs, height_datum=height_datum).ground
     if ground is None:
         raise InputError(f"{source}: holds no positions on the ground: name another layer")
-    return _known_points(ground)
+    return _survey_points(ground)
 
 
 def save(session: PointSession, path: str = "") -> None:
@@ -97,21 +97,21 @@ def save(session: PointSession, path: str = "") -> None:
         raise InputError("the block has no file yet: name one")
     layers = [images_layer(session), *point_layers(session)]
     if session.adjusted is not None and session.is_adjusted:
-        layers = _adjusted_layers(session, session.adjusted)
+        layers = _result_layers(session, session.adjusted)
     replace_layers(target, layers)
-    session.mark_saved(target)
+    session.note_save(target)
 
 
-def _adjusted_layers(session: PointSession, adjusted: Adjusted) -> list[Layer]:
+def _result_layers(session: PointSession, adjusted: AdjustmentView) -> list[Layer]:
     """Return all layers of the adjustment, and what took no part in it: points that are off, or that no image shows."""
     layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
-    layers["ground_points"] = _with_ties_placed(layers["ground_points"], session)
+    layers["ground_points"] = _mark_ties(layers["ground_points"], session)
     for plain in point_layers(session):
         layers[plain.name] = _with_others(layers[plain.name], plain)
     return list(layers.values())
 
 
-def _with_ties_placed(ground: Layer, session: PointSession) -> Layer:
+def _mark_ties(ground: Layer, session: PointSession) -> Layer:
     """Return the ground points with the tie points of the list marked as such: by a position of their own."""
     columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
     for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
@@ -136,7 +136,7 @@ def _with_others(full: Layer, plain: Layer) -> Layer:
     return Layer(full.name, full.geometry, full.crs, place, type(full.fields)(**columns))
 
 
-def _found_paths(block: str, paths: Sequence[str]) -> list[str]:
+def _locate_images(block: str, paths: Sequence[str]) -> list[str]:
     """Return the images' files: as named, or beside the GeoPackage."""
     folder = os.path.dirname(os.path.abspath(block))
     found = []
@@ -160,7 +160,7 @@ def _open_images(paths: Sequence[str]) -> list[Image]:
     return images
 
 
-def _session(
+def _make_session(
     images: Sequence[Image],
     ground: GroundPoints | None,
     image: ImagePoints | None,
@@ -168,12 +168,12 @@ def _session(
     listed_ties: Collection[str] = (),
 ) -> PointSession:
     """Return a session; measurements of points that are not in its list are tie points."""
-    points = [] if ground is None else _known_points(ground, listed_ties)
+    points = [] if ground is None else _survey_points(ground, listed_ties)
     if image is None:
         return PointSession(images, points, path=path)
     own = np.isin(image.ids, [point.id for point in points])
     measured = {
-        (str(image.ids[row]), str(image.image_ids[row])): Measured(
+        (str(image.ids[row]), str(image.image_ids[row])): ImageMeasurement(
             float(image.xy[row, 0]), float(image.xy[row, 1]), float(image.sigma_px[row]), str(image.kind[row]),
             float(image.quality[row]),
         )
@@ -185,9 +185,9 @@ def _session(
     return PointSession(images, points, measured, None if own.all() else image.select(~own), path)
 
 
-def _known_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[KnownPoint]:
+def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[SurveyPoint]:
     return [
-        KnownPoint(
+        SurveyPoint(
             str(ground.ids[row]),
             float(ground.ground[row, 0]),
             float(ground.ground[row, 1]),

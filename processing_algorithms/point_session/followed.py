@@ -11,18 +11,20 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.refinement.model import RefinementModel
-from ...hrsi_engine.results.outliers import is_outlier, statistic
+from ...hrsi_engine.results.outliers import compute_statistic, is_outlier
 from ...hrsi_engine.results.residuals import ground_residuals_m, residuals_at_px, unit_sigma
-from .adjusted import Adjusted, Watched, reasons_by_point, suspicion
+from .adjusted import AdjustmentView, ListedMeasurements, reasons_by_point, suspicion
 from .history import Key
 
 ResidualPx = tuple[float, float]
 
 
-class FollowedResiduals:
+class CurrentResiduals:
     """Residuals (px) by point and image, by cameras that follow; those of edited points are given apart."""
 
-    def __init__(self, watched: Watched, left: np.ndarray, edited: Collection[str], now: dict[Key, ResidualPx]) -> None:
+    def __init__(
+        self, watched: ListedMeasurements, left: np.ndarray, edited: Collection[str], now: dict[Key, ResidualPx]
+    ) -> None:
         self._watched, self._left, self._edited, self._now = watched, left, frozenset(edited), now
 
     def get(self, key: Key, default: ResidualPx) -> ResidualPx:
@@ -32,12 +34,12 @@ class FollowedResiduals:
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
-    """Residuals and cameras as in `Adjusted`, of the measurements as they are now; suspicions are of measurements."""
+class CurrentView:
+    """Residuals and cameras as in `AdjustmentView`, of the measurements as they are now."""
 
     model: RefinementModel
     corrections: Mapping[str, np.ndarray]
-    residual_px: FollowedResiduals
+    residual_px: CurrentResiduals
     residual_m: dict[str, tuple[float, float, float]]
     image_suspicions: dict[Key, str]
     point_suspicions: Mapping[str, str] = field(default_factory=dict)
@@ -48,7 +50,7 @@ class Followed:
         return reasons_by_point(self.image_suspicions)
 
 
-def followed(adjusted: Adjusted, edited: Collection[str], now: Block) -> Followed:
+def update_view(adjusted: AdjustmentView, edited: Collection[str], now: Block) -> CurrentView:
     """Return an adjusted block with some points as they are ``now``, a block of these alone."""
     new, watched, model = adjusted.follower.follow(edited, now), adjusted.watched, adjusted.model
     own = unit_sigma(adjusted.result) * now.measurements.sigma_px
@@ -61,10 +63,10 @@ def followed(adjusted: Adjusted, edited: Collection[str], now: Block) -> Followe
     suspicions |= dict(_suspicions(keys_now, left_now, sigma_now))
     residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
     residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
-    return Followed(
+    return CurrentView(
         model,
         {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
-        FollowedResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
+        CurrentResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
         residual_m,
         suspicions,
     )
@@ -84,7 +86,7 @@ def _ground_residuals(
 
 
 def _suspicions(keys: Sequence[Key], left: np.ndarray, sigma_px: np.ndarray) -> Iterator[tuple[Key, str]]:
-    found = statistic(left, sigma_px)
+    found = compute_statistic(left, sigma_px)
     for row in np.flatnonzero(is_outlier(found)).tolist():
         yield keys[row], suspicion(keys[row][1], found[row])
 

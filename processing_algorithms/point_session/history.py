@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from .rows import KnownPoint, Measured
+from .rows import ImageMeasurement, SurveyPoint
 
 Key = tuple[str, str]  #: point and image
 LONGEST = 1000  # edits that can be undone
@@ -19,8 +19,8 @@ class Change:
     where they stay
     """
 
-    measured: Mapping[Key, Measured | None]
-    points: Mapping[str, KnownPoint] | None = None
+    measured: Mapping[Key, ImageMeasurement | None]
+    points: Mapping[str, SurveyPoint] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Measurements outlive the program: every edit that a session's file does not hold is in a journal.
 
 The journal's first entry has all points and measurements, the others what was changed. It goes when the session is
-saved or given up. What is left by a program that was killed is found by `find_unsaved` and brought back by `recover`.
+saved or given up. What is left by a program that was killed is found by `find_journals` and brought back by `recover`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.safety.line_journals import LeftJournal, LineJournal, left_journals, remove_journal
 from .files import new_session, open_block
 from .history import Change, Key
-from .rows import KnownPoint, Measured
+from .rows import ImageMeasurement, SurveyPoint
 from .session import PointSession
 
 
@@ -43,7 +43,7 @@ class EditKeeper:
         self._journal.discard()
 
     def leave(self) -> None:
-        """Stop, and let what was kept lie for `find_unsaved`."""
+        """Stop, and let what was kept lie for `find_journals`."""
         self._journal.leave()
 
     def _keep(self, change: Change) -> None:
@@ -60,7 +60,7 @@ class EditKeeper:
 
 
 @dataclass(frozen=True)
-class Unsaved:
+class JournalSession:
     """What a program left that ended without saving.
 
     path : the block's GeoPackage, empty where it was never saved; images : their files; sources : the arguments of
@@ -71,39 +71,39 @@ class Unsaved:
     path: str
     images: tuple[str, ...]
     sources: Mapping[str, Any]
-    points: Mapping[str, KnownPoint]
-    measured: Mapping[Key, Measured]
+    points: Mapping[str, SurveyPoint]
+    measured: Mapping[Key, ImageMeasurement]
     time_s: float
 
 
-def find_unsaved(root: str | Path) -> list[Unsaved]:
+def find_journals(root: str | Path) -> list[JournalSession]:
     """Return what was left by programs that have ended, the oldest first."""
     found = []
     for left in left_journals(root):
         try:
-            found.append(_read(left))
+            found.append(_read_journal(left))
         except (KeyError, TypeError, ValueError):  # no journal of a session
             continue
     return found
 
 
-def recover(unsaved: Unsaved) -> PointSession:
+def recover(unsaved: JournalSession) -> PointSession:
     """Return a session as it was; `forget` what was left when another journal, or a file, holds it.
 
     Raises `InputError` where the block or its images are not there any more.
     """
-    session = _begun(unsaved)
+    session = _start_session(unsaved)
     session.restore(unsaved.points, unsaved.measured)
-    session.mark_unsaved()
+    session.note_change()
     return session
 
 
-def forget(unsaved: Unsaved) -> None:
+def forget(unsaved: JournalSession) -> None:
     """Remove what was left."""
     remove_journal(unsaved.folder)
 
 
-def _begun(unsaved: Unsaved) -> PointSession:
+def _start_session(unsaved: JournalSession) -> PointSession:
     """Return the session that was edited: with its tie points, where their file is still there."""
     if unsaved.path and os.path.exists(unsaved.path):
         return open_block(unsaved.path)
@@ -115,26 +115,28 @@ def _begun(unsaved: Unsaved) -> PointSession:
     return new_session(list(unsaved.images))
 
 
-def _read(left: LeftJournal) -> Unsaved:
-    points, measured = dict[str, KnownPoint](), dict[Key, Measured]()
+def _read_journal(left: LeftJournal) -> JournalSession:
+    points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
     for entry in left.entries:
         if entry["points"] is not None:
-            points = {values["id"]: KnownPoint(**_given(values)) for values in entry["points"]}
+            points = {values["id"]: SurveyPoint(**_drop_nulls(values)) for values in entry["points"]}
         for name, image, values in entry["measured"]:
             if values is None:
                 measured.pop((name, image), None)
             else:
-                measured[(name, image)] = Measured(**_given(values))
+                measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
     first = left.entries[0]
-    return Unsaved(left.folder, first["path"], tuple(first["images"]), first["sources"], points, measured, left.time_s)
+    return JournalSession(
+        left.folder, first["path"], tuple(first["images"]), first["sources"], points, measured, left.time_s
+    )
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values without those that JSON has no number for: NaN, the default."""
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _stated(row: KnownPoint | Measured) -> dict[str, Any]:
+def _drop_defaults(row: SurveyPoint | ImageMeasurement) -> dict[str, Any]:
     """Return the values of a row but those that are the default; quicker than ``asdict`` with many thousand rows."""
     return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN is not itself
 
@@ -150,9 +152,9 @@ def _first_entry(session: PointSession) -> dict[str, Any]:
 
 def _entry(change: Change) -> dict[str, Any]:
     return {
-        "points": None if change.points is None else [_stated(point) for point in change.points.values()],
+        "points": None if change.points is None else [_drop_defaults(point) for point in change.points.values()],
         "measured": [
-            [name, image, None if measured is None else _stated(measured)]
+            [name, image, None if measured is None else _drop_defaults(measured)]
             for (name, image), measured in change.measured.items()
         ],
     }  # fmt: skip

@@ -13,7 +13,7 @@ CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point
 
 
 @dataclass(frozen=True)
-class KnownPoint:
+class SurveyPoint:
     """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default."""
 
     id: str
@@ -26,7 +26,7 @@ class KnownPoint:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ImageMeasurement:
     """Where a point was measured on an image; a NaN sigma takes the default."""
 
     sample: float
@@ -40,7 +40,7 @@ class Measured:
 class PointRow:
     """A ground point, its residuals (survey - computed, metres east, north, up; NaN without), why it is suspicious."""
 
-    point: KnownPoint
+    point: SurveyPoint
     images: int
     residual_m: tuple[float, float, float]
     suspicion: str
@@ -53,6 +53,6 @@ class MeasurementRow:
     image: str
     predicted: tuple[float, float]
     is_inside: bool
-    measured: Measured | None
+    measured: ImageMeasurement | None
     residual_px: tuple[float, float]
     suspicion: str

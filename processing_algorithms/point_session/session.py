@@ -13,14 +13,14 @@ import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
 from .history import Change, Edit, History, Key
-from .rows import CLICK_KINDS, ROLES, TIE, TRANSFERRED, KnownPoint, Measured, MeasurementRow, PointRow
+from .rows import CLICK_KINDS, ROLES, TIE, TRANSFERRED, ImageMeasurement, MeasurementRow, PointRow, SurveyPoint
 
 if TYPE_CHECKING:
     from ...hrsi_engine.block.block import Image
     from ...hrsi_engine.block.points import ImagePoints
     from ...hrsi_engine.measurement.point_transfer import Transfer
-    from .adjusted import Adjusted
-    from .followed import Followed
+    from .adjusted import AdjustmentView
+    from .followed import CurrentView
     from .targets import Fit
 
 TRANSFER_PX = 0.05  # relief within the window and the interpolation, of which the fit's own sigma knows nothing
@@ -38,25 +38,27 @@ class PointSession:
     def __init__(
         self,
         images: Sequence[Image] = (),
-        points: Sequence[KnownPoint] = (),
-        measured: Mapping[Key, Measured] | None = None,
+        points: Sequence[SurveyPoint] = (),
+        measured: Mapping[Key, ImageMeasurement] | None = None,
         ties: ImagePoints | None = None,
         path: str = "",
         model: str = "",
     ) -> None:
         self.images: dict[str, Image] = {image.id: image for image in images}
-        self.points: dict[str, KnownPoint] = {point.id: point for point in points}
-        self.measured: dict[Key, Measured] = dict(measured or {})
+        self.points: dict[str, SurveyPoint] = {point.id: point for point in points}
+        self.measured: dict[Key, ImageMeasurement] = dict(measured or {})
         self.ties = ties
         self.path, self.model = path, model
         self.sources: dict[str, Any] = {}
         self.on_change: Callable[[Change], None] = lambda change: None
         self.history = History(self._apply)
         self._saved: int | None = 0  # the state that the file holds
-        self.adjusted: Adjusted | None = None
+        self.adjusted: AdjustmentView | None = None
         self._adjusted_from = Snapshot(self)  # what the adjustment saw
         self._edited: set[Key] = set()  # measurements that are others than those adjusted
-        self.shown: Adjusted | Followed | None = None  # what the tables show: the adjustment, or what followed it
+        self.shown: AdjustmentView | CurrentView | None = (
+            None  # what the tables show: the adjustment, or what followed it
+        )
         self._shown_from = self._adjusted_from
         self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
@@ -71,12 +73,12 @@ class PointSession:
         """Whether the adjustment is of the points and measurements as they are now."""
         return self.adjusted is not None and self.history.state == self._adjusted_from.state
 
-    def mark_saved(self, path: str) -> None:
+    def note_save(self, path: str) -> None:
         """Remember that a file holds the session as it is now."""
         self.path, self._saved = path, self.history.state
         self.on_change(Change({}))
 
-    def mark_unsaved(self) -> None:
+    def note_change(self) -> None:
         """Remember that no file holds the session as it is now."""
         self._saved = None
 
@@ -108,7 +110,7 @@ class PointSession:
 
     def measurement(self, name: str, image_id: str) -> MeasurementRow:
         """Return a point on one image."""
-        sample, line = self.predicted(name, image_id)
+        sample, line = self.predict_place(name, image_id)
         first_sample, last_sample, first_line, last_line = self.images[image_id].domain_px
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
         key = (name, image_id)
@@ -122,7 +124,7 @@ class PointSession:
         """Return why a point is suspicious, empty where it is not."""
         return "" if name in self._stale_points() else self._suspicion(name)
 
-    def predicted(self, name: str, image_id: str) -> tuple[float, float]:
+    def predict_place(self, name: str, image_id: str) -> tuple[float, float]:
         """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
         known = self._predicted.setdefault(image_id, {})
         if name not in known:
@@ -131,7 +133,7 @@ class PointSession:
             known[name] = sample, line
         return known[name]
 
-    def next_unmeasured(self, name: str, step: int) -> str:
+    def find_next_gap(self, name: str, step: int) -> str:
         """Return the next point (``step`` 1; -1: the one before) that is not measured on an image which shows it.
 
         Points that are off are passed over. The point itself where there is no other.
@@ -192,7 +194,7 @@ class PointSession:
     def _ground_residual(self, name: str) -> tuple[float, float, float]:
         return NO_POSITION if self.shown is None else self.shown.residual_m.get(name, NO_POSITION)
 
-    def edited_points(self) -> set[str]:
+    def list_edits(self) -> set[str]:
         """Return the points that are not as the adjustment saw them, those that are gone among them."""
         return self._others_than(self._adjusted_from, self._edited)
 
@@ -209,7 +211,7 @@ class PointSession:
 
     # ---- edits -------------------------------------------------------------------------------------------------
 
-    def add_points(self, points: Sequence[KnownPoint]) -> None:
+    def add_points(self, points: Sequence[SurveyPoint]) -> None:
         """Add known points; raise `InputError` for an id that is there already."""
         for point in points:
             if point.id in self.points:
@@ -238,7 +240,7 @@ class PointSession:
         sigma: dict[str, Any] = {field: _sigma(f"ground point {name}", field, sigma_m)}
         self._set_point(f"{field} of {name}", replace(self._point(name), **sigma))
 
-    def set_measurement(self, name: str, image_id: str, measured: Measured) -> None:
+    def set_measurement(self, name: str, image_id: str, measured: ImageMeasurement) -> None:
         """Enter where a point is on an image; raise `InputError` for coordinates that are no numbers."""
         where = f"ground point {self._point(name).id} on {image_id}"
         if not (math.isfinite(measured.sample) and math.isfinite(measured.line)):
@@ -266,7 +268,7 @@ class PointSession:
             self.set_measurement(name, image_id, fit.measured)
         return fit
 
-    def add_tie(self, point: KnownPoint, image_id: str, measured: Measured) -> None:
+    def add_tie(self, point: SurveyPoint, image_id: str, measured: ImageMeasurement) -> None:
         """Add a tie point with its first measurement, in one edit."""
         if point.id in self.points:
             raise InputError(f"point {point.id} is in the list already: choose another name")
@@ -276,14 +278,16 @@ class PointSession:
     def accept_transfers(self, name: str, found: Mapping[str, Transfer]) -> None:
         """Measure a point where matching has found it on images, in one edit."""
         new = {
-            (name, image): Measured(*one.xy, math.hypot(one.sigma_px, TRANSFER_PX), TRANSFERRED, one.correlation)
+            (name, image): ImageMeasurement(
+                *one.xy, math.hypot(one.sigma_px, TRANSFER_PX), TRANSFERRED, one.correlation
+            )
             for image, one in found.items()
             if not one.refusal
         }
         if new:
             self._edit(f"{name} transferred to {', '.join(image for _, image in new)}", new)
 
-    def move_point(self, point: KnownPoint) -> None:
+    def move_point(self, point: SurveyPoint) -> None:
         """Take another position of a point over that follows from its measurements: no edit of its own."""
         self.points = {name: point if name == point.id else old for name, old in self.points.items()}
         for known in self._predicted.values():
@@ -305,12 +309,12 @@ class PointSession:
         self.on_change(edit.forth)
         return edit.title
 
-    def restore(self, points: Mapping[str, KnownPoint], measured: Mapping[Key, Measured]) -> None:
+    def restore(self, points: Mapping[str, SurveyPoint], measured: Mapping[Key, ImageMeasurement]) -> None:
         """Take other points and measurements in one edit."""
         gone = {key: None for key in self.measured.keys() - measured.keys()}
         self._edit("recover", gone | dict(measured), points)
 
-    def accept(self, adjusted: Adjusted, seen: Snapshot | None = None) -> None:
+    def accept(self, adjusted: AdjustmentView, seen: Snapshot | None = None) -> None:
         """Take over an adjustment of what was ``seen`` (as it is now): its cameras predict, its residuals are shown."""
         self.adjusted, self._adjusted_from = adjusted, seen or Snapshot(self)
         before = self._adjusted_from.measured
@@ -319,22 +323,22 @@ class PointSession:
         }
         self._show(adjusted, self._adjusted_from, set(self._edited))
 
-    def follow(self, followed: Followed) -> None:
+    def follow(self, followed: CurrentView) -> None:
         """Show what an adjustment becomes with everything as it is now."""
         self._show(followed, Snapshot(self), set())
 
-    def _show(self, shown: Adjusted | Followed, seen: Snapshot, stale: set[Key]) -> None:
+    def _show(self, shown: AdjustmentView | CurrentView, seen: Snapshot, stale: set[Key]) -> None:
         self.shown, self._shown_from, self._stale = shown, seen, stale
         self._predicted.clear()
 
-    def _set_point(self, title: str, point: KnownPoint) -> None:
+    def _set_point(self, title: str, point: SurveyPoint) -> None:
         self._edit(title, points={name: point if name == point.id else old for name, old in self.points.items()})
 
     def _edit(
         self,
         title: str,
-        measured: Mapping[Key, Measured | None] | None = None,
-        points: Mapping[str, KnownPoint] | None = None,
+        measured: Mapping[Key, ImageMeasurement | None] | None = None,
+        points: Mapping[str, SurveyPoint] | None = None,
     ) -> None:
         new = measured or {}
         back = Change({key: self.measured.get(key) for key in new}, None if points is None else self.points)
@@ -357,7 +361,7 @@ class PointSession:
             self.points = dict(change.points)
             self._predicted.clear()
 
-    def _point(self, name: str) -> KnownPoint:
+    def _point(self, name: str) -> SurveyPoint:
         if name not in self.points:
             raise InputError(f"there is no ground point {name!r}: choose one of the list")
         return self.points[name]

@@ -66,12 +66,12 @@ def point_layers(session: PointSession) -> list[Layer]:
     index = {name: row for row, name in enumerate(known.ids.tolist())}
     at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
     ground = GroundPointRows(
-        id=known.ids, role=_labels(known.role), height=known.ground[:, 2],
+        id=known.ids, role=_role_labels(known.role), height=known.ground[:, 2],
         sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
-        rays=np.bincount(at[at >= 0], minlength=len(known)), **surveyed_columns(known),
+        rays=np.bincount(at[at >= 0], minlength=len(known)), **survey_columns(known),
     )  # fmt: skip
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
-    roles = np.append(_labels(known.role), "tie")[at]
+    roles = np.append(_role_labels(known.role), "tie")[at]
     xy = np.concatenate([table.xy for table in tables])
     nothing = np.full(len(ids), np.nan)
     columns = ImagePointRows(
@@ -90,7 +90,7 @@ def point_layers(session: PointSession) -> list[Layer]:
     ]
 
 
-def surveyed_columns(known: GroundPoints) -> dict[str, np.ndarray]:
+def survey_columns(known: GroundPoints) -> dict[str, np.ndarray]:
     """Return the columns that keep the survey, whatever the geometry is."""
     return {
         "survey_lon": known.ground[:, 0], "survey_lat": known.ground[:, 1], "survey_height": known.ground[:, 2],
@@ -98,5 +98,5 @@ def surveyed_columns(known: GroundPoints) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def _labels(role: np.ndarray) -> np.ndarray:
+def _role_labels(role: np.ndarray) -> np.ndarray:
     return np.array([Role(value).label for value in role.tolist()], dtype=str)

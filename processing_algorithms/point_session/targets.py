@@ -13,7 +13,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.targets.measuring import make_refusal, measure_target
 from ..files.target_chip import chip_of
-from .rows import Measured
+from .rows import ImageMeasurement
 
 BY_HAND = "point"
 #: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
@@ -25,7 +25,7 @@ IDENTIFICATION_PX = 0.1
 class Fit:
     """What a click gave: the measurement, or the reason why there is none, and a chip (SVG) either way."""
 
-    measured: Measured
+    measured: ImageMeasurement
     refusal: str
     chip_svg: str
 
@@ -45,10 +45,10 @@ def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
     xy = np.array(click, dtype=np.float64)
     if kind == BY_HAND:
         chip = "" if image.raster is None else draw_target_chip(chip_of(make_refusal(kind, BY_HAND), xy, image.raster))
-        return Fit(Measured(float(xy[0]), float(xy[1]), kind=kind), "", chip)
+        return Fit(ImageMeasurement(float(xy[0]), float(xy[1]), kind=kind), "", chip)
     if image.raster is None:
         raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
     made = measure_target(image.raster, xy, kind)
     sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
-    measured = Measured(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
+    measured = ImageMeasurement(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
     return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))

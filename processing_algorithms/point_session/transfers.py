@@ -16,7 +16,7 @@ from ...hrsi_engine.ground.geodesy import moved_ground
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
-from .rows import TIE, KnownPoint
+from .rows import TIE, SurveyPoint
 from .session import PointSession
 from .tables import image_points
 
@@ -28,7 +28,7 @@ DIFFERENCE_PX = 20.0  # over which the derivatives between images are taken
 NEWTON_STEPS = 4
 
 
-def ground_seen(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
+def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
     """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
     target, image = np.array(xy, dtype=np.float64), session.images[image_id]
     ground = image.rpc.localize(target[None], np.array([height_m])).ground
@@ -41,13 +41,13 @@ def ground_seen(session: PointSession, image_id: str, xy: tuple[float, float], h
     return np.asarray(ground[0])
 
 
-def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> KnownPoint:
+def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> SurveyPoint:
     """Return a tie point at what an image shows at a place, at the middle height of the points."""
-    lon, lat, height = ground_seen(session, image_id, xy, session.middle_height_m()).tolist()
-    return KnownPoint(name, lon, lat, height, TIE)
+    lon, lat, height = locate_ground(session, image_id, xy, session.middle_height_m()).tolist()
+    return SurveyPoint(name, lon, lat, height, TIE)
 
 
-def place_tie(session: PointSession, name: str) -> KnownPoint:
+def place_tie(session: PointSession, name: str) -> SurveyPoint:
     """Return a tie point where its rays meet; as it is where it has but one, or they do not meet."""
     point = session.points[name]
     known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
@@ -59,7 +59,7 @@ def place_tie(session: PointSession, name: str) -> KnownPoint:
     model = MODELS["none"] if shown is None else shown.model
     values = np.array([() if shown is None else shown.corrections[image.id] for image in block.images])
     lon, lat, height = intersect(observations, model, values, block.points.ground)[0].tolist()
-    return KnownPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
+    return SurveyPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
 
 
 def find_transfers(
@@ -81,22 +81,22 @@ def find_transfers(
     try:
         for number, image_id in enumerate(wanted):
             advance(progress, number / len(wanted), f"{name} on {image_id}")
-            found[image_id] = _transfer(session, name, first.id, image_id)
+            found[image_id] = _transfer_to_image(session, name, first.id, image_id)
     finally:
         close_images()  # as after a click
     return found
 
 
-def _transfer(session: PointSession, name: str, first_id: str, second_id: str) -> Transfer:
+def _transfer_to_image(session: PointSession, name: str, first_id: str, second_id: str) -> Transfer:
     first, second = session.images[first_id].raster, session.images[second_id].raster
     if first is None or second is None:
         return Transfer(refusal="no pixels")
     measured = session.measured[(name, first_id)]
     xy = measured.sample, measured.line
-    lowest, middle, highest = _heights(session, name)
+    lowest, middle, highest = _height_range(session, name)
 
     def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
-        return session.project(second_id, ground_seen(session, first_id, place, height_m)[None])[0]
+        return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
 
     line = np.array([second_by(xy, lowest), second_by(xy, highest)])
     sides = [second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((DIFFERENCE_PX, 0.0), (0.0, DIFFERENCE_PX))]
@@ -105,7 +105,7 @@ def _transfer(session: PointSession, name: str, first_id: str, second_id: str) -
     return transfer_point(first, np.array(xy), second, line, by_first, margin_px)
 
 
-def _heights(session: PointSession, name: str) -> tuple[float, float, float]:
+def _height_range(session: PointSession, name: str) -> tuple[float, float, float]:
     """Return the lowest, the likeliest and the highest height (m) that a point may have."""
     point = session.points[name]
     rays = sum(other == name for other, _ in session.measured)

@@ -30,7 +30,7 @@ class View:
 def view_of(session: PointSession, name: str, image_id: str) -> View:
     """Return the view of a point on an image, around where it was measured, else where it is predicted."""
     measured = session.measured.get((name, image_id))
-    middle = session.predicted(name, image_id) if measured is None else (measured.sample, measured.line)
+    middle = session.predict_place(name, image_id) if measured is None else (measured.sample, measured.line)
     image = session.images[image_id]
     if image.raster is None:
         return View("", middle, (0.0, 1.0))

@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, add_drift_parameters
-from hrsi.hrsi_engine.results.statistics import normalised_residuals
+from hrsi.hrsi_engine.results.statistics import normalise_residuals
 
 SEEDS = range(6)
 
@@ -121,7 +121,7 @@ def test_measurements_are_judged_without_the_drift():
     """Normalised residuals are standard normal; over the delivered residuals the drift of 0.2 px would show."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=400, drift=1e-4, noise_px=0.05)
     result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", sigma_drift=1e-4))
-    for values in normalised_residuals(result).values():
+    for values in normalise_residuals(result).values():
         assert np.std(values) == pytest.approx(1.0, abs=0.1)  # 1200 residuals: 2 %, and the drift's own estimate
     assert np.nanstd(result.residual_px) > 1.2 * np.nanstd(result.judged_residual_px)
     assert adjust(block, AdjustOptions(test_sigmas=False, model="affine")).estimate_residual_px is None

@@ -19,12 +19,12 @@ from hrsi.processing_algorithms.point_session import (
     PointSession,
     Snapshot,
     files,
-    find_unsaved,
+    find_journals,
     forget,
     recover,
 )
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of, follow
-from hrsi.processing_algorithms.point_session.rows import KnownPoint, Measured
+from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
 from hrsi.processing_algorithms.point_session.tables import image_points
 from hrsi.processing_algorithms.point_session.targets import IDENTIFICATION_PX, fit_target
 
@@ -91,7 +91,7 @@ def test_saved_block_serves_the_command_line(session: PointSession, folder: Path
 
 
 def test_points_that_no_image_shows_are_kept(session: PointSession, tmp_path: Path) -> None:
-    session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0, "check", 0.4)])
+    session.add_points([SurveyPoint("NEW", 147.3, -42.9, 50.0, "check", 0.4)])
     session.accept(adjust_block(block_of(session), "shift"))
     files.save(session, str(tmp_path / "block.gpkg"))
     assert (session.is_adjusted, session.changed) == (True, False)
@@ -105,7 +105,7 @@ def test_edits_take_their_residuals_away(session: PointSession) -> None:
     session.accept(adjust_block(block_of(session), "shift"))
     row = next(row for row in session.measurements(name) if row.image == image)
     assert math.isfinite(row.residual_px[0])
-    session.set_measurement(name, image, Measured(row.measured.sample + 1.0, row.measured.line))
+    session.set_measurement(name, image, ImageMeasurement(row.measured.sample + 1.0, row.measured.line))
     row = next(row for row in session.measurements(name) if row.image == image)
     assert math.isnan(row.residual_px[0])
     assert session.changed
@@ -116,7 +116,7 @@ def test_edits_take_their_residuals_away(session: PointSession) -> None:
     [
         (lambda s, n, i: s.set_role(n, "control"), "role 'control' is unknown: use gcp, check or off"),
         (lambda s, n, i: s.set_sigma(n, "sigma_h", 0.0), "sigma_h 0: give a number above 0"),
-        (lambda s, n, i: s.set_measurement(n, i, Measured(math.inf, 0.0)), "must be numbers"),
+        (lambda s, n, i: s.set_measurement(n, i, ImageMeasurement(math.inf, 0.0)), "must be numbers"),
         (lambda s, n, i: s.set_role("X99", "gcp"), "no ground point 'X99'"),
         (lambda s, n, i: s.add_points([s.points[n]]), "in the list already"),
         (lambda s, n, i: s.measure(n, i, (1.0, 1.0), "square"), "kind 'square' is unknown"),
@@ -186,16 +186,16 @@ def test_edits_are_undone_and_done_again(session: PointSession) -> None:
     """Every kind of edit comes back to the letter, the order of the points too; saved and adjusted states are known."""
     name, image = measured_name(session)
     session.accept(adjust_block(block_of(session), "shift"))
-    session.mark_saved("somewhere.gpkg")
+    session.note_save("somewhere.gpkg")
     start = (dict(session.points), dict(session.measured))
     names = list(session.points)
     edits = [
-        lambda: session.set_measurement(name, image, Measured(1.0, 2.0)),
+        lambda: session.set_measurement(name, image, ImageMeasurement(1.0, 2.0)),
         lambda: session.remove_measurement(name, image),
         lambda: session.set_role(names[3], "off"),
         lambda: session.set_sigma(names[4], "sigma_h", 0.7),
         lambda: session.remove_point(names[1]),
-        lambda: session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0)]),
+        lambda: session.add_points([SurveyPoint("NEW", 147.3, -42.9, 50.0)]),
     ]
     states = [start]
     for edit in edits:
@@ -222,7 +222,7 @@ def test_edits_made_while_adjusting_have_no_residuals(session: PointSession) -> 
     """The adjustment is of what it saw, not of what was measured while it ran."""
     name, image = measured_name(session)
     seen, block = Snapshot(session), block_of(session)
-    session.set_measurement(name, image, Measured(session.measured[(name, image)].sample + 1.0, 5.0))
+    session.set_measurement(name, image, ImageMeasurement(session.measured[(name, image)].sample + 1.0, 5.0))
     session.accept(adjust_block(block, "shift"), seen)
     assert not session.is_adjusted
     assert math.isnan(session.measurement(name, image).residual_px[0])
@@ -260,11 +260,11 @@ def test_next_point_to_measure(session: PointSession) -> None:
     names = list(session.points)
     away = [name for name in names if not any(row.is_inside for row in session.measurements(name))]
     session.measured.clear()
-    assert session.next_unmeasured(names[0], 1) == next(name for name in names[1:] if name not in away)
+    assert session.find_next_gap(names[0], 1) == next(name for name in names[1:] if name not in away)
     session.set_role(names[1], "off")
-    assert session.next_unmeasured(names[0], 1) == next(name for name in names[2:] if name not in away)
-    assert session.next_unmeasured(names[0], -1) == next(name for name in names[::-1] if name not in away)
-    assert PointSession().next_unmeasured("", 1) == ""
+    assert session.find_next_gap(names[0], 1) == next(name for name in names[2:] if name not in away)
+    assert session.find_next_gap(names[0], -1) == next(name for name in names[::-1] if name not in away)
+    assert PointSession().find_next_gap("", 1) == ""
 
 
 def test_many_points_on_many_images_are_predicted_at_once(session: PointSession) -> None:
@@ -275,13 +275,13 @@ def test_many_points_on_many_images_are_predicted_at_once(session: PointSession)
     domain = np.array(image.domain_px)
     xy = rng.uniform(domain[[0, 2]], domain[[1, 3]], (500, 2))
     ground, _ = image.rpc.localize(xy, np.full(500, 100.0))
-    points = [KnownPoint(f"P{k}", *place) for k, place in enumerate(ground.tolist())]
-    measured = {(p.id, i.id): Measured(*xy[k]) for k, p in enumerate(points) for i in images}
+    points = [SurveyPoint(f"P{k}", *place) for k, place in enumerate(ground.tolist())]
+    measured = {(p.id, i.id): ImageMeasurement(*xy[k]) for k, p in enumerate(points) for i in images}
     many = PointSession(images, points, measured)
     many.rows()
     many.measurements("P0")
     start = time.process_time()
-    many.set_measurement("P7", "image_3", Measured(1.0, 1.0))
+    many.set_measurement("P7", "image_3", ImageMeasurement(1.0, 1.0))
     many.rows()
     many.measurements("P7")
     for name in ("image_1", "image_2", "image_3", "image_4"):
@@ -299,20 +299,20 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     keeper = EditKeeper(root)
     keeper.follow(session)
     session.set_role(name, "off")
-    assert find_unsaved(root) == []  # the program lives
+    assert find_journals(root) == []  # the program lives
     session.undo()
     keeper.leave()
-    assert find_unsaved(root) == []  # nothing to save
+    assert find_journals(root) == []  # nothing to save
     keeper.follow(session)
     session.set_role(name, "off")
     session.remove_measurement(name, image)
-    session.add_points([KnownPoint("NEW", 147.3, -42.9, 50.0)])
-    session.set_measurement("NEW", image, Measured(3.25, 4.5, 0.1, "center", 0.9))
+    session.add_points([SurveyPoint("NEW", 147.3, -42.9, 50.0)])
+    session.set_measurement("NEW", image, ImageMeasurement(3.25, 4.5, 0.1, "center", 0.9))
     keeper.leave()  # as when the process is killed: the lock is gone, the file is not
     (file,) = root.glob("*/journal.jsonl")
     with file.open("a") as cut:
         cut.write('{"points": nu')
-    (unsaved,) = find_unsaved(root)
+    (unsaved,) = find_journals(root)
     assert unsaved.path == path
     back = recover(unsaved)
     assert repr((back.points, back.measured)) == repr((session.points, session.measured))
@@ -321,10 +321,10 @@ def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) ->
     again.follow(back)  # kept by another journal before the old one goes
     forget(unsaved)
     again.leave()
-    (kept,) = find_unsaved(root)
+    (kept,) = find_journals(root)
     assert kept.measured.keys() == session.measured.keys()
     forget(kept)
-    assert find_unsaved(root) == []
+    assert find_journals(root) == []
 
 
 def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path: Path) -> None:
@@ -333,10 +333,10 @@ def test_unsaved_new_block_comes_back_without_its_layers(folder: Path, tmp_path:
     keeper = EditKeeper(root)
     keeper.follow(session)
     name, image = measured_name(session)
-    session.set_measurement(name, image, Measured(10.0, 20.0))
+    session.set_measurement(name, image, ImageMeasurement(10.0, 20.0))
     keeper.leave()
     (folder / "hobart_ground_points.csv").unlink()
-    (unsaved,) = find_unsaved(root)
+    (unsaved,) = find_journals(root)
     back = recover(unsaved)
     assert repr((back.points, back.measured)) == repr((session.points, session.measured))
 
@@ -354,7 +354,7 @@ def test_residuals_follow_an_edit(session: PointSession) -> None:
     session.accept(adjust_block(block_of(session), "shift"))
     name, image = next(key for key in session.measured if session.points[key[0]].role == "gcp")
     made, before = session.measured[(name, image)], session.measurement(name, image).residual_px
-    session.set_measurement(name, image, Measured(made.sample + 10.0, made.line, made.sigma))
+    session.set_measurement(name, image, ImageMeasurement(made.sample + 10.0, made.line, made.sigma))
     assert math.isnan(session.measurement(name, image).residual_px[0])
     session.follow(follow(session))
     row, others = session.measurement(name, image), [key for key in session.measured if key[0] != name]

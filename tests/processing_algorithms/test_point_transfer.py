@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import PointSession, files, find_transfers, new_tie, place_tie
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of
-from hrsi.processing_algorithms.point_session.rows import TIE, TRANSFERRED, Measured
+from hrsi.processing_algorithms.point_session.rows import TIE, TRANSFERRED, ImageMeasurement
 
 Truth = dict[str, dict[str, tuple[float, float]]]
 IMAGES = 3
@@ -49,7 +49,7 @@ def truth(folder: Path) -> Truth:
 
 
 def begin(session: PointSession, name: str, xy: tuple[float, float], image: str = "image_2") -> None:
-    session.add_tie(new_tie(session, name, image, xy), image, Measured(*xy, kind="point"))
+    session.add_tie(new_tie(session, name, image, xy), image, ImageMeasurement(*xy, kind="point"))
 
 
 @pytest.mark.parametrize("is_adjusted", mark_beyond(1, "rendered", [False, True]))
@@ -86,7 +86,7 @@ def test_tie_is_placed_kept_and_adjusted(session: PointSession, truth: Truth, tm
     assert good and {session.measured[(name, image)].kind for image in good} == {TRANSFERRED}
     session.move_point(place_tie(session, name))
     for image in ("image_2", *good):
-        assert np.hypot(*np.subtract(session.predicted(name, image), places[image])) < 1.0
+        assert np.hypot(*np.subtract(session.predict_place(name, image), places[image])) < 1.0
     session.undo()
     assert [key for key in session.measured if key[0] == name] == [(name, "image_2")]
     session.redo()

@@ -23,8 +23,8 @@ from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import MOST_KNOWN, MOST_TIES, report_figures
 from hrsi.hrsi_engine.results.figures import block_report
-from hrsi.hrsi_engine.results.residuals import Residuals, residuals
-from hrsi.hrsi_engine.results.statistics import MOST_KNOWN_ROWS, entries, known_point_rows
+from hrsi.hrsi_engine.results.residuals import Residuals, compute_residuals
+from hrsi.hrsi_engine.results.statistics import MOST_KNOWN_ROWS, statistic_entries, survey_point_rows
 
 MOST_BYTES = 5_000_000  # what a mail takes, and a browser shows at once
 MOST_SECONDS = 10.0  # of CPU, a small part of what adjusting takes
@@ -77,7 +77,7 @@ def many_residuals(left: Residuals, count: int) -> Residuals:
 def small() -> tuple[Adjustment, Residuals]:
     block, _, _ = blocks.block(gcps=6, checks=20, ties=int(os.environ.get("TIES", "1000")))
     result = adjust(block, AdjustOptions(model="affine"))
-    return result, residuals(result)
+    return result, compute_residuals(result)
 
 
 def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tuple[Adjustment, int, float]:
@@ -87,7 +87,7 @@ def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tupl
     refined = [result.model.compute_refined_rpc(image, values) for image, values in pairs]
     report = {
         "algorithm": "adjust", "version": "0", "warnings": [],
-        **block_report(result, left, refined * count), **entries(result, left),
+        **block_report(result, left, refined * count), **statistic_entries(result, left),
     }  # fmt: skip
     start = time.process_time()
     write_report_html(str(path), report, report_figures(result, left))
@@ -109,7 +109,7 @@ def test_a_thousand_images(small: tuple[Adjustment, Residuals], tmp_path: Path) 
     shown = page.count('class="pt gcp"') + page.count('class="pt check"')
     assert min(known, MOST_KNOWN) <= shown <= MOST_KNOWN + 2 * MOST_KNOWN_ROWS
     ids = set(json.loads(re.search(r'id="page-data">(.*?)</script>', page)[1])["points"]["id"])
-    assert {row["id"] for role in (Role.GCP, Role.CHECK) for row in known_point_rows(result, left, role)} <= ids
+    assert {row["id"] for role in (Role.GCP, Role.CHECK) for row in survey_point_rows(result, left, role)} <= ids
     assert 0 < page.count('class="pt tie"') < MOST_TIES  # the worst; the others are in cells
 
 

@@ -143,7 +143,7 @@ def test_images_are_zoomed_to_the_predicted_position(dock) -> None:
     for name in list(dock.session.points)[:3]:
         dock.choose(name)
         for view in dock.ui.views:
-            sample, line = dock.session.predicted(name, view.image())
+            sample, line = dock.session.predict_place(name, view.image())
             middle = view.canvas.extent().center()
             assert middle.x() == pytest.approx(sample, abs=0.01)
             assert middle.y() == pytest.approx(-line, abs=0.01)
@@ -217,9 +217,9 @@ def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
 
 def test_prediction_follows_the_adjustment(measured, truth) -> None:
     name = "G000001"
-    before = measured.session.predicted(name, IMAGE)
+    before = measured.session.predict_place(name, IMAGE)
     assert adjust(measured)
-    after, wanted = measured.session.predicted(name, IMAGE), truth[(name, IMAGE)]
+    after, wanted = measured.session.predict_place(name, IMAGE), truth[(name, IMAGE)]
     off = [((x - wanted[0]) ** 2 + (y - wanted[1]) ** 2) ** 0.5 for x, y in (before, after)]
     assert off[0] > 2.0  # the vendor's RPC errs
     assert off[1] < 0.5

@@ -37,7 +37,7 @@ from hrsi.plugin.points_panel.new_block import NewBlockDialog
 from hrsi.plugin.points_panel.new_point import NewPointDialog
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
-from hrsi.processing_algorithms.point_session.rows import KnownPoint, Measured
+from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "G000001"
@@ -144,7 +144,7 @@ def test_keys_lead_through_the_points(dock) -> None:
     dock.ui.kind.setCurrentText("point")
     press(dock, Qt.Key.Key_A)
     measured = dock.session.measured[(names[0], image)]
-    assert (measured.sample, measured.line) == pytest.approx(dock.session.predicted(names[0], image))
+    assert (measured.sample, measured.line) == pytest.approx(dock.session.predict_place(names[0], image))
     press(dock, Qt.Key.Key_Delete)
     assert (names[0], image) not in dock.session.measured
 
@@ -289,7 +289,7 @@ def test_images_follow_the_map(dock, canvas) -> None:
     click_on(canvas, (known.lon, known.lat))
     for view in dock.ui.shown_views():
         middle = view.canvas.extent().center()
-        sample, line = dock.session.predicted(NAME, view.image())
+        sample, line = dock.session.predict_place(NAME, view.image())
         assert abs(middle.x() - sample) < 40.0 and abs(-middle.y() - line) < 40.0  # the middle height, not the point's
     dock.ui.go_to.trigger()
     assert canvas.mapTool() is None or type(canvas.mapTool()).__name__ != "QgsMapToolEmitPoint"
@@ -338,7 +338,7 @@ def test_opened_result_shows_residuals_and_predicts_with_refined_cameras(dock, s
 def measure_one(panel: PointsDock) -> tuple[str, str]:
     """Move one measurement, as a click does; return which."""
     key = next(key for key in panel.session.measured if key[0] in panel.session.points)
-    panel.session.set_measurement(*key, Measured(123.25, 45.5, 0.2, "center", 0.9))
+    panel.session.set_measurement(*key, ImageMeasurement(123.25, 45.5, 0.2, "center", 0.9))
     panel.refresh()
     return key
 
@@ -422,7 +422,7 @@ def test_killed_program_loses_nothing(dock, sources, tmp_path: Path) -> None:
     assert item.level() == Qgis.MessageLevel.Warning and "were not saved" in item.text()
     buttons = {button.text(): button for button in item.findChildren(QPushButton)}
     QTest.mouseClick(buttons["Recover"], Qt.MouseButton.LeftButton)
-    assert dock.session.measured[(words[1], words[2])] == Measured(123.25, 45.5, 0.2, "center", 0.9)
+    assert dock.session.measured[(words[1], words[2])] == ImageMeasurement(123.25, 45.5, 0.2, "center", 0.9)
     assert dock.session.changed
     assert dock.find_unsaved() == []  # this program keeps it now
     wait_for(lambda: not dock.is_adjusting())
@@ -444,11 +444,11 @@ def large(simulated: Path) -> PointSession:
         images.append(Image(f"copy_{k}", rpc, base.size, base.path, base.raster))
     xy = rng.uniform(60.0, 340.0, (500, 2))
     ground, _ = base.rpc.localize(xy, base.middle_height_m + rng.uniform(-30.0, 30.0, 500))
-    points = [KnownPoint(f"P{k}", *place, "gcp" if k < 8 else "check") for k, place in enumerate(ground.tolist())]
+    points = [SurveyPoint(f"P{k}", *place, "gcp" if k < 8 else "check") for k, place in enumerate(ground.tolist())]
     measured = {}
     for image in images:
         seen = image.rpc.project(ground) + rng.normal(0.0, 3.0, 2) + rng.normal(0.0, 0.2, (500, 2))
-        measured |= {(f"P{k}", image.id): Measured(*place) for k, place in enumerate(seen.tolist())}
+        measured |= {(f"P{k}", image.id): ImageMeasurement(*place) for k, place in enumerate(seen.tolist())}
     return PointSession(images, points, measured)
 
 
@@ -481,7 +481,7 @@ def test_many_images_and_points_answer_at_once(dock, large: PointSession, live: 
     what = "residuals of the block as measured now" if live else "the redrawn panel"
     print(f"a click with 50 images x 500 points: {fastest:.3f} s CPU to {what} (fastest of {len(took)})")
     assert fastest < 0.4  # 0.2 s is the aim; a machine whose processors others use takes twice the CPU seconds
-    large.mark_saved("")
+    large.note_save("")
 
 
 # ---- tie points by hand
@@ -549,4 +549,4 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
     assert len(dock.session.measured) < len(known)
     press(dock, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     assert dock.session.measured == known
-    dock.session.mark_saved("")
+    dock.session.note_save("")

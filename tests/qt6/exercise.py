@@ -157,7 +157,7 @@ def test_tour_by_its_buttons_and_a_click_on_the_image(dock, tmp_path: Path) -> N
     press(tour.buttons[2])
     wait_for(lambda: tour.step() == 3)
     assert not dock.grab().isNull() and not tour.grab().isNull()
-    fit = dock.session.fit(view.image(), dock.session.predicted(*tour.missing), "center")
+    fit = dock.session.fit(view.image(), dock.session.predict_place(*tour.missing), "center")
     assert render_chip(fit.chip_svg).width() == 96
     for marker in view.markers.markers:  # every way to draw one
         view.markers.show_markers([marker])

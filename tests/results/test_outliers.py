@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.results.drawings import report_figures
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.layers import block_layers
-from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 
 SEEDS = range(4)
 #: Nothing is left out: what stands out is to be seen in the residuals.
@@ -29,7 +29,7 @@ def adjusted(options=AFFINE, single=False, **scene):
         keep = ~check | (block.measurements.image == block.measurements.point % len(block.images))
         block = replace(block, measurements=block.measurements.select(np.flatnonzero(keep)))
     result = adjust(block, options)
-    left = residuals(result)
+    left = compute_residuals(result)
     return result, left, {layer.name: layer.fields for layer in block_layers(result, left, "utm")}
 
 
@@ -54,7 +54,7 @@ def test_dividing_gives_the_flag(options):
     # a tie point and a GCP wrong by 1 px, and a check point by 10 px: robust weights would hide nothing of it
     wrong = shifted(shifted(shifted(block, 100, 1, 1.0), 2, 0, 3.0), 10, 2, 10.0)
     result = adjust(wrong, options)
-    left = residuals(result)
+    left = compute_residuals(result)
     layers = {layer.name: layer.fields for layer in block_layers(result, left, "utm")}
     rows = layers["residuals_utm"]
     for level in ("image", "ground"):
@@ -119,7 +119,7 @@ def test_counts_are_counts():
     check = (block.points.role == Role.CHECK)[rows.point]
     xy = rows.xy + np.where(check[:, None], rng.choice([-20.0, 20.0], rows.xy.shape), 0.0)
     result = adjust(replace(block, measurements=replace(rows, xy=xy)), AFFINE)
-    left = residuals(result)
+    left = compute_residuals(result)
     refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     report = block_report(result, left, refined)
     assert report["outlier_count"] == check.sum() == 300
@@ -134,7 +134,7 @@ def test_a_point_without_surveyed_height_is_judged_where_it_came_out():
     ground[7, 2] += 100.0  # whatever the file says there
     points = replace(block.points, sigma_m=sigma, ground=ground)
     result = adjust(replace(block, points=points), AFFINE)
-    left = residuals(result)
+    left = compute_residuals(result)
     rows = block.measurements.point == 7
     assert np.abs(left.measured_px[rows]).max() < 2.0
     assert np.abs(left.at_known_px[rows]).max() > 10.0

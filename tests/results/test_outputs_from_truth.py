@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.io.rpc_files.rpc_txt import text_of
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.layers import block_layers
-from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.processing_algorithms import run
 
 SURVEY_SIGMA_M = (0.05, 0.1, 0.2)  # east, north, height: none like another
@@ -203,7 +203,7 @@ def dense() -> SimpleNamespace:
         measurements=replace(block.measurements, sigma_px=sigma_px),
     )  # fmt: skip
     result = adjust(block, AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False))
-    left = residuals(result)
+    left = compute_residuals(result)
     refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     return SimpleNamespace(
         block=block, result=result, solution=dense_solution(block, MODELS["affine"]),
@@ -288,7 +288,7 @@ def test_ce90_and_le90_hold_90_percent():
         sigma_m=np.where(check[:, None], 1.0, 0.01) * np.ones(2),
     )  # fmt: skip
     result = adjust(replace(block, points=points), AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False))
-    left = residuals(result)
+    left = compute_residuals(result)
     refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     report = block_report(result, left, refined)["check"]
     away = metres(points.ground[check], truth[check])

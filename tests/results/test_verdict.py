@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
 from hrsi.hrsi_engine.ground.geodesy import moved_ground
 from hrsi.hrsi_engine.refinement.model import RefitRPC
-from hrsi.hrsi_engine.results.residuals import residuals
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.hrsi_engine.results.verdict import (
     Evidence,
     Verdict,
@@ -39,7 +39,7 @@ def sound(seed: int = 1, **changes) -> Block:
 
 def evidence_of(block: Block, options: AdjustOptions = SNOOPING, fit_px: float = 0.0) -> Evidence:
     result = adjust(block, options)
-    return Evidence(result, residuals(result), [RefitRPC(image.rpc, fit_px) for image in block.images])
+    return Evidence(result, compute_residuals(result), [RefitRPC(image.rpc, fit_px) for image in block.images])
 
 
 def reasons_of(block: Block, options: AdjustOptions = SNOOPING) -> dict[str, Reason]:
@@ -274,7 +274,7 @@ def report(result: Adjustment) -> dict:
     from hrsi.hrsi_engine.results.figures import block_report
 
     refined = [RefitRPC(image.rpc, 0.0) for image in result.block.images]
-    return block_report(result, residuals(result), refined)
+    return block_report(result, compute_residuals(result), refined)
 
 
 def test_sentence_tells_what_was_reached():

@@ -10,7 +10,7 @@ from typing import Any
 from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
 from ..figures import block_report
-from ..residuals import residuals
+from ..residuals import compute_residuals
 from . import connections, ground_truth, solution, systematic
 from .evidence import Evidence
 
@@ -131,7 +131,7 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
     Verdict
         Level, sentence and reasons.
     """
-    left = residuals(result)
+    left = compute_residuals(result)
     images = zip(result.block.images, result.values, strict=True)
     refined = [result.model.compute_refined_rpc(image, values) for image, values in images]
     sentence = summarise_accuracy(block_report(result, left, refined))
