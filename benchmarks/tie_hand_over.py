@@ -24,7 +24,7 @@ from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.point_files import read_measured, read_points
+from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 
 PAGE = Path(__file__).parents[1] / "docs" / "large_blocks.md"
@@ -76,7 +76,7 @@ def main() -> None:
         written(points, track, folder)
         layer = f"{folder}/block.gpkg|layername=image_points"
         forms: dict[str, tuple[str, Callable[[], Any]]] = {
-            "columns": (COLUMNS_FILE, lambda: read_measured(layer)),
+            "columns": (COLUMNS_FILE, lambda: read_image_points(layer)),
             "layer": ("block.gpkg", lambda: read_points(layer)),
             "CSV": ("tie_points.csv", lambda: read_points(str(folder / "tie_points.csv"))),
         }

@@ -30,8 +30,8 @@ from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import REGISTRY, run
-from hrsi.processing_algorithms.interface.declare import made_options
-from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.interface.declare import fill_options
+from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tie_sigmas.md"
@@ -76,7 +76,7 @@ def simulated(name: str) -> Ties:
         words = SIMULATED[name] | {"output_dir": str(Path(folder) / "block")}
         run("simulate", **words)
         algorithm = REGISTRY["simulate"]
-        options = made_options(algorithm.options, checked_options(algorithm, words))
+        options = fill_options(algorithm.options, check_options(algorithm, words))
         views = make_views(options.views, options.vendor, options.scene)
         truth = simulate_block(options.scene, views, options.points, options.noise)
         images = [open_image(str(Path(folder) / "block" / f"{image.id}.tif")) for image in truth.block.images]

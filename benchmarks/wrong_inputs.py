@@ -765,13 +765,13 @@ def run_checks(inputs: Inputs) -> Outcome:
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
     from hrsi.processing_algorithms.declarations.adjust import AdjustAlgorithmOptions
     from hrsi.processing_algorithms.files.image_files import open_input_images
-    from hrsi.processing_algorithms.interface.declare import Context, made_options
-    from hrsi.processing_algorithms.interface.options import checked_options
+    from hrsi.processing_algorithms.interface.declare import Context, fill_options
+    from hrsi.processing_algorithms.interface.options import check_options
 
     with tempfile.TemporaryDirectory() as name:
         try:
-            given = checked_options(REGISTRY["adjust"], written(inputs, Path(name)))
-            options = made_options(AdjustAlgorithmOptions, given)
+            given = check_options(REGISTRY["adjust"], written(inputs, Path(name)))
+            options = fill_options(AdjustAlgorithmOptions, given)
             images = open_input_images(options.images, Context(silent, lambda message: None))
             block, _ = read_block(images, options.points, options.dem, options.tie_points)
             reasons = input_reasons(block, options.points, options.dem)

@@ -15,7 +15,7 @@ from qgis.PyQt.QtGui import QIcon
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report
 from ..processing_algorithms.interface.naming import spell_arguments
-from ..processing_algorithms.interface.options import checked_options
+from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
 from .help_page import help_url
 from .help_text import short_help
@@ -110,7 +110,7 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
     def _run(self, feedback: QgsProcessingFeedback) -> Report:
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
         try:
-            options = checked_options(self.declaration, self._options)
+            options = check_options(self.declaration, self._options)
             told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._spelt(message)))
             return self.declaration.execute(options, told)
         except Cancelled:

@@ -31,7 +31,7 @@ from qgis.core import (
     QgsProperty,
 )
 
-from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, typed_value
+from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
 from .layer_sources import crs_text, given_box, point_source, raster_source, raster_sources
@@ -162,7 +162,7 @@ def _common(param: Param) -> dict[str, Any]:
     return {
         "name": qgis_name(param),
         "description": label_of(param),
-        "defaultValue": typed_value(param) if isinstance(param.default, tuple) else param.default,
+        "defaultValue": format_default(param) if isinstance(param.default, tuple) else param.default,
         "optional": not (param.required or param.piped) and param.default in (None, ()),
     }
 

@@ -29,7 +29,7 @@ from .declarations import (
     write_rpc,
 )
 from .interface.declare import Algorithm, Context, Log, Report
-from .interface.options import checked_options, find_algorithm
+from .interface.options import check_options, find_algorithm
 from .laboratory.declarations import register, simulate
 
 REGISTRY: dict[str, Algorithm] = {
@@ -73,4 +73,4 @@ def run(name: str, /, *, progress: Progress = silent, log: Log = lambda message:
         Unknown algorithm or option, a value out of its range, or what the algorithm itself raises.
     """
     algorithm = find_algorithm(REGISTRY, name)
-    return algorithm.execute(checked_options(algorithm, options), Context(progress, log))
+    return algorithm.execute(check_options(algorithm, options), Context(progress, log))

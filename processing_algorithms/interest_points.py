@@ -11,7 +11,7 @@ from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.ground.sun import SunAngles
 from ..hrsi_engine.io.geopackage.declared_layers import InterestPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.io.rasters.sun_angles import FoundSun, read_sun
+from ..hrsi_engine.io.rasters.sun_angles import SunReading, read_sun
 from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
@@ -79,15 +79,15 @@ def _image_summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]
     }  # fmt: skip
 
 
-def _sun_of(image: ImagePixels, given_deg: float | None) -> FoundSun | None:
+def _sun_of(image: ImagePixels, given_deg: float | None) -> SunReading | None:
     """Return where the sun stood: as its delivery tells, else as given, for then its elevation is not known."""
     found = read_sun(image.path, image.rpc)
     if found is not None or given_deg is None:
         return found
-    return FoundSun(SunAngles(given_deg, float("nan")), "given")
+    return SunReading(SunAngles(given_deg, float("nan")), "given")
 
 
-def _shadow_words(image: ImagePixels, points: InterestPoints, sun: FoundSun | None) -> np.ndarray:
+def _shadow_words(image: ImagePixels, points: InterestPoints, sun: SunReading | None) -> np.ndarray:
     """Return of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``."""
     if image.rpc is None or sun is None:
         return np.full(len(points), "unknown")
@@ -95,7 +95,7 @@ def _shadow_words(image: ImagePixels, points: InterestPoints, sun: FoundSun | No
     return np.where(find_shadows(image.raster, points, direction), "yes", "no")
 
 
-def _sun_entry(sun: FoundSun | None, words: np.ndarray) -> dict[str, Any]:
+def _sun_entry(sun: SunReading | None, words: np.ndarray) -> dict[str, Any]:
     if sun is None:
         return {"sun": None}
     elevation = None if np.isnan(sun.angles.elevation_deg) else sun.angles.elevation_deg

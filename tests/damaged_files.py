@@ -38,8 +38,8 @@ from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heigh
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
-from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
 from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights
 from hrsi.processing_algorithms import run
@@ -285,9 +285,9 @@ READERS: dict[str, Callable[[Path], object]] = {
     "points": _read_points,
     "layers": _read_gcp_layer,
     "session": lambda path: open_block(str(path)),
-    "cache": lambda path: FinishedParts(str(path.parent)).load("part"),
+    "cache": lambda path: PartStore(str(path.parent)).load("part"),
     "report": lambda path: names_of_last_run(str(path.parent)),
-    "journal": lambda path: finish_interrupted([str(path.parent)]),
+    "journal": lambda path: recover_folders([str(path.parent)]),
     "adjust": _adjust,
 }
 #: Readers that need no name in a refusal, because they go on without the file.
@@ -454,7 +454,7 @@ def _make_layers(folder: Path) -> None:
 
 def _make_caches(folder: Path) -> None:
     rng = np.random.default_rng(5)
-    FinishedParts(str(folder)).save("part", {"first": rng.uniform(0, 9, (50, 2)), "names": np.array(["a", "b"])})
+    PartStore(str(folder)).save("part", {"first": rng.uniform(0, 9, (50, 2)), "names": np.array(["a", "b"])})
 
 
 def _make_journals(folder: Path) -> None:

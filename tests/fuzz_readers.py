@@ -52,8 +52,8 @@ def fuzz(reader: str, corpus: Path, seconds: int) -> None:
         from hrsi.hrsi_engine.io.point_files import read_points
         from hrsi.hrsi_engine.io.rpc_files import RPC_READERS
         from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory, read_value
-        from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
-        from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
+        from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+        from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 
     def read_tiff(path: str) -> object:
         directory = read_directory(path)
@@ -63,9 +63,9 @@ def fuzz(reader: str, corpus: Path, seconds: int) -> None:
         return read_points(path, image_ids=["image_1", "image_2"], height_datum="ellipsoidal", ground_crs="EPSG:4979")
 
     folder_readers: dict[str, Callable[[str], object]] = {
-        "cache": lambda folder: FinishedParts(folder).load("part"),
+        "cache": lambda folder: PartStore(folder).load("part"),
         "report": names_of_last_run,
-        "journal": lambda folder: finish_interrupted([folder]),
+        "journal": lambda folder: recover_folders([folder]),
     }
     read: Callable[[str], object] = points
     if reader in RPC_READERS:

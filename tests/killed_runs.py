@@ -26,7 +26,7 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
@@ -258,7 +258,7 @@ class Target:
         self._look_at_inputs(kill, before, "at once")
         kill.wrong += [f"half-written {name}" for name, text in contents(self.output).items() if "damaged" in text]
         # After what is left of it was finished: all or nothing, images and report alike
-        finish_interrupted([str(self.scene), *([str(self.output)] if self.output.exists() else [])])
+        recover_folders([str(self.scene), *([str(self.output)] if self.output.exists() else [])])
         self._look_at_inputs(kill, before, "when finished")
         hidden = hidden_in(self.scene, self.output)
         kill.wrong += [f"hidden: {', '.join(hidden[:3])}"] if hidden else []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, SolveError
-from hrsi.hrsi_engine.foundation.options import nested, option
+from hrsi.hrsi_engine.foundation.options import nest_options, option
 from hrsi.hrsi_engine.foundation.progress import advance
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
@@ -56,8 +56,8 @@ class SampleOptions:
     height: float = option(0.0, "Height above the ellipsoid", unit="m", minimum=-500, maximum=9000)
     wait: float = option(0.0, "Time to work", unit="s", minimum=0)
     report: bool = option(True, "Write a report")
-    folder: ResultFolder = nested(ResultFolder)
-    common: Common = nested(Common)
+    folder: ResultFolder = nest_options(ResultFolder)
+    common: Common = nest_options(Common)
 
 
 def run(options: SampleOptions, context: Context) -> Report:

@@ -16,7 +16,7 @@ from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, value_facts
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind
 from hrsi.processing_algorithms.interface.naming import spell_arguments
-from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.interface.options import check_options
 
 ROOT = Path(__file__).resolve().parents[1]
 ALGORITHMS = pytest.mark.parametrize("algorithm", REGISTRY.values(), ids=lambda algorithm: algorithm.name)
@@ -80,7 +80,7 @@ def test_commands_in_texts_are_right(page: str, command: str):
         return
     given = algorithm_parser(REGISTRY[name]).parse_words(words)
     own = {param.key for param in LINE_PARAMS}
-    checked_options(REGISTRY[name], {key: value for key, value in given.items() if key not in own})
+    check_options(REGISTRY[name], {key: value for key, value in given.items() if key not in own})
 
 
 @pytest.mark.programs

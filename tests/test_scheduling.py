@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import WorkPart, digest, open_scheduler, run_parts
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.io.safety import leftovers
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def test_strings_of_a_job_are_never_taken_for_parts():
 
 
 def test_finished_parts_do_not_run_again(tmp_path):
-    keeper = FinishedParts(str(tmp_path / "parts"))
+    keeper = PartStore(str(tmp_path / "parts"))
     run_parts(squares(3), ["square-0", "square-2"], open_scheduler(threads=1), keeper)
     assert len(keeper) == 2
     RAN.clear()
@@ -83,7 +83,7 @@ def test_finished_parts_do_not_run_again(tmp_path):
 
 
 def test_cancelled_run_keeps_what_is_finished(tmp_path):
-    keeper = FinishedParts(str(tmp_path / "parts"))
+    keeper = PartStore(str(tmp_path / "parts"))
     began = time.monotonic()
     with pytest.raises(Cancelled):
         run_parts(
@@ -122,7 +122,7 @@ def test_digest_tells_values_apart():
 def test_what_a_killed_run_was_writing_goes(tmp_path):
     dead = tmp_path / f".a.{leftovers._machine()}-{2**22 + 1}-1-0123abcd.tmp.npz"
     dead.touch()
-    assert len(FinishedParts(str(tmp_path))) == 0
+    assert len(PartStore(str(tmp_path))) == 0
     assert not dead.exists()
 
 

@@ -14,7 +14,7 @@ class ArrayFilters:
     """By NumPy and SciPy; `pixel_filters` has the same names."""
 
     @staticmethod
-    def filter_separably(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
+    def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         for axis, kernel in ((1, along_row), (0, along_column)):
             if len(kernel) > 1 or kernel[0] != 1:
                 result = _roomy(image.shape, image.dtype)
@@ -27,7 +27,7 @@ class ArrayFilters:
         reach = round(8.0 * sigma_px + 1.0) // 2
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
         kernel /= kernel.sum()
-        return ArrayFilters.filter_separably(image, kernel, kernel, border)
+        return ArrayFilters.filter_separable(image, kernel, kernel, border)
 
     @staticmethod
     def box_mean(image: np.ndarray, side: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 EPOCH = "SOURCE_DATE_EPOCH"  #: environment variable: seconds since 1970 (reproducible-builds.org/specs)
 
 
-def stated_epoch() -> int | None:
+def read_source_date() -> int | None:
     """Return the seconds since 1970 that the environment states; None where it states none."""
     text = os.environ.get(EPOCH, "").strip()
     return int(text) if text.isdecimal() else None
@@ -16,6 +16,6 @@ def stated_epoch() -> int | None:
 
 def run_date() -> str:
     """Return the date of now in UTC, to the second, by ISO 8601: ``2026-03-01T12:00:00Z``."""
-    epoch = stated_epoch()
+    epoch = read_source_date()
     now = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(epoch, UTC)
     return now.strftime("%Y-%m-%dT%H:%M:%SZ")

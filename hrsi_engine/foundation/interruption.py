@@ -34,7 +34,7 @@ class SignalThresholds:
 PATIENCE = SignalThresholds()
 
 
-class Terminated(KeyboardInterrupt):
+class TerminationRequest(KeyboardInterrupt):
     """The process was asked to end (SIGTERM): it cleans up as it does when the user interrupts it."""
 
 
@@ -70,7 +70,7 @@ def quitting_on_signals() -> Iterator[None]:
 
 @contextmanager
 def signals_as_exceptions() -> Iterator[None]:
-    """Raise KeyboardInterrupt or `Terminated` in the main thread on these signals; as before when this ends."""
+    """Raise KeyboardInterrupt or `TerminationRequest` in the main thread on these signals; as before when this ends."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -133,7 +133,7 @@ def _is_ours(error: BaseException | None) -> bool:
 def _raise(number: int, _frame: FrameType | None) -> None:
     if _State.raised_at is None:
         _State.number, _State.raised_at = number, time.monotonic()
-        raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        raise TerminationRequest if number == signal.SIGTERM else KeyboardInterrupt
     if time.monotonic() > _State.raised_at + PATIENCE.same_signal_s:  # what cleans up takes too long for the user
         _quit(number, _frame)
 

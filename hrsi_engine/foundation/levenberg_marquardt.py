@@ -126,7 +126,7 @@ def descend(
             return Descent(taken.ahead if fell else best, True, CONVERGED, number)
         if number == most:
             near = promised <= 0.5 * DESCENT.near_sigma**2 * variance(best)
-            said = CONVERGED if near else f"stopped at the iteration limit, {_apart(promised, variance(best))}"
+            said = CONVERGED if near else f"stopped at the iteration limit, {_distance_text(promised, variance(best))}"
             return Descent(taken.ahead if fell else best, near, said, most)
         if fell:
             came = (best.cost - taken.ahead.cost) / max(promised - braked, 1e-300)
@@ -143,7 +143,9 @@ def descend(
             damping = needed = growth * damping if damping else needed
             growth *= 2.0
             if damping > DESCENT.most_damping:
-                return Descent(best, False, f"no step lowers the cost, {_apart(promised, variance(best))}", number)
+                return Descent(
+                    best, False, f"no step lowers the cost, {_distance_text(promised, variance(best))}", number
+                )
     raise AssertionError("a descent has one step at least")
 
 
@@ -159,6 +161,6 @@ def _lower(damping: float, came: float, share: float) -> float:
     return damping * float(np.clip(2.0 - came, DESCENT.lowered, 1.5))
 
 
-def _apart(promised: float, variance: float) -> str:
+def _distance_text(promised: float, variance: float) -> str:
     """Say how far away the minimum seems to be."""
     return f"{np.sqrt(2.0 * max(promised, 0.0) / variance):.2g} sigma from the minimum"

@@ -14,7 +14,7 @@ class OpenCVFilters:
     """By OpenCV; `pixel_filters` has the same names."""
 
     @staticmethod
-    def filter_separably(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
+    def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         return cv2.sepFilter2D(image, -1, along_row, along_column, borderType=_BORDERS[border])
 
     @staticmethod

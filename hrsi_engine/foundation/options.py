@@ -70,7 +70,7 @@ def option(
     return field(default=default, metadata={_OPTION: said})
 
 
-def nested(options: type) -> Any:
+def nest_options(options: type) -> Any:
     """Return a dataclass field that holds other options, at their defaults; each is an option of the whole."""
     required = [part.name for part in fields(options) if part.default is MISSING and part.default_factory is MISSING]
     factory: Any = MISSING if required else options
@@ -83,7 +83,7 @@ def option_of(part: Field[Any]) -> Option | None:
     return found
 
 
-def nested_in(part: Field[Any]) -> type | None:
+def inner_options_of(part: Field[Any]) -> type | None:
     """Return the dataclass of options that a field holds; None where it holds none."""
     found: type | None = part.metadata.get(_NESTED)
     return found
@@ -148,7 +148,7 @@ def _describe(options: type) -> str:
     own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
     entries: list[str] = []
     for part in fields(options):
-        said, inner = option_of(part), nested_in(part)
+        said, inner = option_of(part), inner_options_of(part)
         if said is not None:
             entries.append(_entry(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
         elif inner is not None:

@@ -20,7 +20,7 @@ import numpy as np
 SCHARR = np.array([3.0, 10.0, 3.0]), np.array([-1.0, 0.0, 1.0])
 
 
-def opencv_is_wanted() -> bool:
+def should_use_opencv() -> bool:
     """Tell whether to use OpenCV: it can be imported, and HRSI_OPENCV is not 0."""
     if os.environ.get("HRSI_OPENCV") == "0":
         return False
@@ -34,12 +34,12 @@ def opencv_is_wanted() -> bool:
 @cache
 def _way() -> Any:
     """Return who does the work; OpenCV is loaded when a first image is filtered."""
-    if opencv_is_wanted():
+    if should_use_opencv():
         return import_module(".opencv_filters", __package__).OpenCVFilters
     return import_module(".array_filters", __package__).ArrayFilters
 
 
-def filter_separably(
+def filter_separable(
     image: np.ndarray,
     along_row: Sequence[float] | np.ndarray,
     along_column: Sequence[float] | np.ndarray,
@@ -50,7 +50,7 @@ def filter_separably(
     float32 or float64, as the image; the kernels' middles are at the pixel.
     """
     kernels = (np.asarray(kernel, image.dtype) for kernel in (along_row, along_column))
-    return np.asarray(_way().filter_separably(image, *kernels, border))
+    return np.asarray(_way().filter_separable(image, *kernels, border))
 
 
 def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarray:
@@ -60,7 +60,7 @@ def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarr
 
 def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str = "mirror") -> tuple[np.ndarray, ...]:
     """Return the slopes along rows and along columns, by one kernel in that direction and another across it."""
-    return filter_separably(image, slope, smooth, border), filter_separably(image, smooth, slope, border)
+    return filter_separable(image, slope, smooth, border), filter_separable(image, smooth, slope, border)
 
 
 def box_mean(image: np.ndarray, side: int) -> np.ndarray:
@@ -83,7 +83,7 @@ def dilate(mask: np.ndarray, side: int) -> np.ndarray:
     return ~erode(~mask, side)
 
 
-def opened(mask: np.ndarray, side: int) -> np.ndarray:
+def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
     """Return what of a mask an odd square covers that lies inside it."""
     return dilate(erode(mask, side), side)
 

@@ -64,7 +64,7 @@ def stage(progress: Progress, start: float, end: float) -> Progress:
         The callback of the part.
     """
 
-    def scaled(fraction: float, message: str = "") -> bool:
+    def report_part(fraction: float, message: str = "") -> bool:
         return progress(start + (end - start) * fraction, message)
 
-    return scaled
+    return report_part

@@ -23,7 +23,7 @@ from .opening.virtual_files import VIRTUAL, remove_virtual, virtual_status, writ
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.leftovers import temporary_folder
 from .safety.replacing import REPLACING, remove_write_ahead_log
-from .safety.transactions import Transaction, finish_interrupted
+from .safety.transactions import Transaction, recover_folders
 
 _REPORT = "report.json"
 RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
@@ -56,7 +56,7 @@ def check_output_dir(
         folder = Path(path)
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
-        notices = finish_interrupted([path]) if folder.exists() and not looking else []
+        notices = recover_folders([path]) if folder.exists() and not looking else []
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
         raise InputError(

@@ -68,8 +68,8 @@ def read_correspondences(
     ground = placed.ground
     missing = np.flatnonzero(np.isnan(ground).any(axis=1))
     if missing.size:
-        raise InputError(f"{table.at(missing[0])}: has no ground position: fill it in, or remove the row")
-    require_heights(ground[:, 2], table.at)
+        raise InputError(f"{table.name_row(missing[0])}: has no ground position: fill it in, or remove the row")
+    require_heights(ground[:, 2], table.name_row)
     return Correspondences(ground, image, (*table.notes, *placed.warnings), placed.operations)
 
 
@@ -92,5 +92,5 @@ def _sample_line(table: PointTable) -> np.ndarray:
     image = np.column_stack([table.columns["sample"], table.columns["line"]])
     missing = np.flatnonzero(np.isnan(image).any(axis=1))
     if missing.size:
-        raise InputError(f"{table.at(missing[0])}: sample or line is empty: fill it in, or remove the row")
+        raise InputError(f"{table.name_row(missing[0])}: sample or line is empty: fill it in, or remove the row")
     return image

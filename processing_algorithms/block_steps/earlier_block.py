@@ -19,12 +19,12 @@ from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from ...hrsi_engine.block.names import find_unique_ids
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
-from ...hrsi_engine.io.catalogue.stac_items import recorded_images
-from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
+from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
+from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.results.block_record import read_joint_arrays
 from ..files.image_files import require_ids
-from ..interface.option_groups import FREE, NO_TIES, JoinedBlockOptions
+from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions
 
 SAME_PLACE_PX = 1e-3  # measurements of one point on one image that are as near are the same
 EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
@@ -52,7 +52,7 @@ class EarlierBlock:
         return replace(options, model=self.model, earlier=self.joint)
 
 
-def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
+def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:
     """Return the block that the images join; an empty one where the options name none."""
     if options.add_to is None:
         return EarlierBlock()
@@ -74,7 +74,7 @@ def read_earlier(options: JoinedBlockOptions, images: Sequence[Image], tie_point
 
 def _open_images(record: BlockRecord) -> tuple[Image, ...]:
     """Return the images of a block with their cameras as they were before its adjustment."""
-    paths = recorded_images((one.id, one.path, one.item) for one in record.images)
+    paths = restore_image_paths((one.id, one.path, one.item) for one in record.images)
     missing = [path for path in paths if not os.path.exists(path) and not path.startswith("/vsi")]
     if missing:
         raise InputError(f"{missing[0]}: an image of the earlier block is not there any more: put it back")
@@ -100,7 +100,7 @@ def _rename_conflicts(measured: ImagePoints, known: GroundPoints, tie_points: st
     if not tie_points or tie_points == NO_TIES:
         return measured
     for spec in several_specs(tie_points):
-        new = read_measured(measurements_of(spec), image_ids=find_unique_ids(measured.image_ids)[0].tolist()).image
+        new = read_image_points(measurements_of(spec), image_ids=find_unique_ids(measured.image_ids)[0].tolist()).image
         if new is None:
             continue
         name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))

@@ -12,9 +12,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Image, ImagePoints
 from ...hrsi_engine.block.names import find_unique_ids, join_names
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.catalogue.stac_items import recorded_images
+from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.output_dir import read_report
-from ...hrsi_engine.io.point_files import read_measured, read_points
+from ...hrsi_engine.io.point_files import read_image_points, read_points
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.measurement.tie_points import TiePoints
 from ..declarations.tie_points import LAYER, LAYERS_FILE
@@ -111,14 +111,14 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
     if report is None or report.get("algorithm") != "tie-points" or not isinstance(report.get("images"), dict):
         raise InputError(f"{folder}: is no result of tie-points: name the output directory of an earlier search")
     told = report["images"].items()
-    recorded = recorded_images((str(name), str(image.get("path")), image.get("item")) for name, image in told)
+    recorded = restore_image_paths((str(name), str(image.get("path")), image.get("item")) for name, image in told)
     paths = dict(zip(map(str, report["images"]), recorded, strict=True))
     require_ids([*paths.values(), *(image.path for image in images)], [*paths, *(image.id for image in images)])
     missing = [path for path in paths.values() if not path.startswith("/vsi") and not os.path.exists(path)]
     if missing:
         raise InputError(f"{missing[0]}: an image of the earlier search is not there any more: put it back")
     layers = os.path.join(folder, LAYERS_FILE)
-    measured = read_measured(f"{layers}|layername=image_points", image_ids=list(paths)).image
+    measured = read_image_points(f"{layers}|layername=image_points", image_ids=list(paths)).image
     placed = read_points(f"{layers}|layername={LAYER}").ground
     if measured is None or placed is None:
         raise InputError(f"{layers}: holds no tie points: find those of the earlier images again")

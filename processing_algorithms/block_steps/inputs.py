@@ -13,7 +13,7 @@ from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, group_tiles
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.point_files import measurements_of, read_measured, read_points, several_specs
+from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.measurement.tracks import build_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
@@ -59,7 +59,7 @@ def read_block(
     surface = None if dem is None else dem_surface(dem, points.height_datum)
     pairs: list[ImagePoints] = []
     for purpose, spec in _point_files(points, tie_points):
-        read = read_points if purpose == GCPS else read_measured
+        read = read_points if purpose == GCPS else read_image_points
         tables = read(
             spec,
             ground_crs=points.ground_crs,

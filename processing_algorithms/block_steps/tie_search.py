@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.workers.scheduling import open_scheduler
-from ...hrsi_engine.io.safety.finished_parts import FinishedParts
+from ...hrsi_engine.io.safety.finished_parts import PartStore
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
@@ -76,7 +76,7 @@ class SearchStore:
 
     def __init__(self, work_dir: str | None, output_dir: str) -> None:
         self._for_later = bool(work_dir)
-        self.parts = FinishedParts(work_dir or f"{output_dir.rstrip('/')}/{UNFINISHED}")
+        self.parts = PartStore(work_dir or f"{output_dir.rstrip('/')}/{UNFINISHED}")
 
     @property
     def discarded(self) -> tuple[str, ...]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
     NO_TIES,
+    BlockGrowthOptions,
     BlockOutput,
     DemOptions,
-    JoinedBlockOptions,
     LaserFile,
     PointFiles,
     images_option,
@@ -21,18 +21,18 @@ class AdjustAlgorithmOptions:
     """What `adjust` takes."""
 
     images: tuple[str, ...] = images_option()
-    points: PointFiles = nested(PointFiles)
+    points: PointFiles = nest_options(PointFiles)
     tie_points: str = option(
         NO_TIES,
         f"FILE of further image points, measured on two or more images, or folder of a result; {NO_TIES} does without",
         kind=Kind.POINTS,
         metavar=f"{NO_TIES}|FILE",
     )
-    dem: DemOptions = nested(DemOptions)
-    laser: LaserFile = nested(LaserFile)
-    growth: JoinedBlockOptions = nested(JoinedBlockOptions)
-    adjustment: AdjustOptions = nested(AdjustOptions)
-    output: BlockOutput = nested(BlockOutput)
+    dem: DemOptions = nest_options(DemOptions)
+    laser: LaserFile = nest_options(LaserFile)
+    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
+    adjustment: AdjustOptions = nest_options(AdjustOptions)
+    output: BlockOutput = nest_options(BlockOutput)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import DemOptions, PointFiles, ResultFolder, SearchOptions, images_option, report_option
 
@@ -53,10 +53,10 @@ class EvaluateOptions:
         advanced=True,
         metavar="SIGMAS",
     )
-    points: PointFiles = nested(PointFiles)
-    dem: DemOptions = nested(DemOptions)
-    search: SearchOptions = nested(SearchOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    points: PointFiles = nest_options(PointFiles)
+    dem: DemOptions = nest_options(DemOptions)
+    search: SearchOptions = nest_options(SearchOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
 
 

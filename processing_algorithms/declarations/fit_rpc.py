@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import POINTS, Common, ResultFolder, ground_crs_option, height_datum_option
 
@@ -26,8 +26,8 @@ class FitRpcOptions:
     max_height: float | None = option(
         None, "Highest height where the RPC will be used; warns where it extrapolates", unit="m", metavar="M"
     )
-    folder: ResultFolder = nested(ResultFolder)
-    common: Common = nested(Common)
+    folder: ResultFolder = nest_options(ResultFolder)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

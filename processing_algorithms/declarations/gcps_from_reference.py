@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, algorithm_module
-from ..interface.option_groups import RequiredDem, RequiredReference, ResultFolder, height_datum_option, images_option
+from ..interface.option_groups import MandatoryDem, MandatoryReference, ResultFolder, height_datum_option, images_option
 
 LAYERS_FILE, LAYER = "gcps.gpkg", "gcps"
 
@@ -14,8 +14,8 @@ class GcpsFromReferenceOptions:
     """What `gcps-from-reference` takes."""
 
     images: tuple[str, ...] = images_option("Images with RPC and pixels")
-    reference: RequiredReference = nested(RequiredReference)
-    dem: RequiredDem = nested(RequiredDem)
+    reference: MandatoryReference = nest_options(MandatoryReference)
+    dem: MandatoryDem = nest_options(MandatoryDem)
     height_datum: str = height_datum_option()
     sigma_dem: float | None = option(
         None,
@@ -24,7 +24,7 @@ class GcpsFromReferenceOptions:
         unit="m",
         metavar="M",
     )
-    folder: ResultFolder = nested(ResultFolder)
+    folder: ResultFolder = nest_options(ResultFolder)
 
 
 ALGORITHM = Algorithm(

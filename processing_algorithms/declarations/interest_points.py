@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import ResultFolder, TerrainOptions, band_option, images_option, window_option
@@ -26,9 +26,9 @@ class InterestPointsOptions:
         maximum=360.0,
         unit="deg",
     )
-    detection: DetectionOptions = nested(DetectionOptions)
-    terrain: TerrainOptions = nested(TerrainOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    detection: DetectionOptions = nest_options(DetectionOptions)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import POINTS, Common, OptionalFolder, TerrainOptions, images_option
 
@@ -21,9 +21,9 @@ class LocalizeOptions:
         piped=True,
         metavar=POINTS,
     )
-    terrain: TerrainOptions = nested(TerrainOptions)
-    folder: OptionalFolder = nested(OptionalFolder)
-    common: Common = nested(Common)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    folder: OptionalFolder = nest_options(OptionalFolder)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, options
+from ...hrsi_engine.foundation.options import nest_options, options
 from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import (
@@ -25,9 +25,9 @@ class MatchAlgorithmOptions:
     window_1: str | None = window_option("Only this window of the first image")
     window_2: str | None = window_option("Only this window of the second image")
     band: int = band_option("Band of the images")
-    matching: ControlNetworkOptions = nested(ControlNetworkOptions)
-    terrain: TerrainOptions = nested(TerrainOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    matching: ControlNetworkOptions = nest_options(ControlNetworkOptions)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option("Write report.html with a picture of both windows")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.measurement.targets.options import TargetOptions
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
@@ -36,12 +36,12 @@ class MeasureTargetsOptions:
         "What the targets are; auto takes the field kind, and centres where there is none",
         choices=(AUTOMATIC_KIND, "center", "corner"),
     )
-    target: TargetOptions = nested(TargetOptions)
+    target: TargetOptions = nest_options(TargetOptions)
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
-    folder: ResultFolder = nested(ResultFolder)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option("Write report.html with a chip of every target")
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.ortho.options import MisregistrationOptions
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, ResultFolder, report_option
@@ -19,10 +19,10 @@ class OrthoCheckOptions:
         None, "Compare with this orthoimage instead of with one another", kind=Kind.RASTER, metavar="FILE"
     )
     before: str | None = option(None, "Folder with orthoimages of the same names, made before", metavar="DIR")
-    matching: MisregistrationOptions = nested(MisregistrationOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    matching: MisregistrationOptions = nest_options(MisregistrationOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

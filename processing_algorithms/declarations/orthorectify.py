@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
     POINTS,
@@ -28,7 +28,7 @@ class OrthorectifyOptions:
     """What `orthorectify` takes."""
 
     images: tuple[str, ...] = images_option("Images with RPC")
-    terrain: TerrainOptions = nested(TerrainOptions)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
     terrain_points: str | None = option(
         None,
         "Points whose heights make the terrain, instead of a DEM: the layer ground_points of a triangulation",
@@ -85,10 +85,10 @@ class OrthorectifyOptions:
         "cog", "Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF", choices=FORMAT_NAMES
     )
     compression: str = option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
-    workers: WorkerOptions = nested(WorkerOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    workers: WorkerOptions = nest_options(WorkerOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.refinement.options import RefineOptions
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import BlockOutput, PointFiles, images_option
@@ -13,10 +13,10 @@ class RefineAlgorithmOptions:
     """What `refine-rpc` takes."""
 
     images: tuple[str, ...] = images_option()
-    points: PointFiles = nested(PointFiles)
-    refinement: RefineOptions = nested(RefineOptions)
+    points: PointFiles = nest_options(PointFiles)
+    refinement: RefineOptions = nest_options(RefineOptions)
     compare: bool = option(False, "Tabulate all models on the same control and check points")
-    output: BlockOutput = nested(BlockOutput)
+    output: BlockOutput = nest_options(BlockOutput)
 
 
 ALGORITHM = Algorithm(

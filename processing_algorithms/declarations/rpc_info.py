@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, options
+from ...hrsi_engine.foundation.options import nest_options, options
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import Common, OptionalFolder, TerrainOptions, images_option
 
@@ -14,9 +14,9 @@ class RpcInfoOptions:
     """What `rpc-info` takes."""
 
     images: tuple[str, ...] = images_option()
-    terrain: TerrainOptions = nested(TerrainOptions)
-    folder: OptionalFolder = nested(OptionalFolder)
-    common: Common = nested(Common)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    folder: OptionalFolder = nest_options(OptionalFolder)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, algorithm_module
 from ..interface.option_groups import ResultFolder, SearchOptions, TerrainOptions, images_option
 
@@ -20,10 +20,10 @@ class TiePointsOptions:
         "new images are matched",
         metavar="DIR",
     )
-    terrain: TerrainOptions = nested(TerrainOptions)
-    search: SearchOptions = nested(SearchOptions)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    search: SearchOptions = nest_options(SearchOptions)
     csv: bool = option(False, "Write the measurements as CSV too")
-    folder: ResultFolder = nested(ResultFolder)
+    folder: ResultFolder = nest_options(ResultFolder)
 
 
 ALGORITHM = Algorithm(

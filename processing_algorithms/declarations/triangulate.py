@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import (
     AUTOMATIC_TIES,
     NO_TIES,
+    BlockGrowthOptions,
     BlockOutput,
     DemOptions,
-    JoinedBlockOptions,
     LaserFile,
     PointFiles,
     ReferenceImage,
@@ -24,20 +24,20 @@ class TriangulateOptions:
     """What `triangulate` takes."""
 
     images: tuple[str, ...] = images_option()
-    points: PointFiles = nested(PointFiles)
+    points: PointFiles = nest_options(PointFiles)
     tie_points: str = option(
         AUTOMATIC_TIES,
         f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE or a result's folder has them",
         kind=Kind.POINTS,
         metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
     )
-    dem: DemOptions = nested(DemOptions)
-    laser: LaserFile = nested(LaserFile)
-    reference: ReferenceImage = nested(ReferenceImage)
-    growth: JoinedBlockOptions = nested(JoinedBlockOptions)
-    search: SearchOptions = nested(SearchOptions)
-    adjustment: AdjustOptions = nested(AdjustOptions)
-    output: BlockOutput = nested(BlockOutput)
+    dem: DemOptions = nest_options(DemOptions)
+    laser: LaserFile = nest_options(LaserFile)
+    reference: ReferenceImage = nest_options(ReferenceImage)
+    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
+    search: SearchOptions = nest_options(SearchOptions)
+    adjustment: AdjustOptions = nest_options(AdjustOptions)
+    output: BlockOutput = nest_options(BlockOutput)
 
 
 ALGORITHM = Algorithm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nested, option, options
+from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, images_option
 
@@ -30,7 +30,7 @@ class WriteRpcOptions:
         None, "Directory for copies, VRTs and sidecars; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
     )
     overwrite: bool = option(False, "Replace files of an earlier run")
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -23,7 +23,7 @@ from ...hrsi_engine.foundation.progress import Progress, silent
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.terrain import open_terrain
-from ..interface.declare import Algorithm, Context, made_options, params_of
+from ..interface.declare import Algorithm, Context, fill_options, params_of
 from ..interface.naming import spell_arguments
 from ..interface.option_groups import TerrainOptions
 from ..interface.options import Face, checked_options, suggestion

@@ -18,11 +18,11 @@ from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
-from .declare import Algorithm, Context, Report, is_unusable, made_options, unusable_text
+from .declare import Algorithm, Context, Report, fill_options, is_unusable, unusable_text
 from .log_file import RunLog, require_own_file
 from .naming import spell_arguments
 from .option_groups import LineOptions
-from .options import TYPED, OptionSource, checked_options, find_algorithm
+from .options import TYPED, OptionSource, check_options, find_algorithm
 from .terminal import Listeners, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
@@ -104,9 +104,9 @@ def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     elif first == "completion":
         print(_completion(rest, registry), end="")
     elif first == "rerun" and not HELP & set(rest):
-        from .rerun import repeated_run  # loads NumPy, which help does without
+        from .rerun import read_past_run  # loads NumPy, which help does without
 
-        return _run_algorithm(*repeated_run(rest, registry))
+        return _run_algorithm(*read_past_run(rest, registry))
     elif first.startswith("-"):
         raise InputError(f"{first} stands before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
@@ -149,7 +149,7 @@ def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource 
     spelt = partial(spell_arguments, params=algorithm.params)
     log = _open_log(algorithm, words, origin, spelt)
     try:
-        code = _run_told(algorithm, words, origin, log)
+        code = _run_words(algorithm, words, origin, log)
     except (Exception, KeyboardInterrupt) as error:
         if log is not None:
             log.write("ERROR", spelt(describe(error)[0]))
@@ -173,12 +173,12 @@ def _open_log(
     return log
 
 
-def _run_told(algorithm: Algorithm, words: list[str], origin: OptionSource, log: RunLog | None) -> int:
+def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log: RunLog | None) -> int:
     spelt = partial(spell_arguments, params=algorithm.params)
     typed = {**origin.given, **algorithm_parser(algorithm).parse_words(words)}
-    line = made_options(LineOptions, typed)
+    line = fill_options(LineOptions, typed)
     keys = {param.key for param in LINE_PARAMS}
-    options = checked_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
+    options = check_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
     terminal = terminal_of(sys.stderr, line.quiet)
     listeners = Listeners([terminal, *([log] if log else [])])
     context = Context(
@@ -237,7 +237,7 @@ def _describe_interrupt(error: BaseException) -> tuple[str, int]:
 def _describe_missing_package(error: BaseException) -> tuple[str, int]:
     package = getattr(error, "name", None) or "needed"
     if package.startswith(f"{_OWN_PACKAGE}."):
-        return _describe_unexpected(error)
+        return _describe_own_fault(error)
     return f"the Python package {package} cannot be loaded ({error}); see README.md on how to install HRSI", 1
 
 
@@ -249,7 +249,7 @@ def _describe_memory(error: BaseException) -> tuple[str, int]:
     return "out of memory; use fewer --threads or smaller images", 1
 
 
-def _describe_unexpected(error: BaseException) -> tuple[str, int]:
+def _describe_own_fault(error: BaseException) -> tuple[str, int]:
     frames = traceback.extract_tb(error.__traceback__)
     place = f" in {os.path.basename(frames[-1].filename)}:{frames[-1].lineno}" if frames else ""
     return (
@@ -266,7 +266,7 @@ DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int
     ImportError: _describe_missing_package,
     MemoryError: _describe_memory,
     OSError: _describe_system,
-    Exception: _describe_unexpected,
+    Exception: _describe_own_fault,
 }
 HELP = {"--help", "-h"}
 #: What is printed instead of running an algorithm.

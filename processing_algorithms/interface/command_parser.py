@@ -1,6 +1,6 @@
 """From a declaration to an argument parser and its help page.
 
-The parser only sorts words into options; what their values may be is checked by `options.checked_options`.
+The parser only sorts words into options; what their values may be is checked by `options.check_options`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import Algorithm, Kind, Param, params_of, typed_value
+from .declare import Algorithm, Kind, Param, format_default, params_of
 from .naming import spell_arguments
 from .option_groups import Common, LineOptions, ResultFolder
 from .options import suggestion
@@ -213,7 +213,7 @@ def _section(param: Param) -> str:
 def _default_text(param: Param) -> str:
     if param.default is None or param.default in ("", (), []):
         return ""
-    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else typed_value(param)
+    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else format_default(param)
     return f"default {text}"
 
 

@@ -60,7 +60,7 @@ def _summaries(registry: Mapping[str, Algorithm]) -> dict[str, str]:
     return {name: algorithm.summary.replace("`", "") for name, algorithm in registry.items()} | COMMANDS
 
 
-def _shown(param: Param, params: tuple[Param, ...]) -> str:
+def _short_help(param: Param, params: tuple[Param, ...]) -> str:
     """Return the beginning of an option's help for one line beside it."""
     text = " ".join(option_help(param, params).replace("%%", "%").partition(" [")[0].split())
     return text if len(text) <= _DESCRIPTION else f"{text[: _DESCRIPTION - 1].rstrip()}…"
@@ -175,7 +175,7 @@ def _zsh(registry: Mapping[str, Algorithm]) -> str:
 
 
 def _zsh_spec(word: str, param: Param, params: tuple[Param, ...]) -> str:
-    spec = f"{word}[{_zsh_text(_shown(param, params))}]"
+    spec = f"{word}[{_zsh_text(_short_help(param, params))}]"
     if param.kind is Kind.FLAG:
         return spec
     return f"{spec}:{_zsh_text(value_name(param))}:{_zsh_action(offer_of(param))}"
@@ -215,7 +215,7 @@ def _fish(registry: Mapping[str, Algorithm]) -> str:
         lines.append(f"{behind} -F")
         for param in params:
             for word in _option_words(param):
-                text = _fish_text(_shown(param, params))
+                text = _fish_text(_short_help(param, params))
                 lines.append(f"{behind} -l {word.removeprefix('--')} {_fish_value(param)}-d {text}")
     return _FISH.format(lines="\n".join(lines))
 

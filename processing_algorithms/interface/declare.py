@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from ...hrsi_engine.foundation.in_memory import InMemory
 from ...hrsi_engine.foundation.interruption import quitting_on_signals
-from ...hrsi_engine.foundation.options import Option, nested_in, option_of
+from ...hrsi_engine.foundation.options import Option, inner_options_of, option_of
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
 
@@ -132,7 +132,7 @@ def params_of(options: type) -> tuple[Param, ...]:
     """Return the options that a dataclass declares, nested ones where they stand; a shared one counts once."""
     found: dict[str, Param] = {}
     for part in fields(options):
-        inner, said = nested_in(part), option_of(part)
+        inner, said = inner_options_of(part), option_of(part)
         declared = params_of(inner) if inner is not None else (_param(part, said),) if said is not None else ()
         for param in declared:
             if found.setdefault(param.name, param).default is not param.default:
@@ -159,13 +159,13 @@ def _kind(part: Field[Any], said: Option) -> Kind:
     return KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
 
 
-def made_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
+def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
     """Return the dataclass filled with values by the options' keys; what is not among them is at its default."""
     given: dict[str, Any] = {}
     for part in fields(options):  # type: ignore[arg-type]
-        inner, said = nested_in(part), option_of(part)
+        inner, said = inner_options_of(part), option_of(part)
         if inner is not None:
-            given[part.name] = made_options(inner, values)
+            given[part.name] = fill_options(inner, values)
         elif said is not None and (key := _param(part, said).key) in values:
             given[part.name] = values[key]
     return options(**given)
@@ -177,7 +177,7 @@ def settings_of(options: Any) -> dict[str, Any]:
     for part in fields(options):
         value = getattr(options, part.name)
         said = option_of(part)
-        if nested_in(part) is not None:
+        if inner_options_of(part) is not None:
             found |= settings_of(value)
         elif said is not None and value is not None and value != ():
             found[_param(part, said).key] = _plain(value)
@@ -191,19 +191,19 @@ def _plain(value: Any) -> Any:
     return ["+".join(item) if isinstance(item, tuple) else item for item in value]
 
 
-def typed_value(param: Param) -> str | None:
+def format_default(param: Param) -> str | None:
     """Return a default of several words or numbers as a person types it; None where there is none."""
     plain = _plain(param.default)
     if not isinstance(plain, list):
         return None if plain is None else str(plain)
-    return _joined(dict.fromkeys(plain)) or None
+    return _join_items(dict.fromkeys(plain)) or None
 
 
-def _joined(items: Iterable[Any]) -> str:
+def _join_items(items: Iterable[Any]) -> str:
     return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 
 
-def typed_words(param: Param, value: Any) -> list[str]:
+def format_words(param: Param, value: Any) -> list[str]:
     """Return an option with a value as words of a command line."""
     plain = _plain(value)
     if param.kind is Kind.IMAGES:
@@ -212,7 +212,7 @@ def typed_words(param: Param, value: Any) -> list[str]:
         return [f"--{param.name}" if plain else f"--no-{param.name}"]
     if param.kind is Kind.FOLDERS:
         return [word for folder in plain for word in (f"--{param.name}", folder)]
-    text = _joined(plain) if isinstance(plain, list) else str(plain)
+    text = _join_items(plain) if isinstance(plain, list) else str(plain)
     return [f"--{param.name}={text}"] if text.startswith("-") else [f"--{param.name}", text]
 
 
@@ -260,16 +260,18 @@ class Algorithm:
         modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE, _TRANSACTIONS)
         with quitting_on_signals():
             work, rasters, values, lock, deliveries, lineage, transactions = map(import_module, modules)
-        given = self.given(options)
+        given = self.non_defaults(options)
         typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
-        images = {key: deliveries.named_images(names, context.log) for key, names in typed.items() if names}
-        named_points = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.POINTS}
+        images = {key: deliveries.resolve_images(names, context.log) for key, names in typed.items() if names}
+        resolve_points = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.POINTS}
         points = {
-            key: deliveries.named_points(name) for key, name in named_points.items() if type(name) is str and name
+            key: deliveries.resolve_points(name) for key, name in resolve_points.items() if type(name) is str and name
         }
         options = {**options, **images, **points}
-        made: Any = made_options(self.options, options)
-        named = self.named_files(options) if options.get("output_dir") else None  # only then is there a file to tell it
+        made: Any = fill_options(self.options, options)
+        named = (
+            self.files_by_option(options) if options.get("output_dir") else None
+        )  # only then is there a file to tell it
         record = {
             "schema": SCHEMA, "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
@@ -286,7 +288,7 @@ class Algorithm:
             with lock.only_writer(None if context.dry_run else options.get("output_dir")):
                 if not context.dry_run:  # images may have been written in place by a run that was stopped
                     files = [path for paths in images.values() for path in paths if os.path.exists(path)]
-                    for notice in transactions.finish_interrupted({os.path.dirname(path) or "." for path in files}):
+                    for notice in transactions.recover_folders({os.path.dirname(path) or "." for path in files}):
                         context.log(notice)
                 report: Report = values.json_ready(work.run(made, context))
             return report
@@ -310,7 +312,7 @@ class Algorithm:
                 files += [part.partition("|")[0].strip() for part in (text, *text.split(";"))]
         return tuple(dict.fromkeys(filter(None, files)))
 
-    def named_files(self, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    def files_by_option(self, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
         """Return the files and folders that checked options name for reading, by the option's key."""
         named: dict[str, tuple[str, ...]] = {}
         for param in self.params:
@@ -323,14 +325,14 @@ class Algorithm:
                 named[param.key] = (value,)
         return {key: files for key, files in named.items() if files}
 
-    def given(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def non_defaults(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the checked options that are not at their defaults, by key."""
         return {param.key: options[param.key] for param in self.params if options[param.key] != param.default}
 
     def command(self, given: Mapping[str, Any]) -> str:
         """Return the command line of checked options; images come last."""
         params = sorted((param for param in self.params if param.key in given), key=lambda p: p.kind is Kind.IMAGES)
-        words = [word for param in params for word in typed_words(param, given[param.key])]
+        words = [word for param in params for word in format_words(param, given[param.key])]
         return shlex.join(["hrsi", self.name, *words])
 
     def defaults(self) -> dict[str, Any]:

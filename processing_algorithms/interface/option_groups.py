@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...hrsi_engine.block.default_sigmas import DefaultSigmas
-from ...hrsi_engine.foundation.options import nested, option, options, threads_option
+from ...hrsi_engine.foundation.options import nest_options, option, options, threads_option
 from ...hrsi_engine.foundation.workers.certificates import Certificates
 from ...hrsi_engine.measurement.reference.options import ReferenceOptions
 from ...hrsi_engine.measurement.tie_options import TieOptions
@@ -94,7 +94,7 @@ class OptionalFolder:
 class BlockOutput:
     """What is written of an adjusted block, and where."""
 
-    folder: ResultFolder = nested(ResultFolder)
+    folder: ResultFolder = nest_options(ResultFolder)
     write: str = option(
         "copy",
         "Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with `restore` brings "
@@ -111,7 +111,7 @@ class BlockOutput:
         False,
         "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)",
     )
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 # ---- heights ---------------------------------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ class LaserFile:
 
 
 @options(kw_only=True)
-class RequiredDem(DemOptions):
+class MandatoryDem(DemOptions):
     """A DEM that has to be named."""
 
     dem: str = option(help="DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
@@ -177,7 +177,7 @@ class RequiredDem(DemOptions):
 class TerrainOptions:
     """How high the ground is: a DEM or one height."""
 
-    dem: DemOptions = nested(DemOptions)
+    dem: DemOptions = nest_options(DemOptions)
     height: float | None = option(None, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M")
     height_datum: str = height_datum_option()
 
@@ -208,11 +208,11 @@ class PointFiles:
     )
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
-    sigmas: DefaultSigmas = nested(DefaultSigmas)
+    sigmas: DefaultSigmas = nest_options(DefaultSigmas)
 
 
 @options
-class JoinedBlockOptions:
+class BlockGrowthOptions:
     """The block that was adjusted before and that the images join."""
 
     add_to: str | None = option(
@@ -266,7 +266,7 @@ class WorkerOptions:
 class SearchOptions:
     """How tie points are found, by whom, and where what is finished is kept."""
 
-    search: TieOptions = nested(TieOptions)
+    search: TieOptions = nest_options(TieOptions)
     matches: str | None = option(
         None,
         "Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text; each is "
@@ -275,7 +275,7 @@ class SearchOptions:
         advanced=True,
         metavar="FILE",
     )
-    workers: WorkerOptions = nested(WorkerOptions)
+    workers: WorkerOptions = nest_options(WorkerOptions)
     work_dir: str | None = option(
         None,
         "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "
@@ -304,11 +304,11 @@ class ReferenceImage:
     reference_band: int | None = option(
         None, "Band of the reference; by default the mean of all", minimum=1, advanced=True, metavar="N"
     )
-    matching: ReferenceOptions = nested(ReferenceOptions)
+    matching: ReferenceOptions = nest_options(ReferenceOptions)
 
 
 @options(kw_only=True)
-class RequiredReference(ReferenceImage):
+class MandatoryReference(ReferenceImage):
     """A reference orthoimage that has to be named."""
 
     reference: str = option(

@@ -48,7 +48,7 @@ class Face:
 COMMAND_LINE = Face()
 
 
-def checked_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
+def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
     """Return every option of an algorithm by keyword: the given ones checked, the others at their default.
 
     Messages name the options as the ``face`` does.

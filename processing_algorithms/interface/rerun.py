@@ -22,7 +22,7 @@ ONCE = ("overwrite", "force_write")
 _NEEDED = {"algorithm": str, "options": dict}
 
 
-def repeated_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tuple[Algorithm, list[str], OptionSource]:
+def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tuple[Algorithm, list[str], OptionSource]:
     """Return algorithm, typed options and the origin of the others for ``report.json [options]``.
 
     Raises
@@ -50,7 +50,7 @@ def repeated_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tup
     for param in algorithm.params:
         if param.key in given and names_files(param):
             given[param.key] = places.move(param, given[param.key])
-    changed = list(places.changed_inputs())
+    changed = list(places.find_changes())
     origin = {"report": os.path.abspath(path), "date": report.get("date"), "changed_inputs": [c for c, _ in changed]}
     messages = [
         f"the run of {report.get('date', 'an unknown date')}: {report.get('command') or algorithm.name}",
@@ -104,9 +104,9 @@ class _Places:
         if param.kind is Kind.FOLDERS:
             name, _, folder = value.partition("=")
             return f"{name}={self.file(folder)}"
-        return ";".join(self._placed(part) for part in value.split(";"))
+        return ";".join(self._move_spec(part) for part in value.split(";"))
 
-    def _placed(self, text: str) -> str:
+    def _move_spec(self, text: str) -> str:
         """Return a file with its layer (``FILE|layername=L``), list (``@FILE``) or pattern where it is now."""
         file, bar, layer = text.partition("|")
         sign = "@" if file.startswith("@") and not self._exists(file) else ""
@@ -118,7 +118,7 @@ class _Places:
     def _exists(self, path: str) -> bool:
         return any(map(os.path.exists, self._candidates(path)))
 
-    def changed_inputs(self) -> Iterator[tuple[str, str]]:
+    def find_changes(self) -> Iterator[tuple[str, str]]:
         """Yield the inputs that are not what they were, and how they differ."""
         for entry in self._report.get("inputs") or ():
             if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):

@@ -13,7 +13,7 @@ from ...hrsi_engine.io.catalogue.versions import versions
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.images import path_elsewhere
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.io.rasters.orthoimages import OrthoChunk, chunk_windows, warped_chunk
+from ...hrsi_engine.io.rasters.orthoimages import OrthoChunk, chunk_windows, make_chunk
 from ...hrsi_engine.ortho.grid import GridWindow, MapGrid
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ...hrsi_engine.surface.dem import HeightSurface
@@ -48,7 +48,7 @@ def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Cal
 
 def _chunk_here(part: tuple[OrthoJob, GridWindow]) -> OrthoChunk:
     job, window = part
-    return warped_chunk(job.source, job.mapping.chunk, job.warp, window)
+    return make_chunk(job.source, job.mapping.chunk, job.warp, window)
 
 
 def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:

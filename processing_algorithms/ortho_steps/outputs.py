@@ -20,7 +20,7 @@ from ...hrsi_engine.io.opening.virtual_files import VIRTUAL
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
-from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, stamp_of, stored_figures, write_orthoimage
+from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
 from ..interface.declare import Context, Report
@@ -130,7 +130,7 @@ def _lineage_items(job: OrthoJob, options: OrthorectifyOptions, record: Report) 
 
 def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
     """Return what the report says of an orthoimage; figures of one that was kept are those of its making."""
-    found = figures.summary() if figures is not None else stored_figures(job.path)
+    found = figures.summary() if figures is not None else read_figures(job.path)
     return {
         "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,
         "rows": job.grid.rows, "bounds": list(job.grid.bounds), "nodata": job.warp.nodata,

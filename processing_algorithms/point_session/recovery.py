@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.safety.line_journals import LeftJournal, LineJournal, left_journals, remove_journal
+from ...hrsi_engine.io.safety.line_journals import LineJournal, OrphanJournal, find_orphan_journals, remove_journal
 from .files import new_session, open_block
 from .history import Change, Key
 from .rows import ImageMeasurement, SurveyPoint
@@ -79,7 +79,7 @@ class JournalSession:
 def find_journals(root: str | Path) -> list[JournalSession]:
     """Return what was left by programs that have ended, the oldest first."""
     found = []
-    for left in left_journals(root):
+    for left in find_orphan_journals(root):
         try:
             found.append(_read_journal(left))
         except (KeyError, TypeError, ValueError):  # no journal of a session

@@ -22,7 +22,7 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
-from hrsi.hrsi_engine.io.catalogue.deliveries import named_images
+from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.opening import budgets
 from hrsi.hrsi_engine.io.opening.datasets import quiet
@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heigh
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
 
 GIB = 2**30
 
@@ -364,7 +364,7 @@ def test_a_directory_that_lies_nowhere(tmp_path: Path, offset: int) -> None:
 
 def test_kept_results_that_are_none(tmp_path: Path) -> None:
     """They are made again: too large, compressed (which could unfold to anything), of a method that Python lacks."""
-    parts = FinishedParts(str(tmp_path))
+    parts = PartStore(str(tmp_path))
     parts.save("part", {"a": np.arange(5)})
     path = tmp_path / "part.npz"
     sound = path.read_bytes()
@@ -388,11 +388,11 @@ def test_a_list_that_names_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "list.txt").write_text("a.tif\n@list.txt\n")
     with pytest.raises(InputError, match=r"list.txt: names the list @list.txt"):
-        named_images(["@list.txt"], print)
+        resolve_images(["@list.txt"], print)
     with open(tmp_path / "long.txt", "wb") as file:
         file.truncate(budgets.MOST_BYTES["names"] + 1)
     with pytest.raises(InputError, match=r"long.txt: has 32 MiB, more than a file of names can have"):
-        named_images(["@long.txt"], print)
+        resolve_images(["@long.txt"], print)
 
 
 def test_a_report_nested_without_end(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from osgeo import ogr
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.point_files import read_measured, read_points
+from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, read_columns, write_columns
 from hrsi.hrsi_engine.io.safety import content_marks
 
@@ -55,7 +55,7 @@ def is_kept(folder: Path) -> bool:
 
 
 def test_they_are_what_the_layer_holds(folder: Path) -> None:
-    kept, layer = read_measured(f"{folder}/{LAYER}", image_ids=["b"]), read_points(f"{folder}/{LAYER}")
+    kept, layer = read_image_points(f"{folder}/{LAYER}", image_ids=["b"]), read_points(f"{folder}/{LAYER}")
     assert kept.ground is None and layer.ground is not None  # so they were read, not the layer
     assert kept.image is not None and layer.image is not None
     for name in ("ids", "image_ids", "kind"):
@@ -94,7 +94,7 @@ def test_an_edit_of_the_layer_is_noticed(folder: Path, sampled: bool, monkeypatc
     del feature, source
     assert len((folder / "block.gpkg").read_bytes()) == len(before)  # so its size does not tell
     assert not is_kept(folder)
-    found = read_measured(f"{folder}/{LAYER}").image
+    found = read_image_points(f"{folder}/{LAYER}").image
     assert found is not None and found.xy[122, 0] == edited
 
 

@@ -18,7 +18,7 @@ from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.catalogue.deliveries import named_images
+from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.catalogue.stac_items import href_of, href_path
 from hrsi.hrsi_engine.io.rasters.images import open_image, open_image_and_source
 from hrsi.hrsi_engine.io.rasters.sun_angles import read_sun, read_time
@@ -49,7 +49,7 @@ def saved(folder: Path, document: Any, name: str = "items.json") -> str:
 
 
 def images(name: str) -> tuple[str, ...]:
-    return named_images([name], lambda _text: None)
+    return resolve_images([name], lambda _text: None)
 
 
 def same(first: RPC, second: RPC) -> bool:
@@ -80,7 +80,7 @@ def test_items_of_a_page_and_files_beside_them(folder: Path):
     """Images of the same name are told apart by the items; a page of several says so."""
     page = collection(item("first"), item("second"), links=[{"rel": "next", "href": "https://example.com/2"}])
     told: list[str] = []
-    listed = named_images([saved(folder, page), str(folder / "a" / "image.tif")], told.append)
+    listed = resolve_images([saved(folder, page), str(folder / "a" / "image.tif")], told.append)
     assert [open_image(name).id for name in listed] == ["first", "second", "image"]
     assert any("one page of several" in text for text in told)
 

@@ -17,8 +17,8 @@ from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
 from hrsi.hrsi_engine.io.output_dir import stage_folder
 from hrsi.hrsi_engine.io.safety import leftovers, transactions
 from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
-from hrsi.hrsi_engine.io.safety.leftovers import hidden_folder, is_dead, sweep, temporary_folder, temporary_name
-from hrsi.hrsi_engine.io.safety.transactions import JOURNAL, SIGNPOST, Transaction, finish_interrupted
+from hrsi.hrsi_engine.io.safety.leftovers import is_dead, open_hidden_folder, sweep, temporary_folder, temporary_name
+from hrsi.hrsi_engine.io.safety.transactions import JOURNAL, SIGNPOST, Transaction, recover_folders
 
 COUNT = 6
 
@@ -102,8 +102,8 @@ def test_killed_at_any_step_all_or_none(folders: list[Path], step: int, found_fr
     status = subprocess.run(command, check=False, env=dict(os.environ)).returncode
     committed = step > 4  # two signposts and the journal: a renaming each, and a removal that finds nothing
     assert status == (-signal.SIGKILL if step < 40 else 0)
-    finish_interrupted([str(folders[found_from])])
-    finish_interrupted(map(str, folders))  # the hidden files of the other folders go when somebody comes there
+    recover_folders([str(folders[found_from])])
+    recover_folders(map(str, folders))  # the hidden files of the other folders go when somebody comes there
     assert state_of(folders) == ({"new"} if committed else {"old"})
 
 
@@ -115,7 +115,7 @@ def test_a_journal_from_elsewhere_touches_no_other_folder(folders: list[Path]) -
     gone = f"{leftovers._machine()}-{2**22 + 1}-1"
     steps = [["rename", str(payload), str(own / "0.txt")], ["remove", str(own / "1.txt"), ""]]
     (delivered / JOURNAL).write_text(json.dumps({"writer": gone, "steps": steps, "signposts": [str(own / "2.txt")]}))
-    finish_interrupted([str(delivered)])
+    recover_folders([str(delivered)])
     assert (own / "0.txt").read_text() == "old" and (own / "1.txt").exists() and (own / "2.txt").exists()
     assert not (delivered / JOURNAL).exists()
 
@@ -125,7 +125,7 @@ def test_a_journal_from_elsewhere_touches_no_other_folder(folders: list[Path]) -
 def test_damaged_journals_are_harmless(tmp_path: Path, name: str, content: str) -> None:
     (tmp_path / name).write_text(content)
     (tmp_path / "a.txt").write_text("a")
-    finish_interrupted([str(tmp_path)])
+    recover_folders([str(tmp_path)])
     assert (tmp_path / "a.txt").read_text() == "a"
 
 
@@ -158,7 +158,12 @@ def end_of_a_call(parent: Path, number: signal.Signals, count: int) -> str | Non
 
     sys.setprofile(signalling)
     try:
-        with signals_as_exceptions(), only_writer(folder), stage_folder(folder, ()) as stage, hidden_folder(folder):
+        with (
+            signals_as_exceptions(),
+            only_writer(folder),
+            stage_folder(folder, ()) as stage,
+            open_hidden_folder(folder),
+        ):
             sys.setprofile(None)
             (stage / "a.txt").write_text("a")
     except KeyboardInterrupt:
@@ -262,5 +267,5 @@ def test_what_could_not_be_put_in_place_is_by_the_next_run(tmp_path: Path, monke
         write()
     assert {name for name in names if (folder / name).exists()} == {"a.txt", "b.txt"}
     monkeypatch.setattr(transactions.os, "replace", replace)
-    finish_interrupted([str(folder)])
+    recover_folders([str(folder)])
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".hrsi-unfinished")} == names

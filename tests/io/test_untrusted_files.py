@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
 
 SECRET = "root:x:0:0:secret"
 
@@ -341,5 +341,5 @@ class Canary:
 
 def test_a_cache_with_code_is_no_cache(tmp_path: Path):
     np.savez(tmp_path / "part-1.npz", found=np.array([Canary(str(tmp_path / "ran"))], dtype=object))
-    assert FinishedParts(str(tmp_path)).load("part-1") is None
+    assert PartStore(str(tmp_path)).load("part-1") is None
     assert not (tmp_path / "ran").exists()

@@ -35,9 +35,9 @@ def texture(size: int) -> np.ndarray:
 
 
 CALLS = {
-    "separable, reflect": ("filter_separably", (IMAGE, np.float32([-1, 0, 1]), np.float32([1, 2, 1]), "reflect")),
-    "separable, mirror": ("filter_separably", (IMAGE, np.float32([1, 2, 1]), np.float32([1]), "mirror")),
-    "separable, constant": ("filter_separably", (IMAGE.astype(float), np.ones(5), np.ones(5), "constant")),
+    "separable, reflect": ("filter_separable", (IMAGE, np.float32([-1, 0, 1]), np.float32([1, 2, 1]), "reflect")),
+    "separable, mirror": ("filter_separable", (IMAGE, np.float32([1, 2, 1]), np.float32([1]), "mirror")),
+    "separable, constant": ("filter_separable", (IMAGE.astype(float), np.ones(5), np.ones(5), "constant")),
     "blur": ("blur", (IMAGE, 1.7, "mirror")),
     "box": ("box_mean", (IMAGE, 7)),
     "erode": ("erode", (MASK, 5, True)),

@@ -14,7 +14,7 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.block_records import read_record
-from hrsi.hrsi_engine.io.point_files import read_measured
+from hrsi.hrsi_engine.io.point_files import read_image_points
 from hrsi.processing_algorithms import run
 
 OLD, NEW = ("image_1", "image_2", "image_3"), "image_4"
@@ -178,11 +178,11 @@ def searched(scene: Path) -> Path:
 
 def test_a_search_goes_on_with_new_pairs_only(scene: Path, searched: Path, tmp_path: Path) -> None:
     """The earlier points are kept to the bit; only pairs with the new image are matched; ids go on."""
-    before = read_measured(f"{searched}/block.gpkg|layername=image_points").image
+    before = read_image_points(f"{searched}/block.gpkg|layername=image_points").image
     said: list[str] = []
     report = run("tie-points", images=[str(scene / f"{OLD[2]}.tif")], add_to=str(searched), output_dir=str(tmp_path),
                  log=said.append)  # fmt: skip
-    after = read_measured(f"{tmp_path}/block.gpkg|layername=image_points").image
+    after = read_image_points(f"{tmp_path}/block.gpkg|layername=image_points").image
     assert before is not None and after is not None
     known, images = np.isin(after.ids, before.ids), np.asarray(after.image_ids)
     kept = known & (images != OLD[2])

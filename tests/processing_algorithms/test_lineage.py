@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
 from hrsi.hrsi_engine.results.lineage import state_accuracy
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser
-from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.interface.options import check_options
 
 EPOCH, DATE = "1767225600", "2026-01-01T00:00:00Z"
 #: Algorithms that take long for what is looked at here; the others go the same way.
@@ -57,8 +57,8 @@ def test_report_tells_its_run(name: str, scene: Path, tmp_path: Path, monkeypatc
     # The command, read as the command line reads it, gives the same options again
     program, first, *words = shlex.split(report["command"])
     assert (program, first) == ("hrsi", name)
-    again = checked_options(algorithm, algorithm_parser(algorithm).parse_words(words))
-    assert again == checked_options(algorithm, report["options"])
+    again = check_options(algorithm, algorithm_parser(algorithm).parse_words(words))
+    assert again == check_options(algorithm, report["options"])
     # Every file that was named is there with its hash, which another program computes
     named = [text for text in map(str, _flat(report["options"].values())) if os.path.isfile(text)]
     entries = {entry["path"]: entry for entry in report["inputs"]}

@@ -18,7 +18,7 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import run
 
 
@@ -163,7 +163,7 @@ def test_a_block_in_place_is_written_whole_or_not_at_all(folder: Path, tmp_path:
         time.sleep(rng.uniform(0.6, 1.0) * whole)
         process.send_signal(number)
         assert b"Traceback" not in process.communicate(timeout=60)[1]
-        finish_interrupted([str(folder), *([str(output)] if output.exists() else [])])
+        recover_folders([str(folder), *([str(output)] if output.exists() else [])])
         changed = [read_rpc(str(image)).rpc != original for image, original in zip(images, originals, strict=True)]
         assert len(set(changed)) == 1
         assert changed[0] == (output / "report.json").exists()

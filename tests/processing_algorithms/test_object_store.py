@@ -18,7 +18,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.opening.virtual_files import list_virtual, read_virtual, remove_virtual, write_virtual
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 
@@ -96,11 +96,11 @@ def test_files_in_a_store(store: Path):
 
 
 def test_finished_parts_in_a_store(store: Path):
-    parts = FinishedParts(f"{BUCKET}/parts")
+    parts = PartStore(f"{BUCKET}/parts")
     assert parts.load("a") is None
     parts.save("a", {"value": np.arange(5.0)})
     assert len(parts) == 1
-    assert np.array_equal(FinishedParts(f"{BUCKET}/parts").load("a")["value"], np.arange(5.0))
+    assert np.array_equal(PartStore(f"{BUCKET}/parts").load("a")["value"], np.arange(5.0))
     write_virtual(f"{BUCKET}/parts/b.npz", [b"PK half a file"])
     assert parts.load("b") is None
 

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
-from hrsi.hrsi_engine.foundation.options import nested_in, option_of
+from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, made_options, settings_of
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, fill_options, settings_of
 from hrsi.processing_algorithms.interface.naming import spell_arguments
-from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.point_session import MODEL
 from hrsi.processing_algorithms.point_session import adjusting as panel
 from hrsi.tests.sample_algorithm import SAMPLE
@@ -31,7 +31,7 @@ def declared_fields(options: type) -> list[tuple[type, Field]]:
     """Return every field that is an option, nested ones too, with the dataclass it stands in."""
     found = []
     for part in fields(options):
-        inner = nested_in(part)
+        inner = inner_options_of(part)
         if inner is not None:
             found += declared_fields(inner)
         elif option_of(part) is not None:
@@ -46,7 +46,7 @@ def test_the_default_of_every_face_is_the_field_s(algorithm: Algorithm):
     needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
     typed = algorithm_parser(algorithm).parse_words([])  # nothing typed: the parser has no defaults of its own
     assert typed == {} or set(typed) <= {param.key for param in algorithm.params if param.kind is Kind.IMAGES}
-    options = checked_options(algorithm, needed)
+    options = check_options(algorithm, needed)
     for owner, part in declared_fields(algorithm.options):
         param = by_name[part.name] if by_name[part.name].help == option_of(part).help else None
         if param is None:  # two nested dataclasses have a field of this name; their options have names of their own
@@ -64,10 +64,10 @@ def test_the_default_of_every_face_is_the_field_s(algorithm: Algorithm):
 def test_python_gets_the_dataclass_as_it_stands(algorithm: Algorithm):
     """What `run` fills from nothing but what has to be named equals the dataclass called with that alone."""
     needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
-    filled = made_options(algorithm.options, checked_options(algorithm, needed))
+    filled = fill_options(algorithm.options, check_options(algorithm, needed))
     assert is_dataclass(filled)
     for part in fields(filled):
-        inner = nested_in(part)
+        inner = inner_options_of(part)
         if inner is not None and not any(p.required for p in algorithm.params if p.key in settings_of_nothing(inner)):
             assert getattr(filled, part.name) == inner()
 
@@ -97,8 +97,8 @@ def test_the_panel_adjusts_with_the_same_defaults(monkeypatch):
 def test_settings_of_a_report_run_again(algorithm: Algorithm):
     """What a report keeps of the options is what `run` takes, and leads to the same options."""
     needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
-    options = made_options(algorithm.options, checked_options(algorithm, needed))
-    again = made_options(algorithm.options, checked_options(algorithm, settings_of(options)))
+    options = fill_options(algorithm.options, check_options(algorithm, needed))
+    again = fill_options(algorithm.options, check_options(algorithm, settings_of(options)))
     assert again == options
 
 

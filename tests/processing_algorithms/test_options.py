@@ -9,7 +9,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms.interface.declare import Kind
-from hrsi.processing_algorithms.interface.options import EXPECTED, VALUE_OF, checked_options, suggestion
+from hrsi.processing_algorithms.interface.options import EXPECTED, VALUE_OF, check_options, suggestion
 from hrsi.tests.sample_algorithm import SAMPLE
 
 REQUIRED = {"images": ("a.tif",), "output_dir": "out"}
@@ -20,11 +20,11 @@ def test_every_kind_can_be_read():
 
 
 def test_what_is_not_given_has_its_default():
-    assert checked_options(SAMPLE, REQUIRED) == SAMPLE.defaults() | REQUIRED
+    assert check_options(SAMPLE, REQUIRED) == SAMPLE.defaults() | REQUIRED
 
 
 def test_none_means_not_given():
-    assert checked_options(SAMPLE, REQUIRED | {"model": None})["model"] == "shift"
+    assert check_options(SAMPLE, REQUIRED | {"model": None})["model"] == "shift"
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_none_means_not_given():
     ],
 )
 def test_accepted(key, value, expected):
-    got = checked_options(SAMPLE, REQUIRED | {key: value})[key]
+    got = check_options(SAMPLE, REQUIRED | {key: value})[key]
     assert got == expected
     assert type(got) is type(expected)
 
@@ -73,12 +73,12 @@ def test_accepted(key, value, expected):
 )
 def test_refused(key, value, message):
     with pytest.raises(InputError, match=message):
-        checked_options(SAMPLE, REQUIRED | {key: value})
+        check_options(SAMPLE, REQUIRED | {key: value})
 
 
 def test_all_missing_options_are_named_at_once():
     with pytest.raises(InputError, match="needs IMAGE and --output-dir"):
-        checked_options(SAMPLE, {})
+        check_options(SAMPLE, {})
 
 
 def test_suggestion_is_silent_without_a_near_word():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 
 import pytest
 
-from hrsi.hrsi_engine.foundation.options import nested_in, option_of
+from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import Algorithm
 from hrsi.tests.option_reads import OptionReads
@@ -28,7 +28,7 @@ def option_fields(options: type, way: tuple[tuple[type, str], ...] = ()) -> Iter
     """Yield the name of every option with the fields, each with its class, that lead to its value."""
     for part in fields(options):
         steps = (*way, (options, part.name))
-        said, inner = option_of(part), nested_in(part)
+        said, inner = option_of(part), inner_options_of(part)
         if inner is not None:
             yield from option_fields(inner, steps)
         elif said is not None:

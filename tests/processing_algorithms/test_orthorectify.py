@@ -21,7 +21,7 @@ from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations import orthorectify as declared
 from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
-from hrsi.processing_algorithms.interface.declare import made_options
+from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import LAT, LON
@@ -114,7 +114,7 @@ def test_terrain_points_of_a_block_layer_lie_where_they_were_adjusted(tmp_path: 
     (tmp_path / "points.csv").write_text("\n".join(lines), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
     terrain = open_ortho_terrain(
-        made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
+        fill_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
     )
     assert surface_heights(terrain.surface, np.array([[LON + 0.005, LAT + 0.005]])) == pytest.approx(50.0)
 
@@ -130,7 +130,7 @@ def test_terrain_points_count_by_the_sigmas_of_their_adjusted_heights(tmp_path: 
     (tmp_path / "points.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     options = {"terrain_points": str(tmp_path / "points.csv"), "dem": None, "height": None, "ground_crs": None}
     terrain = open_ortho_terrain(
-        made_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
+        fill_options(OrthorectifyOptions, options | {"height_datum": "ellipsoidal", "images": (), "output_dir": "out"})
     )
     places = np.random.default_rng(1).uniform([LON + 2e-4, LAT + 2e-4], [LON + 1.7e-3, LAT + 1.7e-3], (200, 2))
     assert np.abs(surface_heights(terrain.surface, places) - 50.0).max() < 0.2

@@ -11,7 +11,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, params_of
 from hrsi.processing_algorithms.interface.option_groups import Common
-from hrsi.processing_algorithms.interface.options import VALUE_OF, checked_options
+from hrsi.processing_algorithms.interface.options import VALUE_OF, check_options
 from hrsi.tests.sample_algorithm import SAMPLE
 
 ALGORITHMS = pytest.mark.parametrize("algorithm", [*REGISTRY.values(), SAMPLE], ids=lambda algorithm: algorithm.name)
@@ -42,7 +42,7 @@ def test_options_are_declared_once_and_beside_the_common_ones(algorithm: Algorit
 def test_defaults_pass_the_checks_of_given_values(algorithm: Algorithm):
     required = {param.key: "x" for param in algorithm.params if param.required and param.default is None}
     given = {param.key: param.default for param in algorithm.params if param.default not in (None, "", ())} | required
-    checked_options(algorithm, given)
+    check_options(algorithm, given)
 
 
 @ALGORITHMS

@@ -144,16 +144,16 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
 SLOW_RUN = """
 import sys, time
 from dataclasses import replace
-from hrsi.hrsi_engine.io.safety.finished_parts import FinishedParts
+from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
 from hrsi.hrsi_engine.measurement.block_matching import plan, search
 from hrsi.processing_algorithms import run
 search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
 plan.TIE_WINDOWS = replace(plan.TIE_WINDOWS, full_window_px=200)
-save = FinishedParts.save
+save = PartStore.save
 def slow(self, key, result):
     save(self, key, result)
     time.sleep(1.0)
-FinishedParts.save = slow
+PartStore.save = slow
 run("tie-points", images=sys.argv[1:-1], output_dir=sys.argv[-1], threads=1)
 """
 

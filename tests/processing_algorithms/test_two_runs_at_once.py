@@ -16,7 +16,7 @@ from every_algorithm import sound_options, words_of
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.safety.folder_lock import LOCK, only_writer
-from hrsi.hrsi_engine.io.safety.transactions import finish_interrupted
+from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import REGISTRY
 
 
@@ -73,7 +73,7 @@ def test_the_lock_dies_with_its_owner(tmp_path: Path) -> None:
     assert process.stdout is not None and process.stdout.readline() == "held\n"
     with pytest.raises(InputError, match="another run"), only_writer(str(folder)):
         pass
-    finish_interrupted([str(folder)])
+    recover_folders([str(folder)])
     assert (folder / LOCK).exists()  # of a living run
     process.send_signal(signal.SIGKILL)
     process.wait(timeout=20)
@@ -84,7 +84,7 @@ def test_the_lock_dies_with_its_owner(tmp_path: Path) -> None:
 
 def test_a_dead_lock_is_swept(tmp_path: Path) -> None:
     (tmp_path / LOCK).touch()
-    finish_interrupted([str(tmp_path)])
+    recover_folders([str(tmp_path)])
     assert list(tmp_path.iterdir()) == []
 
 

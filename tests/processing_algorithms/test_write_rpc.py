@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.processing_algorithms.declarations.write_rpc import ALGORITHM, OUTPUT_ENDINGS
 from hrsi.processing_algorithms.interface.declare import Context, Report
-from hrsi.processing_algorithms.interface.options import checked_options
+from hrsi.processing_algorithms.interface.options import check_options
 
 OLD, NEW = sample_rpc(1), sample_rpc(2)
 
@@ -23,7 +23,7 @@ def run(*images: Path, **options: Any) -> Report:
     given = {"images": [str(image) for image in images]} | {
         key: str(value) if isinstance(value, Path) else value for key, value in options.items()
     }
-    return ALGORITHM.execute(checked_options(ALGORITHM, given), Context(silent, lambda message: None))
+    return ALGORITHM.execute(check_options(ALGORITHM, given), Context(silent, lambda message: None))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from hrsi.plugin.enums import ADVANCED, OPTIONAL
 from hrsi.plugin.parameters import BINDINGS, Reading, label_of, option_value
 from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, typed_value
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, format_default
 from hrsi.processing_algorithms.interface.naming import spell_arguments
 from hrsi.processing_algorithms.interface.options import VALUE_OF
 from hrsi.tests.qgis.tiny import TINY
@@ -67,7 +67,7 @@ def test_parameter(declaration: Algorithm, param: Param) -> None:
     algorithm = made(declaration)  # owns the definition
     definition = algorithm.parameterDefinition(param.key.upper())
     assert definition is not None
-    assert definition.defaultValue() == (typed_value(param) if isinstance(param.default, tuple) else param.default)
+    assert definition.defaultValue() == (format_default(param) if isinstance(param.default, tuple) else param.default)
     assert definition.help() == f"{spell_arguments(param.help, declaration.params, label_of)}."
     assert "`" not in definition.help()
     flags = definition.flags()

@@ -26,7 +26,7 @@ from qgis.PyQt.QtCore import QTimer
 from hrsi.plugin.algorithm import DeclaredAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import made_options, settings_of
+from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
 from hrsi.tests.qgis import answer
 from hrsi.tests.qgis.profile import REPOSITORY
 from hrsi.tests.qgis.tiny import TINY, TinyFields
@@ -59,7 +59,7 @@ class Listener(QgsProcessingFeedback):
 
 def test_defaults_reach_the_engine(run_tiny, tmp_path: Path) -> None:
     given = {"images": ("a_RPC.TXT",), "output_dir": str(tmp_path / "out")}
-    assert run_tiny() == settings_of(made_options(TINY.options, TINY.defaults() | given))
+    assert run_tiny() == settings_of(fill_options(TINY.options, TINY.defaults() | given))
 
 
 def test_given_values_reach_the_engine(run_tiny) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from osgeo import ogr, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.foundation.options import nested, option
+from hrsi.hrsi_engine.foundation.options import nest_options, option
 from hrsi.hrsi_engine.foundation.progress import advance
 from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Kind, Report, settings_of
 from hrsi.processing_algorithms.interface.option_groups import ResultFolder
@@ -92,7 +92,7 @@ class TinyFields:
 class TinyOptions(TinyFields):
     """An option of every kind."""
 
-    folder: ResultFolder = nested(ResultFolder)
+    folder: ResultFolder = nest_options(ResultFolder)
 
 
 def run(options: TinyOptions, context: Context) -> Report:

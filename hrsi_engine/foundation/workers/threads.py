@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from threading import Lock
 
-from ..pixel_filters import opencv_is_wanted
+from ..pixel_filters import should_use_opencv
 
 
 def thread_count(asked: int) -> int:
@@ -51,7 +51,7 @@ def _limit_blas(limits: ExitStack) -> bool:
 
 
 def _limit_opencv(limits: ExitStack) -> bool:
-    if not opencv_is_wanted():
+    if not should_use_opencv():
         return False
     opencv = import_module("cv2")
     limits.callback(opencv.setNumThreads, opencv.getNumThreads())

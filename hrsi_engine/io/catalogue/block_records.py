@@ -22,7 +22,7 @@ POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedImage:
+class ImageRecord:
     """An image of an adjusted block.
 
     item : what names the STAC item that it comes from
@@ -43,7 +43,7 @@ class BlockRecord:
 
     folder: str
     model: str
-    images: tuple[RecordedImage, ...]
+    images: tuple[ImageRecord, ...]
 
     def layer(self, name: str) -> str:
         """Return the file and layer of `POINT_LAYERS`."""
@@ -58,7 +58,7 @@ def read_record(folder: str) -> BlockRecord:
     try:
         found = read_json(path, "report")
         images = tuple(
-            RecordedImage(
+            ImageRecord(
                 str(image["id"]), str(image["path"]), image.get("item"), RPC(**image["rpc"]),
                 np.array(image["values"], dtype=np.float64),
                 None if image["covariance"] is None else np.array(image["covariance"], dtype=np.float64),

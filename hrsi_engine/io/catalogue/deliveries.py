@@ -21,7 +21,7 @@ RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
 
 
-def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
+def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
     """Return the images that names stand for: patterns, folders, archives, lists and items give way to what they hold.
 
     Raises `InputError` for one that holds no image with an RPC.
@@ -30,9 +30,9 @@ def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str,
     for name in names:
         folder = _folder_of(name)
         if name.startswith(LIST) and not os.path.exists(name):
-            found += named_images(_listed(name.removeprefix(LIST)), log)
+            found += resolve_images(_read_list(name.removeprefix(LIST)), log)
         elif folder is not None:
-            images = _delivered(name, folder)
+            images = _images_of_delivery(name, folder)
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
             found += images
         elif _is_pattern(name):
@@ -44,7 +44,7 @@ def named_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str,
     return tuple(found)
 
 
-def named_points(name: str) -> str:
+def resolve_points(name: str) -> str:
     """Return the file of points that a name stands for: of a result's folder its layers."""
     layers = os.path.join(name, RESULT_LAYERS)
     return layers if os.path.isdir(name) and os.path.isfile(layers) else name
@@ -71,7 +71,7 @@ def _folder_of(name: str) -> str | None:
     return f"{way}{os.path.abspath(name)}" if way is not None and os.path.isfile(name) else None
 
 
-def _listed(path: str) -> list[str]:
+def _read_list(path: str) -> list[str]:
     """Return the lines of a list; names that are not absolute count from the list's own folder."""
     require_size(path, "names")
     try:
@@ -89,7 +89,7 @@ def _listed(path: str) -> list[str]:
     return placed
 
 
-def _delivered(name: str, folder: str) -> list[str]:
+def _images_of_delivery(name: str, folder: str) -> list[str]:
     """Return the images of a delivery; RPC files alone only where it has no pixels.
 
     A product file that GDAL opens stands for the tiles that it puts together, one without pixels for the RPC file that

@@ -160,7 +160,7 @@ def _files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
             if virtual_status(path) is not None:
                 yield path, None
         elif _is_readable(path):
-            crs, side_files = _opened(path)
+            crs, side_files = _crs_and_files(path)
             yield path, crs
             yield from ((name, None) for name in side_files if _is_readable(name) and name != path)
 
@@ -169,7 +169,7 @@ def _is_readable(path: str) -> bool:
     return os.path.isfile(path) and os.access(path, os.R_OK)
 
 
-def _opened(path: str) -> tuple[str | None, list[str]]:
+def _crs_and_files(path: str) -> tuple[str | None, list[str]]:
     """Return the CRS of a dataset and the files that belong to it."""
     if path.lower().endswith(_TEXTS):
         return None, []

@@ -88,7 +88,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     return [_image_of(file, number, feature, kind == ITEM, wanted) for number, feature in enumerate(features, start=1)]
 
 
-def recorded_images(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
+def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
     """Return the images that an earlier run recorded, with what their items told of them then.
 
     Parameters

@@ -41,7 +41,7 @@ class Cells:
                 continue
             if isinstance(column, Words):
                 self.kinds[number] = TEXT_CELL
-                content, long = texts.of(column.values)
+                content, long = texts.encode(column.values)
                 words[:], lengths[:] = column.index, long[column.index]
                 words *= content.itemsize
             elif kind == "U":
@@ -71,7 +71,7 @@ class Texts:
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
-    def of(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def encode(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return words as bytes (dtype ``S``), and their lengths."""
         if id(values) not in self._known:
             self._known[id(values)] = (values, *_utf8(values))  # kept, so that no other array gets its address

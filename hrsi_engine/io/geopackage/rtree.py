@@ -27,7 +27,7 @@ _Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
 
 
 @dataclass(frozen=True)
-class PackedTree:
+class RtreeTables:
     """The tables of an R-tree.
 
     Parameters
@@ -42,7 +42,7 @@ class PackedTree:
     parents: Sequence[_Level]
 
 
-def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> PackedTree | None:
+def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTables | None:
     """Return an R-tree of two dimensions, None where there is nothing in it.
 
     Parameters
@@ -57,7 +57,7 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> PackedT
         counts.append(-(-counts[-1] // _MOST_CELLS))
     first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
     order = _tile(low, high)
-    boxes = _rounded_outwards(low, high)[order]
+    boxes = _round_outwards(low, high)[order]
     nodes, places = [], []  # of each level: node numbers with contents, and in which node each cell is
     for level, count in enumerate(counts):
         number = -(-count // _MOST_CELLS)
@@ -71,10 +71,10 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> PackedT
         nodes.append((numbers, _content(depth, child, boxes, bounds)))
         least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
         boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
-    return PackedTree([nodes[-1], *nodes[:-1]], places[0], places[1:])  # the root first, as its number is
+    return RtreeTables([nodes[-1], *nodes[:-1]], places[0], places[1:])  # the root first, as its number is
 
 
-def fill_rtree(rows: Inserter, rtree: str, tree: PackedTree | None) -> None:
+def fill_rtree(rows: Inserter, rtree: str, tree: RtreeTables | None) -> None:
     """Fill an empty R-tree, a virtual table, through ``rows``: its tables grow at their ends."""
     if tree is None:
         return
@@ -143,7 +143,7 @@ def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     database.execute(insert_text(nodes, ("nodeno", "data")), (_ROOT, root))
 
 
-def _rounded_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _round_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return min x, max x, min y, max y as float32 that hold the float64 ones, ``(n, 4)``."""
     single = np.empty((len(low), 4), dtype=np.float32)
     for corner, exact, wrong, towards in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):

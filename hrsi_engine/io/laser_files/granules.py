@@ -65,11 +65,11 @@ def _is_not(name: str, value: float) -> Callable[[BeamArrays], np.ndarray | None
     return lambda arrays: arrays[name] != value if name in arrays else None
 
 
-def _above(name: str, limit: float) -> Callable[[BeamArrays], np.ndarray | None]:
+def _is_above(name: str, limit: float) -> Callable[[BeamArrays], np.ndarray | None]:
     return lambda arrays: arrays[name] > limit if name in arrays else None
 
 
-def _below(name: str, limit: float) -> Callable[[BeamArrays], np.ndarray | None]:
+def _is_below(name: str, limit: float) -> Callable[[BeamArrays], np.ndarray | None]:
     return lambda arrays: arrays[name] < limit if name in arrays else None
 
 
@@ -92,9 +92,9 @@ PRODUCTS: dict[str, Product] = {
             "scattering": "msw_flag", "doubtful": "terrain_flg",
         },
         {
-            "cloud over the point": _above("cloud", 1.0),
+            "cloud over the point": _is_above("cloud", 1.0),
             "water": _is("water", 1.0),
-            "light scattered more than once": _above("scattering", 1.0),
+            "light scattered more than once": _is_above("scattering", 1.0),
             "terrain flagged by the product": _is("doubtful", 0.0),
         },
     ),
@@ -107,9 +107,9 @@ PRODUCTS: dict[str, Product] = {
         },
         {
             "flagged by the product": _is_not("quality", 1.0),
-            "orbit or pointing degraded": _above("degraded", 0.0),
+            "orbit or pointing degraded": _is_above("degraded", 0.0),
             "far from the terrain known there": _is("surface", 0.0),
-            "too little sensitivity": _below("sensitivity", 0.9),
+            "too little sensitivity": _is_below("sensitivity", 0.9),
         },
         stated_sigma_m=1.0,
     ),
@@ -130,7 +130,7 @@ def read_granule(path: str) -> LaserPoints:
         for product in PRODUCTS.values():
             found = list(_beams(path, root, product))
             if found:
-                return _joined(path, product, found)
+                return _stack_beams(path, product, found)
     titles = ", ".join(product.title for product in PRODUCTS.values())
     raise InputError(f"{path}: is no granule that is known ({titles}): name another file")
 
@@ -172,7 +172,7 @@ def _read(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GRANULE_FILL.lowest), np.nan, numbers)
 
 
-def _joined(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:
+def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:
     """Return the beams' points as one table."""
     parts: dict[str, list[np.ndarray]] = {name: [] for name in ("ground", "sigma", "slope", "misfit", "photons",
                                                                 "canopy", "doubt", "track", "ids")}  # fmt: skip

@@ -47,9 +47,9 @@ def read_laser(spec: str, height_datum: str = "ellipsoidal", ground_crs: str | N
     path, layer = split_spec(spec)
     head = _head(path)
     if head.startswith(HDF5_HEAD):
-        return _checked(read_granule(path))
+        return _mark_impossible_heights(read_granule(path))
     table = read_parquet(path) if head.startswith(PARQUET_HEAD) else point_reader_of(path).read(path, layer)
-    return _checked(_of_table(table, Reference(ground_crs or "", height_datum)))
+    return _mark_impossible_heights(_of_table(table, Reference(ground_crs or "", height_datum)))
 
 
 def _head(path: str) -> bytes:
@@ -117,7 +117,7 @@ def _tracks(table: PointTable) -> np.ndarray:
     return text
 
 
-def _checked(points: LaserPoints) -> LaserPoints:
+def _mark_impossible_heights(points: LaserPoints) -> LaserPoints:
     """Return the points with a doubt where a height can be none; raise `InputError` where all are like that."""
     wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
     if not len(points) or wrong.all():

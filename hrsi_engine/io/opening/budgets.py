@@ -194,7 +194,7 @@ def require_texts(source: str, field: str, rows: int, longest: int) -> None:
         )
 
 
-def require_unfolded(path: str) -> None:
+def require_small_archive(path: str) -> None:
     """Raise `InputError` for a spreadsheet (a zip archive) whose parts are larger than any table's."""
     if not path.startswith("/vsi") and zipfile.is_zipfile(path):
         try:

@@ -80,7 +80,7 @@ def quiet() -> Iterator[None]:
         gdal.PopErrorHandler()
 
 
-def quietly(function: Callable[..., Told], *words: Any) -> Told:
+def call_quiet(function: Callable[..., Told], *words: Any) -> Told:
     """Return what a function returns, without what libraries say of damaged files past Python.
 
     PROJ reads grids through the TIFF library that GDAL has report to its own handler.

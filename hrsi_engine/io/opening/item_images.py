@@ -61,6 +61,6 @@ def item_of(path: str) -> StacItem | None:
 
 
 def item_entry(path: str) -> dict[str, str]:
-    """Return what a record says of the item of an image, for `stac_items.recorded_images`; nothing for other images."""
+    """Return what a record says of an image's item, for `stac_items.restore_image_paths`; nothing for other images."""
     item = item_of(path)
     return {} if item is None else {"item": item.named}

@@ -32,7 +32,7 @@ def sql_text(template: str, **names: str | Sequence[str]) -> str:
         A name that SQLite cannot hold.
     """
     lists = {place: [given] if isinstance(given, str) else given for place, given in names.items()}
-    return template.format(**{place: ", ".join(map(_quoted, listed)) for place, listed in lists.items()})
+    return template.format(**{place: ", ".join(map(_quote, listed)) for place, listed in lists.items()})
 
 
 def insert_text(table: str, columns: Sequence[str], template: str = "INSERT INTO {table} ({columns})") -> str:
@@ -40,7 +40,7 @@ def insert_text(table: str, columns: Sequence[str], template: str = "INSERT INTO
     return f"{sql_text(template, table=table, columns=columns)} VALUES ({', '.join('?' * len(columns))})"
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     if "\0" in name:
         raise OutputError(f"{name!r} holds a zero byte, which no table or column can: rename it")
     doubled = name.replace('"', '""')

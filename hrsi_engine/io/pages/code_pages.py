@@ -21,7 +21,7 @@ _INLINE = (
 )
 
 
-def explained_codes(codes: Iterable[str]) -> dict[str, str]:
+def explain_codes(codes: Iterable[str]) -> dict[str, str]:
     """Return what is written of codes as HTML, each once and in their order.
 
     Parameters

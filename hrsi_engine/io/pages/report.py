@@ -12,7 +12,7 @@ from ...drawing.block_figures import ReportFigures, draw_figures
 from ...drawing.residual_plots import draw_bars
 from ...foundation.json_values import json_lines
 from ...foundation.thresholds import threshold, thresholds
-from .code_pages import explained_codes
+from .code_pages import explain_codes
 from .page import write_page, write_text
 
 __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
@@ -64,7 +64,7 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
         The file cannot be written.
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
-    explained = explained_codes(reason["code"] for reason in reasons)
+    explained = explain_codes(reason["code"] for reason in reasons)
     drawings = draw_figures(figures or ReportFigures())
     write_page(path, "report.html.j2", report, explained=explained, before_after=_before_after(report), **drawings)
 

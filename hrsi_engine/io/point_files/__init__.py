@@ -5,7 +5,7 @@
 `PointTable` with the field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
 """
 
-from .find import POINT_READERS, read_measured, read_points, several_specs
+from .find import POINT_READERS, read_image_points, read_points, several_specs
 from .in_memory import PointsInMemory
 from .interpret import PointTables
 from .ogr_layer import measurements_of
@@ -18,7 +18,7 @@ __all__ = [
     "PointTables",
     "PointsInMemory",
     "measurements_of",
-    "read_measured",
+    "read_image_points",
     "read_points",
     "several_specs",
 ]

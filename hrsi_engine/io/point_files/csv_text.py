@@ -65,7 +65,7 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
         for field, column in found.items():
             parts[field].append(_values(path, field, texts[column], where, decimal_comma))
         done += len(chunk)
-    columns = {field: _joined(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
+    columns = {field: _join_parts(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
     return PointTable(path, columns, tuple(names), row_name)
 
 
@@ -99,7 +99,7 @@ def _columns_by_numpy(
                 elif not np.isfinite(values).all():
                     return None
                 parts[field].append(np.ascontiguousarray(values))
-    return {field: _joined(path, field, parts.pop(field)) for field in found} if parts[next(iter(found))] else None
+    return {field: _join_parts(path, field, parts.pop(field)) for field in found} if parts[next(iter(found))] else None
 
 
 def _values(
@@ -111,7 +111,7 @@ def _values(
     return strip_texts(texts, path, field)
 
 
-def _joined(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
+def _join_parts(path: str, field: str, parts: list[np.ndarray]) -> np.ndarray:
     if parts[0].dtype.kind == "U":
         require_texts(path, field, sum(map(len, parts)), max(part.dtype.itemsize // 4 for part in parts))
     return np.concatenate(parts)

@@ -93,7 +93,7 @@ def read_points(
     return interpret(table, reference, image_ids)
 
 
-def read_measured(
+def read_image_points(
     spec: str,
     *,
     ground_crs: str | None = None,

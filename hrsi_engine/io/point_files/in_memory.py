@@ -91,14 +91,14 @@ class PointsInMemory(InMemory):
             told = ", ".join(f"{name} {count}" for name, count in lengths.items())
             raise InputError(f"{self}: its columns differ in length ({told}): give one value a point")
 
-        def at(row: int) -> str:
+        def row_name(row: int) -> str:
             return f"row {labels[row]}"
 
         position = match_fields(list(columns))
         listed = list(columns)
-        fields = {field: self._field(field, columns[listed[index]], at) for field, index in position.items()}
+        fields = {field: self._field(field, columns[listed[index]], row_name) for field, index in position.items()}
         xyz, crs = places if places is not None else (None, "")
-        return PointTable(str(self), fields, tuple(listed), at, xyz, crs)
+        return PointTable(str(self), fields, tuple(listed), row_name, xyz, crs)
 
     def _field(self, field: str, values: Any, at: Callable[[int], str]) -> np.ndarray:
         """Return a column as texts or numbers, empty or NaN where a value is missing."""

@@ -94,11 +94,13 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     if wrong.any():
         row = np.flatnonzero(wrong)[0]
         field = "sample" if empty[row, 0] else "line"
-        raise InputError(f"{table.at(row)}: field {field!r} is empty: fill it in, or remove the row")
+        raise InputError(f"{table.name_row(row)}: field {field!r} is empty: fill it in, or remove the row")
     far = np.abs(xy).max(axis=1, initial=0.0, where=~empty) > RPC_BUDGETS.image_px
     if far.any():
         row = np.flatnonzero(far)[0]
-        raise InputError(f"{table.at(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it")
+        raise InputError(
+            f"{table.name_row(row)}: sample {xy[row, 0]:g}, line {xy[row, 1]:g} is in no image: correct it"
+        )
     rows = np.flatnonzero(~some)
     if not len(rows):
         return None
@@ -165,7 +167,7 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     """Return one row for each id with a position. Repeated ids are an error unless each row is a measurement."""
     placed = ground_positions(table, reference)
     ground, warnings = placed.ground, placed.warnings
-    require_heights(ground[:, 2], table.at)
+    require_heights(ground[:, 2], table.name_row)
     role = np.full(len(table), UNSET, dtype=np.int8)
     names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):
@@ -173,7 +175,9 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             parsed = Role.parse(str(name))
         except KeyError:
             row = np.flatnonzero(index == number)[0]
-            raise InputError(f"{table.at(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off") from None
+            raise InputError(
+                f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
+            ) from None
         role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
@@ -201,6 +205,6 @@ def _require_same_position(
         at = np.flatnonzero(wrong)[0]
         what = "with another position" if measures else "a second time"
         raise InputError(
-            f"{table.at(rows[at])}: stands in {table.row_name(int(first[at]))} already, here {what}: "
+            f"{table.name_row(rows[at])}: stands in {table.row_name(int(first[at]))} already, here {what}: "
             f"keep one, or rename it"
         )

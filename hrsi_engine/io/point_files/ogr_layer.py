@@ -10,7 +10,7 @@ from osgeo import gdal, ogr
 
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.budgets import require_texts, require_unfolded
+from ..opening.budgets import require_small_archive, require_texts
 from ..opening.datasets import gdal_messages
 from ..opening.sound_databases import is_database, require_sound, widths
 from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, TEXT_FIELDS, match_fields, numbers, strip_texts
@@ -42,7 +42,7 @@ def open_vector(path: str) -> gdal.Dataset | None:
     Raises `InputError` where it is a database that contradicts itself, or a spreadsheet that unfolds without end.
     """
     require_sound(path)
-    require_unfolded(path)
+    require_small_archive(path)
     dataset = None
     with gdal_messages():
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR)

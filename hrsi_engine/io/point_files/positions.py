@@ -79,7 +79,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
     if missing.any():
-        raise InputError(f"{table.at(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
+        raise InputError(f"{table.name_row(np.flatnonzero(missing)[0])}: has no position: give both coordinates")
     ground, uses = np.full_like(xyz, np.nan), list[OperationUse]()
     if not present.any():
         return Positions(ground, warnings, operation)
@@ -111,7 +111,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
         uses += used
     lost = np.flatnonzero(present & ~finite_rows(ground))
     if len(lost):
-        raise InputError(f"{table.at(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
+        raise InputError(f"{table.name_row(lost[0])}: lies outside the area of its CRS: correct the CRS or the point")
     ground[:, 0] = wrap_degrees(ground[:, 0])
     return Positions(ground, warnings, operation, tuple(uses))
 
@@ -175,7 +175,9 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
     if wrong.any():
         row = rows[np.flatnonzero(wrong)[0]]
         what = "latitude and longitude look swapped" if np.abs(xyz[row, :2]).max() <= MOST_LON_DEG else "no degrees"
-        raise InputError(f"{table.at(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS")
+        raise InputError(
+            f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS"
+        )
 
 
 def _operations(table: PointTable, crs: pyproj.CRS, is_flat: bool, epoch: float | None) -> CrsOperations:
@@ -189,9 +191,9 @@ def _operations(table: PointTable, crs: pyproj.CRS, is_flat: bool, epoch: float 
 def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:
     """Set the heights of rows without one in ``ground`` to those of the surface; return what to say of it."""
     if surface is None:
-        raise InputError(f"{table.at(rows[0])}: has no height: {_ADD_HEIGHTS}")
+        raise InputError(f"{table.name_row(rows[0])}: has no height: {_ADD_HEIGHTS}")
     ground[rows, 2] = surface(ground[rows, :2])
     outside = rows[np.isnan(ground[rows, 2])]
     if len(outside):
-        raise InputError(f"{table.at(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
+        raise InputError(f"{table.name_row(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
     return f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"

@@ -51,7 +51,7 @@ def positive(table: PointTable, field: str) -> np.ndarray:
     if wrong.any():
         row = np.flatnonzero(wrong)[0]
         raise InputError(
-            f"{table.at(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
+            f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
         )
     return values
 
@@ -80,6 +80,6 @@ def _pair(table: PointTable, first: np.ndarray, second: np.ndarray, element: str
         (given & ~(np.abs(share) < 1.0), "is no correlation between -1 and 1: correct it or its standard deviations"),
     ):
         if wrong.any():
-            raise InputError(f"{table.at(np.flatnonzero(wrong)[0])}: field {field!r} {why}")
+            raise InputError(f"{table.name_row(np.flatnonzero(wrong)[0])}: field {field!r} {why}")
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(first * second), 0.0, share * first * second)

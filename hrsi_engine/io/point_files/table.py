@@ -34,7 +34,7 @@ class PointTable:
         columns = [*self.columns.values(), *([] if self.geometry is None else [self.geometry])]
         return len(columns[0]) if columns else 0
 
-    def at(self, row: int) -> str:
+    def name_row(self, row: int) -> str:
         """Return file, layer, row and id for an error message."""
         ids = self.columns.get("id")
         point = f" (id {str(ids[row])!r})" if ids is not None and ids[row] else ""

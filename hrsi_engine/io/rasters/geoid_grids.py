@@ -9,7 +9,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...ground.geoids import Geoid, find_geoid
-from ..opening.datasets import quietly
+from ..opening.datasets import call_quiet
 
 #: Of a ``.gtx`` grid, big-endian: latitude and longitude of the first cell, their steps, rows, columns; then float32.
 GTX_HEAD = struct.Struct(">4d2i")
@@ -45,9 +45,9 @@ def open_geoid(datum: str) -> Geoid:
                 f"{datum}: is no geoid grid: its head tells of {rows} x {columns} cells, the file does not hold them: "
                 "get it again"
             )
-    return quietly(find_geoid, datum)
+    return call_quiet(find_geoid, datum)
 
 
 def read_geoid_heights(ground: np.ndarray, geoid: Geoid) -> np.ndarray:
     """Return the undulations ``(n,)`` of a geoid as `Geoid.heights` does, quietly."""
-    return quietly(geoid.heights, ground)
+    return call_quiet(geoid.heights, ground)

@@ -52,20 +52,20 @@ _LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way i
 _open_datasets = threading.local()
 
 
-class NamedRaster(Protocol):
+class RasterioLike(Protocol):
     """What a rasterio dataset has."""
 
     name: str
 
 
-class EncodedRaster(Protocol):
+class XarrayLike(Protocol):
     """What an object of xarray has."""
 
     encoding: dict[Any, Any]
 
 
 #: What stands for an image's file.
-ImageSource = str | os.PathLike[str] | NamedRaster | EncodedRaster
+ImageSource = str | os.PathLike[str] | RasterioLike | XarrayLike
 
 
 class ImageInMemory(InMemory):

@@ -1,6 +1,6 @@
 """Orthoimages on disk: made of chunks that come in their order, finished as COG or GeoTIFF, replaced in one step.
 
-Who makes the chunks, `warped_chunk`, does not matter: threads or other machines. As they are written in their order,
+Who makes the chunks, `make_chunk`, does not matter: threads or other machines. As they are written in their order,
 the bytes of the file are the same.
 
 An orthoimage carries the fingerprint of what it was made from and how in its metadata: a later run with the same
@@ -26,7 +26,7 @@ from ...foundation.progress import Progress, advance, stage
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
 from ..safety.content_marks import content_mark
-from ..safety.leftovers import hidden_folder
+from ..safety.leftovers import open_hidden_folder
 from ..safety.replacing import replacing
 from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
 
@@ -110,7 +110,7 @@ class OrthoChunk(NamedTuple):
     unknown: int
 
 
-def warped_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
+def make_chunk(source: OrthoSource, map_chunk: MapChunk, warp: Warp, window: Any) -> OrthoChunk:
     """Return a window of an orthoimage."""
     mapping = map_chunk(window)
     if mapping is None:
@@ -198,7 +198,7 @@ def stamp_of(path: str) -> str | None:
     return None if dataset is None else metadata_of(dataset).get(FINGERPRINT)
 
 
-def stored_figures(path: str) -> dict[str, Any]:
+def read_figures(path: str) -> dict[str, Any]:
     """Return the figures that an orthoimage carries: `OrthoFigures.summary` of its making."""
     dataset, message = open_dataset(path)
     if dataset is None:
@@ -259,7 +259,7 @@ def write_orthoimage(
         dataset.SetMetadata({**_metadata(made_from, figures), **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
-    with hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
+    with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
         if FORMATS[form.name][0] == "GTiff":
             _write_tiles(temporary, path, options, source, grid, warp, lambda dataset: fill(dataset, progress))
         else:

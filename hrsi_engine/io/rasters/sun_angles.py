@@ -67,14 +67,14 @@ SUN = SunThresholds()
 _DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata
 
 
-class FoundSun(NamedTuple):
+class SunReading(NamedTuple):
     """The sun over an image, and what told it."""
 
     angles: SunAngles
     source: str
 
 
-def read_sun(path: str, rpc: RPC | None) -> FoundSun | None:
+def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
     """Return where the sun stood when an image was taken.
 
     Parameters
@@ -86,24 +86,24 @@ def read_sun(path: str, rpc: RPC | None) -> FoundSun | None:
 
     Returns
     -------
-    FoundSun or None
+    SunReading or None
         The angles as stated; else from the time of the acquisition; None where neither is known.
     """
     texts = [*_texts(path)]
     for source, text in texts:
-        stated = _stated(text)
+        stated = _read_angles(text)
         if stated is not None:
-            return FoundSun(stated, source)
+            return SunReading(stated, source)
     if rpc is None:
         return None
     for source, text in texts:
         time = _time_in(text)
         if time is not None and (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg > SUN.lowest_deg:
-            return FoundSun(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
+            return SunReading(sun, f"{source}, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
     time = _time_of_name(path)
     if time is None or (sun := sun_at_time(time, rpc.long_off, rpc.lat_off)).elevation_deg <= SUN.lowest_deg:
         return None
-    return FoundSun(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
+    return SunReading(sun, f"the name of the file, by the time {time:%Y-%m-%d %H:%M:%S} UTC")
 
 
 def read_time(path: str) -> datetime | None:
@@ -124,7 +124,7 @@ def _texts(path: str) -> Iterator[tuple[str, str]]:
                 where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
                 yield where, "\n".join(f"{name}={value}" for name, value in told.items())
     files = siblings(path)
-    for name in _beside(os.path.splitext(os.path.basename(path))[0].lower()):
+    for name in _side_names(os.path.splitext(os.path.basename(path))[0].lower()):
         file = files.get(name)
         if file is None:
             continue
@@ -134,7 +134,7 @@ def _texts(path: str) -> Iterator[tuple[str, str]]:
             continue
 
 
-def _beside(stem: str) -> tuple[str, ...]:
+def _side_names(stem: str) -> tuple[str, ...]:
     """Return the names, in lower case, of the files that may tell the sun over the image of a stem."""
     product = re.sub(r"_r\d{1,3}c\d{1,3}$", "", re.sub("^(?:img|rpc|dim)_", "", stem))
     return (
@@ -144,7 +144,7 @@ def _beside(stem: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _stated(text: str) -> SunAngles | None:
+def _read_angles(text: str) -> SunAngles | None:
     """Return the angles that a text states, the mean of several; None for none, or what no sun can have."""
     azimuths, elevations = ([float(value) for value in rule.findall(text)] for rule in (_AZIMUTH, _ELEVATION))
     if not azimuths or not elevations:

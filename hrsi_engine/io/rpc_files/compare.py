@@ -15,13 +15,13 @@ from .find import read_rpc_file
 
 
 @thresholds
-class WrittenRpcThresholds:
+class ReadBackThresholds:
     """When a written RPC is read back as it was written."""
 
     gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
 
 
-WRITTEN_RPC = WrittenRpcThresholds()
+READ_BACK = ReadBackThresholds()
 
 
 def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:
@@ -60,7 +60,7 @@ def read_back_px(path: str, rpc: RPC) -> float:
     """Return how far the RPC that GDAL gives for a written image is from ``rpc`` (px); our reader's for RPC files.
 
     GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` where GDAL finds no RPC or one farther
-    away than that can make it (`WRITTEN_RPC.gdal_rounding_px`): then something beside the image wins.
+    away than that can make it (`READ_BACK.gdal_rounding_px`): then something beside the image wins.
     """
     found = read_rpc_file(path)
     if found is not None:
@@ -70,6 +70,6 @@ def read_back_px(path: str, rpc: RPC) -> float:
     if not metadata:
         raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
     apart = difference_px(rpc, rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
-    if not apart <= WRITTEN_RPC.gdal_rounding_px:
+    if not apart <= READ_BACK.gdal_rounding_px:
         raise OutputError(f"{path}: GDAL gives another RPC, {apart:.3g} px away: remove older RPC files beside it")
     return apart

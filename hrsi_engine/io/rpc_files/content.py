@@ -13,7 +13,7 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ..opening.budgets import MOST_BYTES
-from ..opening.datasets import check_advice, quietly
+from ..opening.datasets import call_quiet, check_advice
 from ..opening.virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
@@ -111,7 +111,7 @@ def siblings(path: str) -> dict[str, str]:
     """
     folder = os.path.dirname(path)
     try:
-        names = (quietly(gdal.ReadDir, folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
+        names = (call_quiet(gdal.ReadDir, folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
     except OSError:
         return {}
     found: dict[str, str] = {}

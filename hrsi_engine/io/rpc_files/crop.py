@@ -55,7 +55,7 @@ class CropPlace:
     first: np.ndarray
 
     @classmethod
-    def at(cls, sample: float, line: float) -> CropPlace:
+    def from_first_pixel(cls, sample: float, line: float) -> CropPlace:
         """Return the place of a crop with the scene's pixels."""
         return cls(np.eye(2), np.array([sample, line]))
 
@@ -101,7 +101,7 @@ def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | 
     return CropPlace(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
 
 
-def require_placed(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
+def require_place_in_scene(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
     """Raise `InputError` for a part of a scene whose geotransform says no place in it; a map's CRS is left alone."""
     if geotransform is not None and not has_crs and _begins_a_larger_scene(rpc, size):
         low, high = _range_of(rpc)

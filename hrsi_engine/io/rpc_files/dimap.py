@@ -18,7 +18,7 @@ import re
 from ...foundation.errors import InputError
 from . import isd
 from .content import Element, element_text, positive_size, read_xml, siblings
-from .fields import POLYNOMIALS, SCALARS, numbered_values, rpc_from_text, shorten
+from .fields import POLYNOMIALS, SCALARS, rpc_from_text, shorten, values_by_number
 from .reading import Origin, RpcReader, RpcReading
 
 DIMAP_NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}_COEFF" for name in POLYNOMIALS}
@@ -39,7 +39,7 @@ def read(path: str) -> RpcReading:
         product = product_beside(path)
         described = None if product is None else read_xml(product)
     else:
-        path, described = _named_file(path, root), root
+        path, described = _find_rpc_file(path, root), root
         root = read_xml(path)
     reading = _read_model(path, root)
     return RpcReading(reading.rpc, reading.size or _product_size(described), _scene_height(described), reading.sensor)
@@ -51,7 +51,7 @@ def _read_model(path: str, root: Element) -> RpcReading:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: get the file again")
     coefficients = {element.tag: element.text or "" for element in model}
     values: dict[str, str | list[str] | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
-    values |= {name: numbered_values(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
     rpc = rpc_from_text(path, values, DIMAP_NAMES)
     # Sample and line of the first pixel's centre as this version counts: 1 or 0
     version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
@@ -63,7 +63,7 @@ def _read_model(path: str, root: Element) -> RpcReading:
     )
 
 
-def _named_file(path: str, product: Element) -> str:
+def _find_rpc_file(path: str, product: Element) -> str:
     """Return the RPC file that a product file names; raise `InputError` that says what it is where it names none."""
     model = next((e for models in product.iter("Geoposition_Models") for e in models.iter("COMPONENT_PATH")), None)
     if model is None:
@@ -135,7 +135,7 @@ def _is_product(head: bytes) -> bool:
     return _DOCUMENT.search(head[:4000]) is not None and not any(name.encode() in head for name in _GROUND_TO_IMAGE)
 
 
-def _beside(stem: str) -> tuple[str, ...]:
+def _side_names(stem: str) -> tuple[str, ...]:
     """Return RPC_x.xml for IMG_x, its tiles IMG_x_R1C1 and groups of bands IMG_x_P_R1C1, and the image's own stem."""
     image = stem.removeprefix("img_")
     product = _TILE.sub("", image)
@@ -167,4 +167,4 @@ def tile_origin(image_path: str, side_file: str) -> Origin | None:
     return float((column - 1) * tile[0]), float((row - 1) * tile[1])
 
 
-READER = RpcReader("DIMAP XML", _beside, _recognises, read, tile_origin, _is_product)
+READER = RpcReader("DIMAP XML", _side_names, _recognises, read, tile_origin, _is_product)

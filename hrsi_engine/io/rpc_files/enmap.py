@@ -11,7 +11,7 @@ import re
 
 from ...foundation.errors import InputError
 from .content import element_text, positive_size, read_xml
-from .fields import POLYNOMIALS, SCALARS, numbered_values, rpc_from_text
+from .fields import POLYNOMIALS, SCALARS, rpc_from_text, values_by_number
 from .reading import RpcReader, RpcReading
 
 ENMAP_NAMES = {
@@ -49,7 +49,7 @@ def _read_camera(path: str, swir: bool) -> RpcReading:
     }
     for name in POLYNOMIALS:
         key = ENMAP_NAMES[name].replace("_", "")
-        values[name] = numbered_values(entries, key, range(1, 21)) or numbered_values(entries, key, range(1, 21), 2)
+        values[name] = values_by_number(entries, key, range(1, 21)) or values_by_number(entries, key, range(1, 21), 2)
     size = positive_size(element_text(root, "widthOfScene"), element_text(root, "heightOfScene"))
     return RpcReading(rpc_from_text(path, values, ENMAP_NAMES), size)
 
@@ -58,9 +58,11 @@ def _recognises(name: str, head: bytes) -> bool:
     return name.endswith(".xml") and _DOCUMENT.search(head[:4000]) is not None and b"EnMAP" in head
 
 
-def _beside(stem: str) -> tuple[str, ...]:
+def _side_names(stem: str) -> tuple[str, ...]:
     product, _, rest = stem.partition(SPECTRAL)
     return (f"{product}{METADATA}.xml",) if rest else ()
 
 
-READER = RpcReader("EnMAP metadata", _beside, _recognises, read, is_product=lambda head: True, read_beside=read_beside)
+READER = RpcReader(
+    "EnMAP metadata", _side_names, _recognises, read, is_product=lambda head: True, read_beside=read_beside
+)

@@ -207,7 +207,7 @@ def _double(number: str) -> float:
     return float(number.replace("d", "e").replace("D", "e"))
 
 
-def numbered_values(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
+def values_by_number(entries: Mapping[str, str], name: str, numbers: Iterable[int], width: int = 0) -> list[str] | None:
     """Return the texts of ``name1``, ``name2`` … that are there; None without any."""
     texts = [entries[key] for number in numbers if (key := f"{name}{number:0{width}d}") in entries]
     return texts or None

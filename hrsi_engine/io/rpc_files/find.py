@@ -278,9 +278,9 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
     try:
         place = crop.crop_place(geotransform, has_crs)
         if place is None:
-            crop.require_placed(reading.rpc, geotransform, has_crs, size)
+            crop.require_place_in_scene(reading.rpc, geotransform, has_crs, size)
         origin = None if place is not None and place.moves else reader.tile_origin(path, file)
-        place = crop.CropPlace.at(*(origin or (0.0, 0.0))) if place is None or not place.moves else place
+        place = crop.CropPlace.from_first_pixel(*(origin or (0.0, 0.0))) if place is None or not place.moves else place
         tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
         whole = not place.moves or (reading.size == size and not place.mirrored)
         if whole or not crop.is_of_full_scene(reading.rpc, place, size):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ...camera.rpc import RPC
 from .content import positive_size, read_text
-from .fields import ERRORS, POLYNOMIALS, SCALARS, entries_of, numbered_values, rpc_from_text
+from .fields import ERRORS, POLYNOMIALS, SCALARS, entries_of, rpc_from_text, values_by_number
 from .reading import RpcReader, RpcReading
 
 GEOM_NAMES = {name: name for name in SCALARS} | {name: f"{name}_coeff" for name in POLYNOMIALS}
@@ -21,7 +21,7 @@ def read(path: str) -> RpcReading:
     parts = (line.partition(":") for line in read_text(path).splitlines())
     entries = entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     values: dict[str, str | list[str] | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
-    values |= {name: numbered_values(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
+    values |= {name: values_by_number(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
     values |= {name: text for name in ERRORS if (text := entries.get(GEOM_NAMES[name], "0")).strip("0. ")}
     return RpcReading(
         rpc_from_text(path, values, GEOM_NAMES),

@@ -18,7 +18,7 @@ from typing import BinaryIO
 from osgeo import gdal
 
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import open_dataset, quietly
+from ..opening.datasets import call_quiet, open_dataset
 from ..opening.virtual_files import virtual_status
 
 
@@ -129,11 +129,11 @@ def _archive(path: str) -> str | None:
 
 def _virtual_mark(path: str) -> str:
     status = virtual_status(path)
-    handle = None if status is None else quietly(gdal.VSIFOpenL, path, "rb")
+    handle = None if status is None else call_quiet(gdal.VSIFOpenL, path, "rb")
     if status is None or handle is None:
         return "0" * 32
     try:
-        head = bytes(quietly(gdal.VSIFReadL, 1, CONTENT_SAMPLING.remote_bytes, handle) or b"")
+        head = bytes(call_quiet(gdal.VSIFReadL, 1, CONTENT_SAMPLING.remote_bytes, handle) or b"")
     finally:
         gdal.VSIFCloseL(handle)
     return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

@@ -19,7 +19,7 @@ from .replacing import replacing
 _KEY = re.compile(r"[A-Za-z0-9_.-]+")
 
 
-class FinishedParts:
+class PartStore:
     """A folder of finished parts, made with the first: ``KEY.npz`` each. A file appears whole or not at all.
 
     Parameters

@@ -60,7 +60,7 @@ def temporary_folder(folder: str) -> str:
 
 
 @contextmanager
-def hidden_folder(folder: str) -> Iterator[str]:
+def open_hidden_folder(folder: str) -> Iterator[str]:
     """Give a hidden folder inside ``folder`` for what is needed for a while; it goes with all that it holds.
 
     Raises

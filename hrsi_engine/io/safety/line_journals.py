@@ -1,7 +1,7 @@
 """Journals that outlive the program: each entry is on the disk before the next one is made.
 
 A journal is a file of JSON lines in a folder of its own, which its program locks. What a program left that was killed
-is found by `left_journals`.
+is found by `find_orphan_journals`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class LineJournal:
             remove_journal(self._folder)
 
     def leave(self) -> None:
-        """Close the journal, and let it lie for `left_journals`."""
+        """Close the journal, and let it lie for `find_orphan_journals`."""
         if self._file is not None:
             self._file.close()
         self._file = None
@@ -64,7 +64,7 @@ class LineJournal:
 
 
 @dataclass(frozen=True)
-class LeftJournal:
+class OrphanJournal:
     """A journal that its program has left: the folder, the entries, and the time of the last one (s since 1970)."""
 
     folder: Path
@@ -72,7 +72,7 @@ class LeftJournal:
     time_s: float
 
 
-def left_journals(root: str | Path) -> list[LeftJournal]:
+def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
     """Return the journals below a folder whose programs have ended, the oldest first."""
     found = []
     for folder in sorted(Path(root).glob("*/")):
@@ -82,7 +82,7 @@ def left_journals(root: str | Path) -> list[LeftJournal]:
         except (InputError, OSError, ValueError):  # another program is at work on it, or no journal
             continue
         if entries:
-            found.append(LeftJournal(folder, entries, (folder / FILE).stat().st_mtime))
+            found.append(OrphanJournal(folder, entries, (folder / FILE).stat().st_mtime))
     return found
 
 

@@ -2,7 +2,7 @@
 
 New content is written under hidden names first. Then a journal of the renames and removals that are left is written
 and flushed to disk: from that moment on the change counts as made. Whoever finds the journal of a process that is gone
-carries out what is left of it (`finish_interrupted`), each step being harmless when it is done already; without a
+carries out what is left of it (`recover_folders`), each step being harmless when it is done already; without a
 journal nothing was changed, and the hidden files are leftovers.
 
 The journal lies in one folder; every other folder in which a file changes gets a signpost to it, so that a later run
@@ -128,7 +128,7 @@ class Transaction:
         return sorted(folders - inside)
 
 
-def finish_interrupted(folders: Iterable[str]) -> list[str]:
+def recover_folders(folders: Iterable[str]) -> list[str]:
     """Carry out what killed processes left of changes in these folders, and remove their hidden files.
 
     Returns notices for the log. What belongs to a process that still runs is left alone.

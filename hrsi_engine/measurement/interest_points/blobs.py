@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...foundation.pixel_filters import blur, filter_separably, largest_within, reduce_by_area, slopes
+from ...foundation.pixel_filters import blur, filter_separable, largest_within, reduce_by_area, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .options import CentreOptions
 from .outlines import interpolate_bilinear
@@ -151,9 +151,9 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             level = reduce_by_area(z, (z.shape[1] // factor, z.shape[0] // factor))
         scale = sigma / factor
         smooth = blur(level, np.sqrt(scale**2 - 0.25), "reflect")
-        xx = filter_separably(smooth, second, one, "reflect")
-        yy = filter_separably(smooth, one, second, "reflect")
-        mixed = filter_separably(smooth, first, first, "reflect")
+        xx = filter_separable(smooth, second, one, "reflect")
+        yy = filter_separable(smooth, one, second, "reflect")
+        mixed = filter_separable(smooth, first, first, "reflect")
         strength = np.float32(scale**4) * (xx * yy - mixed * mixed)
         peak = (strength >= largest_within(strength, 1.5)) & (strength > BLOBS.seed_strength**2)
         row, column = np.nonzero(peak)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.pixel_filters import erode, filter_separably, largest_within, slopes
+from ...foundation.pixel_filters import erode, filter_separable, largest_within, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .options import CornerOptions
 from .statistics import STATISTICS_HALO_PX, ImageStatistics, normalise
@@ -58,7 +58,7 @@ def compute_structure_tensor(grey: np.ndarray) -> StructureTensor:
     patch, _ = make_gaussian_kernels(CORNER_DETECTION.patch_px)
 
     def mean(product: np.ndarray) -> np.ndarray:
-        return filter_separably(product, patch, patch, "reflect")
+        return filter_separable(product, patch, patch, "reflect")
 
     return StructureTensor(mean(by_x * by_x), mean(by_x * by_y), mean(by_y * by_y))
 

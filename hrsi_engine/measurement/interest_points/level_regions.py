@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...foundation.pixel_filters import blur, opencv_is_wanted, reduce_by_area, reduce_mask, slopes
+from ...foundation.pixel_filters import blur, reduce_by_area, reduce_mask, should_use_opencv, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .corners import SIMULATED_OBJECTS, make_gaussian_kernels
 from .stable_regions import MserLimits, find_mser_by_opencv, find_mser_by_tree
@@ -123,7 +123,7 @@ def _find_stable_regions(
 ) -> tuple[list, np.ndarray]:
     """Return pixels and boxes of the maximally stable regions that are brighter than their surroundings."""
     limits = MserLimits(stable_steps, REGION.fewest_pixels, int(reach**2), largest_change)
-    find = find_mser_by_opencv if opencv_is_wanted() else find_mser_by_tree
+    find = find_mser_by_opencv if should_use_opencv() else find_mser_by_tree
     pixels = find(steps, limits)
     boxes = [(*low, *(high - low + 1)) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in pixels)]
     return pixels, np.array(boxes, dtype=np.int64).reshape(-1, 4)

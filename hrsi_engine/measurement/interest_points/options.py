@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...foundation.options import nested, option, options, threads_option
+from ...foundation.options import nest_options, option, options, threads_option
 
 STRONG_QUALITY = 0.5  # a centre's chance to be found again in another view
 CANDIDATE_QUALITY = 0.33  # what matching gets: the partner of a strong one may be weaker
@@ -59,8 +59,8 @@ class CentreOptions:
 class DetectionOptions:
     """What to look for, and how much of it."""
 
-    corners: CornerOptions = nested(CornerOptions)
-    centres: CentreOptions = nested(CentreOptions)
+    corners: CornerOptions = nest_options(CornerOptions)
+    centres: CentreOptions = nest_options(CentreOptions)
     per_cell: int = option(
         0, "Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all", minimum=0
     )

@@ -203,7 +203,7 @@ def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
 
 def _cut_threads(mask: np.ndarray) -> np.ndarray:
     """Return the largest part of a mask after an opening, which cuts thin bridges to the surroundings."""
-    core = filters.opened(mask, 3)
+    core = filters.apply_opening(mask, 3)
     if not core.any():
         return mask
     parts, count = ndimage.label(core, np.ones((3, 3)))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.block import Raster
-from ...foundation.pixel_filters import enlarge, filter_separably
+from ...foundation.pixel_filters import enlarge, filter_separable
 from ...foundation.robust_scale import MAD_TO_SIGMA
 from ...foundation.thresholds import threshold, thresholds
 from .windows import WINDOWS, Area, DetectionWindow, read_window
@@ -98,7 +98,11 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     if not lines or not samples:
         return 0.0
     shape = lines // side, side, samples // side, side
+<<<<<<< HEAD
     curved = np.abs(filter_separably(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
+=======
+    curved = np.abs(filter_separable(grey, _BENT, _BENT)) / 6.0
+>>>>>>> a252ed0 (io, foundation and interface: functions named by verb and object, classes by nouns)
     cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
@@ -124,7 +128,7 @@ def _sum_cells(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndar
 def _compute_local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and deviation of the usable pixels in the cells around each cell."""
     kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
-    sums = [filter_separably(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
+    sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
     return _compute_moments(*sums)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.block import Raster
-from ...foundation.pixel_filters import box_mean, dilate, opened
+from ...foundation.pixel_filters import apply_opening, box_mean, dilate
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -104,7 +104,7 @@ def find_saturated_areas(grey: np.ndarray, saturation: float | None) -> np.ndarr
     """Return the mask of areas of saturated pixels, with the pixels beside them."""
     if saturation is None:
         return np.zeros(grey.shape, dtype=bool)
-    return dilate(opened(grey >= saturation, WINDOWS.saturated_side_px), WINDOWS.saturated_side_px)
+    return dilate(apply_opening(grey >= saturation, WINDOWS.saturated_side_px), WINDOWS.saturated_side_px)
 
 
 def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.pixel_filters import erode, opencv_is_wanted
+from ...foundation.pixel_filters import erode, should_use_opencv
 from ...foundation.thresholds import threshold, thresholds
 from .sift_arrays import detect_sift_by_numpy
 
@@ -38,7 +38,7 @@ def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> Sift
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
     usable = erode(valid, FEATURES.valid_px)
-    if opencv_is_wanted():
+    if should_use_opencv():
         return _detect_by_opencv(byte, usable, most)
     return SiftFeatures(*detect_sift_by_numpy(byte, usable, most, FEATURES.contrast))
 

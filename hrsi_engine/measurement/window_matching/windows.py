@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...foundation.pixel_filters import blur, erode, filter_separably, slopes
+from ...foundation.pixel_filters import blur, erode, filter_separable, slopes
 from ...foundation.thresholds import threshold, thresholds
 
 #: Status of a window: converged; outside the images or their valid pixels; no texture; diverged; iterations used up.
@@ -116,7 +116,7 @@ class MatchImage(ResultCache):
         response = (
             np.sqrt(3.0) * pole ** np.abs(np.arange(-MATCHING.spline_reach_px, MATCHING.spline_reach_px + 1))
         ).astype(np.float32)
-        return filter_separably(self.grey, response, response)
+        return filter_separable(self.grey, response, response)
 
     @cached_property
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:

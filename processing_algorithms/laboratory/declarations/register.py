@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ....hrsi_engine.foundation.options import nested, option, options
+from ....hrsi_engine.foundation.options import nest_options, option, options
 from ....hrsi_engine.laboratory.registration_options import RegistrationOptions
 from ...interface.declare import Algorithm, Kind, algorithm_module
 from ...interface.option_groups import Common, ResultFolder, TerrainOptions, report_option
@@ -20,12 +20,12 @@ class RegisterOptions:
     image_points: str = option(help="Points measured on both images", kind=Kind.POINTS, metavar="FILE")
     first: str | None = option(None, "Id of the first image; by default the first one", metavar="ID")
     second: str | None = option(None, "Id of the second image; by default the next one", metavar="ID")
-    registration: RegistrationOptions = nested(RegistrationOptions)
+    registration: RegistrationOptions = nest_options(RegistrationOptions)
     gsd: float | None = option(None, "Pixel size of the second image, for residuals in metres", minimum=1e-6, unit="m")
-    terrain: TerrainOptions = nested(TerrainOptions)
-    folder: ResultFolder = nested(ResultFolder)
+    terrain: TerrainOptions = nest_options(TerrainOptions)
+    folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
-    common: Common = nested(Common)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ....hrsi_engine.foundation.options import nested, option, options
+from ....hrsi_engine.foundation.options import nest_options, option, options
 from ....hrsi_engine.laboratory.simulation.options import (
     HEADING_DEG,
     SENSOR_NAMES,
@@ -100,19 +100,19 @@ class VendorErrorOptions:
 class SimulateOptions:
     """What `simulate` takes."""
 
-    views: ViewOptions = nested(ViewOptions)
-    scene: SceneSpec = nested(SceneSpec)
-    points: PointCounts = nested(PointCounts)
-    noise: Noise = nested(Noise)
-    vendor: VendorErrorOptions = nested(VendorErrorOptions)
-    laser: LaserSpec = nested(LaserSpec)
-    free_dem: FreeDemSpec = nested(FreeDemSpec)
-    free_ortho: FreeOrthoSpec = nested(FreeOrthoSpec)
+    views: ViewOptions = nest_options(ViewOptions)
+    scene: SceneSpec = nest_options(SceneSpec)
+    points: PointCounts = nest_options(PointCounts)
+    noise: Noise = nest_options(Noise)
+    vendor: VendorErrorOptions = nest_options(VendorErrorOptions)
+    laser: LaserSpec = nest_options(LaserSpec)
+    free_dem: FreeDemSpec = nest_options(FreeDemSpec)
+    free_ortho: FreeOrthoSpec = nest_options(FreeOrthoSpec)
     pixels: bool = option(True, "Render the images; without, RPC files stand for them")
     ms: bool = option(False, "Render multispectral images of larger pixels too")
     ortho: bool = option(False, "Write an orthophoto of the scene, georeferenced and free of errors")
-    folder: ResultFolder = nested(ResultFolder)
-    common: Common = nested(Common)
+    folder: ResultFolder = nest_options(ResultFolder)
+    common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(
