@@ -98,11 +98,7 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     if not lines or not samples:
         return 0.0
     shape = lines // side, side, samples // side, side
-<<<<<<< HEAD
-    curved = np.abs(filter_separably(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
-=======
-    curved = np.abs(filter_separable(grey, _BENT, _BENT)) / 6.0
->>>>>>> a252ed0 (io, foundation and interface: functions named by verb and object, classes by nouns)
+    curved = np.abs(filter_separable(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
     cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
     whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
     return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
