@@ -26,7 +26,7 @@ from ..files.terrain import open_terrain
 from ..interface.declare import Algorithm, Context, fill_options, params_of
 from ..interface.naming import spell_arguments
 from ..interface.option_groups import TerrainOptions
-from ..interface.options import Face, checked_options, suggestion
+from ..interface.options import Face, check_options, suggestion
 from .given import convert_options
 from .opening import open as open_images
 from .result import Result
@@ -88,7 +88,7 @@ def run_call(algorithm: Algorithm, given: dict[str, Any], progress: Progress) ->
             kept = TemporaryDirectory(prefix="hrsi-")
             brief = {key: value for key, value in BRIEF.items() if key in keys}
             options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
-        checked = checked_options(algorithm, options, PYTHON)
+        checked = check_options(algorithm, options, PYTHON)
         report = algorithm.execute(checked, Context(progress, lambda text: _log.info(_spell_message(text, algorithm))))
     except HrsiError as error:
         raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
@@ -211,8 +211,8 @@ def _choose_ground(name: str, options: dict[str, Any]) -> HeightSurface | None:
     unknown = [key for key in options if key not in TERRAIN]
     if unknown:
         raise InputError(f"{name} of arrays has no parameter {unknown[0]}: it has {', '.join(TERRAIN)}")
-    checked = checked_options(algorithm, convert_options(algorithm, {"images": "image", **options}), PYTHON)
-    return open_terrain(made_options(TerrainOptions, checked))
+    checked = check_options(algorithm, convert_options(algorithm, {"images": "image", **options}), PYTHON)
+    return open_terrain(fill_options(TerrainOptions, checked))
 
 
 DECLARED = {function_name(name): make_call(algorithm) for name, algorithm in REGISTRY.items()}

@@ -82,7 +82,7 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> OrthoChunk:
                 "the same version everywhere"
             )
     source, mapping = _open_recipe(recipe)
-    return warped_chunk(source, mapping.chunk, recipe.warp, window)
+    return make_chunk(source, mapping.chunk, recipe.warp, window)
 
 
 @lru_cache(maxsize=8)

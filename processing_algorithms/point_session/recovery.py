@@ -115,7 +115,7 @@ def _start_session(unsaved: JournalSession) -> PointSession:
     return new_session(list(unsaved.images))
 
 
-def _read_journal(left: LeftJournal) -> JournalSession:
+def _read_journal(left: OrphanJournal) -> JournalSession:
     points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
     for entry in left.entries:
         if entry["points"] is not None:
