@@ -1,9 +1,8 @@
-"""Features compared within bands along lines: what both ways find, against comparing all with all."""
+"""Features compared within bands along lines: against comparing all with all."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from hrsi.hrsi_engine.measurement.block_matching.bands import EpipolarLines, match_in_bands
 from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW
@@ -12,10 +11,8 @@ from hrsi.hrsi_engine.measurement.tile_matching.features import compute_root_sif
 MARGIN_PX = 40.0
 
 
-@pytest.mark.parametrize("compiled", ["0", "1"])
-def test_what_is_found_is_what_comparing_all_with_all_finds(monkeypatch, compiled: str):
+def test_what_is_found_is_what_comparing_all_with_all_finds():
     """Also features of lines that are nowhere, and points that several lines pass by."""
-    monkeypatch.setenv("HRSI_COMPILED", compiled)
     rng = np.random.default_rng(8)
     first = rng.integers(0, 160, (700, 128)).astype(np.uint8)
     partner = rng.permutation(700)

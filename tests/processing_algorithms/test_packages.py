@@ -20,7 +20,7 @@ WITH_PACKAGE = {
     "numba": {
         "adjustment.blunders.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
         "foundation.compiled_code", "io.geopackage.compiled_pages",
-        "measurement.block_matching.compiled_bands", "measurement.window_matching.lsm_kernels",
+        "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",
     },
     "distributed": {"foundation.workers.cluster", "foundation.workers.scheduling"},

@@ -31,7 +31,6 @@ class OverviewThresholds:
     cells: int = threshold(10, "cells", "along each side, over which features are kept evenly")
     ratio: float = threshold(0.85, "", "of distances to the nearest descriptors of a band", "Lowe 2004: 0.8 of all")
     line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", _SPEED)
-    compiled_from: int = threshold(4_000_000, "comparisons", "from which the compiled loop pays", _SPEED)
 
 
 OVERVIEW = OverviewThresholds()
