@@ -30,9 +30,9 @@ def assemble(
 ) -> Block:
     """Put images, ground points and measurements together.
 
-    A known point is a GCP unless its role says otherwise; with ``gcp_ids`` those are the GCPs and every other known
-    point a check point; ``check_ids`` are check points in any case, and with both given all other known points take no
-    part. Nor does a point whose role is off, unless it is named. Points that are only measured are tie points.
+    A known point is a GCP unless its role says otherwise. With ``gcp_ids``, those are the GCPs and all other known
+    points check points; ``check_ids`` are check points in any case; with both given, all other known points are left
+    out. So are points whose role is off, unless they are named. Points that are only measured are tie points.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def assemble(
     image_points : iterable of ImagePoints
         Tables of measurements.
     gcp_ids, check_ids : sequence of str, optional
-        Who is control and who is not.
+        Ids of the GCPs and of the check points.
     defaults : DefaultSigmas, optional
-        Standard deviations of what has none of its own.
+        Standard deviations of points and measurements without their own.
 
     Returns
     -------

@@ -58,12 +58,12 @@ class ArrayRaster:
 
 @dataclass(frozen=True)
 class Tile:
-    """Where an image lies in the scene that it is a part of: all tiles of a scene have one camera.
+    """Position of an image in the scene of which it is a tile: all tiles of a scene have one camera.
 
     Parameters
     ----------
     scene : str
-        What names the scene: the file that holds its RPC.
+        Name of the scene: the file that holds its RPC.
     first : tuple of float
         The scene's sample and line at the image's first pixel.
     size : tuple of int, optional
@@ -77,7 +77,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image: its id, its camera and, where they are known, its size and pixels.
+    """One image: its id, its camera and, where known, its size and pixels.
 
     Parameters
     ----------
@@ -92,11 +92,11 @@ class Image:
     raster : Raster, optional
         Its pixels.
     tile : Tile, optional
-        Where it lies in its scene, when it is a part of one.
+        Position in its scene, if it is a tile of one.
     stated_height_m : float, optional
         Ellipsoidal height of the scene's middle, where the delivery states one.
     sensor : str
-        What its metadata call the satellite; empty where they do not say.
+        Name of the satellite in its metadata; empty where they have none.
     """
 
     id: str
@@ -114,19 +114,19 @@ class Image:
 
     @property
     def middle_height_m(self) -> float:
-        """Ellipsoidal height of the ground, where nothing better is known: as stated, else the RPC's HEIGHT_OFF."""
+        """Ellipsoidal height of the ground without a DEM: as the delivery states, else the RPC's HEIGHT_OFF."""
         return self.rpc.height_off if self.stated_height_m is None else self.stated_height_m
 
     @property
     def known_size(self) -> tuple[int, int]:
-        """`size`, for what cannot do without it; raises `InputError` where it is not known."""
+        """`size` where it is required; raises `InputError` where it is not known."""
         if self.size is None:
             raise InputError(f"{self.id}: the size of the image is not known: name the image itself, not its RPC file")
         return self.size
 
     @property
     def pixels(self) -> Raster:
-        """`raster`, for what cannot do without it; raises `InputError` for an image without pixels."""
+        """`raster` where it is required; raises `InputError` for an image without pixels."""
         if self.raster is None:
             raise InputError(f"{self.id} has no pixels: name the image itself, not its RPC file")
         return self.raster
@@ -135,8 +135,7 @@ class Image:
     def domain_px(self) -> tuple[float, float, float, float]:
         """Image area: first and last sample, first and last line (pixel centres).
 
-        From the image size; from OFF and SCALE only where there are no pixels, because crops keep the full
-        scene's values there.
+        From the image size; from OFF and SCALE only without pixels, because crops keep the values of the full scene.
         """
         if self.size is not None:
             return 0.0, self.size[0] - 1.0, 0.0, self.size[1] - 1.0
@@ -160,14 +159,14 @@ class Image:
 
     @property
     def camera_centre_px(self) -> np.ndarray:
-        """Middle of what the camera took, ``(2,)``: origin of the refinements. Of a tile the middle of its scene."""
+        """Middle of the scene in the image's pixels, ``(2,)``: origin of the refinements. It differs for tiles only."""
         if self.tile is None or self.tile.size is None:
             return self.centre_px
         return (np.array(self.tile.size) - 1.0) / 2.0 - np.array(self.tile.first)
 
     @property
     def camera_half_size_px(self) -> np.ndarray:
-        """Half the extent of what the camera took, ``(2,)``."""
+        """Half the extent of the scene, ``(2,)``; it differs from that of the image for tiles only."""
         if self.tile is None or self.tile.size is None:
             return self.half_size_px
         return (np.array(self.tile.size) - 1.0) / 2.0
@@ -227,9 +226,9 @@ class Block:
     measurements : Measurements
         Where they were measured, with indices of images and points.
     warnings : tuple of str
-        What was put right on the way.
+        What was corrected in the inputs.
     unmeasured : GroundPoints
-        Known points that were given and are measured on no image, with their roles.
+        Known points that are measured on no image, with their roles.
     """
 
     images: tuple[Image, ...]
@@ -260,7 +259,7 @@ class Block:
         return np.bincount(point[another], minlength=len(self.points))
 
     def with_ties(self, ties: ImagePoints) -> Block:
-        """Return the block with further tie points behind its own.
+        """Return the block with further tie points appended.
 
         Parameters
         ----------
@@ -307,7 +306,7 @@ class Block:
         return replace(self, measurements=self.measurements.select(keep))
 
     def with_cameras(self, cameras: Sequence[RPC]) -> Block:
-        """Return the block seen by other cameras.
+        """Return the block with other cameras.
 
         Parameters
         ----------
@@ -338,7 +337,7 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
 
 
 def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
-    """Return the ids of images that are tiles of one scene, a list a scene; but for those in groups of their own."""
+    """Return the ids of images that are tiles of one scene, a list for each scene, without those in ``apart``."""
     named = {name for group in apart for name in group}
     scenes: dict[str, list[str]] = {}
     for image in images:

@@ -27,9 +27,9 @@ class Columns:
         return f"<{type(self).__name__}: {len(first)} rows>"
 
     def _fill(self, **columns: tuple[type, tuple[int, ...]]) -> None:
-        """Make columns of one length from sequences and single values: for each its type and the shape of a row.
+        """Make columns of one length from sequences and single values; ``columns`` has type and row shape of each.
 
-        The first one says how many rows there are. Raises `InputError` naming the column that does not fit.
+        The first one has the number of rows. Raises `InputError` naming the column that does not fit.
         """
         rows = None
         for name, (kind, shape) in columns.items():
@@ -48,9 +48,9 @@ class Columns:
 
 
 def group_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order ``(n,)`` that brings equal numbers together, and where each begins in it, ``(count + 1,)``.
+    """Return the order ``(n,)`` that groups equal numbers, and the first index of each group, ``(count + 1,)``.
 
-    ``number (n,)`` are from 0 to below ``count``; rows of the same number stay in their order.
+    ``number (n,)`` are from 0 to ``count`` - 1; the order within a group is kept.
     """
     small = number.astype(np.uint16) if count <= 1 << 16 else number  # sorted by digits: in a sixth of the time
     return np.argsort(small, kind="stable"), np.r_[0, np.cumsum(np.bincount(number, minlength=count))]

@@ -1,4 +1,4 @@
-"""Outlines of images on the ground as polygons: what they share, and which pairs touch.
+"""Footprints: outlines of images on the ground as polygons, their overlap, and pairs that touch.
 
 Polygons are in degrees of longitude and latitude. Longitudes go on beyond 180 where an image lies across it, so that
 two polygons may be a whole turn apart; the functions of this module bring them together.
@@ -44,7 +44,7 @@ def compute_footprints(images: Sequence[Image], height_m: float, per_side: int =
 
 
 def compute_footprint_hull(image: Image, low_m: float, high_m: float) -> Polygon:
-    """Return a polygon that holds the footprints of an image at all heights between two."""
+    """Return a polygon that contains the footprints of an image at all heights between two."""
     hull = MultiPoint(_join(_compute_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
     return hull if hull.geom_type == "Polygon" else Polygon()
 
@@ -85,7 +85,7 @@ def intersect_footprints(first: Polygon, second: Polygon) -> Polygon:
 
 
 def compute_overlap(first: Polygon, second: Polygon) -> tuple[float, float]:
-    """Return which share (0 to 1) of the first and of the second footprint both have in common."""
+    """Return the overlap as a share (0 to 1) of the first and of the second footprint."""
     common = intersect_footprints(first, second).area
     return (common / first.area, common / second.area) if common > 0.0 else (0.0, 0.0)
 
@@ -111,6 +111,6 @@ def find_touching_pairs(polygons: Sequence[Polygon]) -> list[tuple[int, int]]:
 
 
 def _shift_to(polygon: Polygon, other: Polygon) -> Polygon:
-    """Return a polygon moved by whole turns to where another one is."""
+    """Return a polygon shifted by multiples of 360 degrees to the longitude of another one."""
     turns = round((other.bounds[0] - polygon.bounds[0]) / 360.0)
     return translate(polygon, 360.0 * turns) if turns else polygon

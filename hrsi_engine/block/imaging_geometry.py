@@ -1,4 +1,4 @@
-"""How images see the ground: GSD, incidence and azimuth, convergence, B/H, overlap; and whether to trust an RPC.
+"""Imaging geometry: GSD, incidence and azimuth, convergence, B/H and overlap; sanity checks of an RPC.
 
 Definitions, at a ground point on the terrain:
 
@@ -64,7 +64,7 @@ GEOMETRY = GeometryThresholds()
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """How an image sees the terrain in its middle.
+    """Imaging geometry in the middle of an image.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class ViewGeometry:
 
 @dataclass(frozen=True)
 class PairGeometry:
-    """How two images see the ground that they share.
+    """Imaging geometry of two images in the middle of their common ground.
 
     Angles belong to the middle of the shared ground, and are None where there is none.
 
@@ -114,7 +114,7 @@ class PairGeometry:
 
 
 class ViewDirection:
-    """An image with the terrain under it.
+    """An image with its terrain.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
 
 
 def compute_pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGeometry:
-    """Return how two views share the ground."""
+    """Return overlap, convergence and base-to-height ratio of two views."""
     common = intersect_footprints(first.footprint, second.footprint)
     overlap = compute_overlap(first.footprint, second.footprint)
     if not common.area > 0.0:
@@ -231,9 +231,9 @@ def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
 
 
 def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None) -> list[str]:
-    """Return what is doubtful about an image's RPC, as sentences that say what to do; empty where nothing is.
+    """Return warnings about an image's RPC, with advice; empty where it is sound.
 
-    ``terrain_m`` is the lowest and highest height that the RPC is used at, where they are known.
+    ``terrain_m`` is the lowest and highest height at which the RPC is used, where known.
     """
     warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
     _, (ground, converged) = make_virtual_grid(
@@ -292,7 +292,7 @@ def _check_denominators(rpc: RPC, ground: np.ndarray) -> list[str]:
 
 
 def _check_orientation(rpc: RPC, ground: np.ndarray) -> list[str]:
-    """An image of the ground seen from above is not mirrored; exchanged latitude and longitude mirror it."""
+    """Return a warning for a mirrored image, which exchanged latitude and longitude cause."""
     _, by_ground = rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
     if np.linalg.det(by_ground[0, :, :2]) > 0.0:
         return [
@@ -321,7 +321,7 @@ def _check_size(image: Image, ground: np.ndarray) -> list[str]:
 
 
 def is_crop(image: Image) -> bool:
-    """Return whether an image is much smaller than its RPC's range, which begins at the first pixel."""
+    """Return whether an image is much smaller than its RPC's extent, which begins at the first pixel."""
     rpc = image.rpc
     if image.size is None:
         return False

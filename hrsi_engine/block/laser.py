@@ -1,7 +1,7 @@
-"""Laser points: places on the ground whose height a satellite's laser measured (ICESat-2, GEDI).
+"""Laser points: ground heights measured by a satellite's laser (ICESat-2, GEDI), without image points.
 
-They carry no image points. What a laser point says is the mean height of the ground under its footprint (11 m wide,
-or a segment of 20 to 100 m along the track); its place is known to some metres.
+The height is the mean of the ground in the laser's footprint (11 m wide, or a segment of 20 to 100 m along the track);
+its plan position is known to some metres.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ LASER_HEIGHT = LaserHeightThresholds()
 
 @dataclass(frozen=True, eq=False)
 class LaserPoints(Columns):
-    """Heights by laser, and what their files tell of their quality; NaN where a file does not say.
+    """Laser heights and the quality figures of their files; NaN where a file has none.
 
     Parameters
     ----------
     ids, track : (n,) ndarray of str
-        Their names; and the pass that measured them, whose errors they share.
+        Ids; and the pass of the satellite, whose error is common to its points.
     ground : (n, 3) ndarray
         Lon, lat in degrees, ellipsoidal height in metres.
     sigma_m : (n,) ndarray
@@ -50,7 +50,7 @@ class LaserPoints(Columns):
     canopy_m : (n,) ndarray
         Height of the vegetation above the ground.
     doubt : (n,) ndarray of str
-        Why the file itself does not trust a point; empty where it does.
+        Why the file flags a point as unreliable; empty where it does not.
     source : str
         The file and layer, for messages.
     """

@@ -1,7 +1,7 @@
-"""Columns of names that repeat: each name once, and a number a row.
+"""Columns of repeated names, stored as distinct names and an index for each row.
 
-A block of ten million measurements names a thousand images, and every point three times. As texts these columns would
-take more memory than all numbers, and finding the distinct names again more time than the adjustment has for a step.
+Ten million measurements have a thousand distinct images and three measurements of each point. As texts these columns
+would take more memory than all numbers, and finding the distinct names more time than a step of the adjustment.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 
 
 class NameColumn:
-    """A column of texts as distinct names and their numbers; NumPy's functions take it for the array of texts.
+    """A column of texts as distinct names and indices; NumPy functions accept it as the array of texts.
 
     Parameters
     ----------
     names : (k,) ndarray of str
-        Distinct; not each needs to occur.
+        Distinct names; not all need to occur.
     number : (n,) ndarray of int
-        Which of them stands in a row.
+        Index of the name of each row.
     """
 
     dtype = np.dtype(str)
@@ -65,7 +65,7 @@ class NameColumn:
 
 
 def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct ids, sorted, and the index of each row's id; quick where equal ids stand together."""
+    """Return the distinct ids, sorted, and the index of each row's id; fast where equal ids are adjacent."""
     if isinstance(ids, NameColumn):
         used = np.zeros(len(ids.names), dtype=bool)
         used[ids.number] = True
@@ -81,14 +81,14 @@ def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarra
 
 
 def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
-    """Return which rows have one of the wanted names: (n,) bool."""
+    """Return which rows have one of the wanted names, ``(n,)`` bool."""
     if isinstance(ids, NameColumn):
         return np.isin(ids.names, wanted)[ids.number]
     return np.isin(ids, wanted)
 
 
 def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
-    """Return columns of names under each other; numbered where one of them is."""
+    """Return the columns concatenated; as `NameColumn` where one of them is."""
     if not any(isinstance(column, NameColumn) for column in columns):
         return np.concatenate(columns)
     parts = [find_unique_ids(column) for column in columns]

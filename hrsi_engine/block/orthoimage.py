@@ -1,4 +1,4 @@
-"""An orthoimage: pixels, and where each of them lies on the ground."""
+"""An orthoimage: pixels and the transformation between them and the ground."""
 
 from __future__ import annotations
 

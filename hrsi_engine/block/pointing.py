@@ -1,18 +1,18 @@
-"""How far off a sensor points, and how much that changes while it takes an image: what is known before any point.
+"""A priori pointing accuracy of a sensor, and its change over an image (drift), from the RPC or from publications.
 
-**Pointing.** An RPC may say it itself: ERR_BIAS is the standard deviation of each horizontal coordinate. Where it does
-not, the sensor is told from what its files call it, and its published accuracy without ground control counts
+**Pointing.** ERR_BIAS of an RPC is the standard deviation of each horizontal coordinate. Where it is missing, the
+sensor is recognised by the names in its files, and its published accuracy without ground control is used
 (`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. An unknown sensor points to `POINTING.unknown_px`.
 
-**Change over an image.** ERR_RAND is the standard deviation of what varies within an image: of a linear change, whose
-ends are d apart, it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are
-both for two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): QuickBird points to 14 to 21 m
-(CE90), and the largest change of the error along a strip was 12 to 24 m; WorldView-1 4.0 to 5.3 m, and 1.8 to 4.8 m.
-How many strips these are is not said. Of some fifty the largest is 2.8 standard deviations of a coordinate, so these
-are 6.4 m of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `POINTING.strip_share` of its size, more or
-less. Nor is the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the
-error of gyroscopes grows with the root of the time; within a second of flight, `POINTING.smooth_m`, it is smooth and
-grows with the time itself.
+**Drift.** ERR_RAND is the standard deviation of the error's variation within an image: for a linear change by d from
+end to end it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are both for
+two sensors (Smiley 2009, of the strips of each quarter from 2006 to 2008): QuickBird points to 14 to 21 m (CE90), and
+the largest change of the error along a strip was 12 to 24 m; WorldView-1 4.0 to 5.3 m, and 1.8 to 4.8 m. How many
+strips these are is not said. Of some fifty the largest is 2.8 standard deviations of a coordinate, so these are 6.4 m
+of 8.2 m, and 1.2 m of 2.2 m: over a strip the error changes by `POINTING.strip_share` of its size, more or less. Nor is
+the length of the strips; 100 km is what these satellites take in one go. Between an image and a strip the error of
+gyroscopes grows with the root of the time; within a second of flight, `POINTING.smooth_m`, it is smooth and grows with
+the time itself.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ POINTING = PointingThresholds()
 
 
 class SensorAccuracy(NamedTuple):
-    """What is published of a sensor.
+    """Published accuracy of a sensor.
 
-    ce90_m : without ground control; source : where
-    told_by : how its files are told (`re`)
-    drift : of its error across an image, px per px, and where; None where nothing is published
+    ce90_m : without ground control; source : publication
+    told_by : regular expression for the names of its files
+    drift : of its error across an image, px/px, and publication; None where nothing is published
     """
 
     title: str
@@ -119,11 +119,11 @@ _TOLD_BY_ANY = re.compile("|".join(entry.told_by for entry in PUBLISHED))
 
 @dataclass(frozen=True)
 class Pointing:
-    """What is believed of an image's pointing.
+    """A priori pointing accuracy of an image.
 
-    sigma_m : standard deviation of each horizontal coordinate; None where only `POINTING.unknown_px` can be said
+    sigma_m : standard deviation of each horizontal coordinate in m; None where only `POINTING.unknown_px` can be said
     drift : standard deviation of its change across the image, px per px
-    reason : what says so, for people
+    reason : its origin, for messages
     """
 
     sigma_m: float | None
@@ -132,7 +132,7 @@ class Pointing:
 
 
 def find_sensor(*names: str) -> SensorAccuracy | None:
-    """Return what is published of the sensor that one of some names tells, the first one first; None: unknown."""
+    """Return the published accuracy of the sensor recognised by the first of some names; None if unknown."""
     for name in names:
         if name and _TOLD_BY_ANY.search(name.lower()):
             return next(entry for entry in PUBLISHED if re.search(entry.told_by, name.lower()))
@@ -140,7 +140,7 @@ def find_sensor(*names: str) -> SensorAccuracy | None:
 
 
 def estimate_pointing(image: Image) -> Pointing:
-    """Return what is believed of an image: by its RPC, by what is published of its sensor, or in general."""
+    """Return the pointing accuracy of an image: from its RPC, from publications of its sensor, or the default."""
     published = find_sensor(image.sensor, os.path.basename(image.path), image.id)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
     reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, POINTING.least_drift
@@ -168,7 +168,7 @@ def estimate_pointing(image: Image) -> Pointing:
 
 
 def compute_gsd_m(image: Image) -> float:
-    """Return the size of a pixel on the ground in the middle of what the RPC was made for, the mean of both axes."""
+    """Return the ground sample distance in the middle of the RPC's domain, the mean of both axes, m."""
     return float(compute_gsds_m([image])[0])
 
 

@@ -1,4 +1,4 @@
-"""Columns of points: on the ground, and measured on images. What files and matchers deliver, and what a block holds."""
+"""Tables of ground points and of image points, as files and matchers deliver them and as a block holds them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SAME_POINT = SamePointThresholds()
 
 
 class Role(IntEnum):
-    """What the known position of a ground point is used for."""
+    """Role of a ground point in the adjustment."""
 
-    GCP = 0  #: weighted observation of the adjustment
-    CHECK = 1  #: compared with the result, never used
-    TIE = 2  #: not known, or only a starting value
-    OFF = 3  #: set aside with its measurements: in files and tables of points, never in a block
+    GCP = 0  #: its surveyed position is a weighted observation
+    CHECK = 1  #: its surveyed position is compared with the result, and not used
+    TIE = 2  #: its position is unknown, or only an initial value
+    OFF = 3  #: left out with its measurements: in files and tables of points, never in a block
 
     @classmethod
     def parse(cls, text: str) -> Role | None:
@@ -59,7 +59,7 @@ class Role(IntEnum):
         return self.name.lower()
 
 
-#: The roles' words, to be indexed by an array of roles.
+#: Labels of the roles, indexed by an array of roles.
 ROLE_LABELS = np.array([role.label for role in Role])
 _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
@@ -282,7 +282,7 @@ class Measurements(Columns):
 
 
 def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Tell where two positions of one id are two places on the ground, wherever on Earth.
+    """Return which positions of one id differ by more than `SAME_POINT.same_position_m`.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     Returns
     -------
     (n,) ndarray
-        Bool.
+        True where they differ.
     """
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))

@@ -1,4 +1,4 @@
-"""Places of a reference orthoimage: their position in plan is known from it, and they are measured on images."""
+"""Points of a reference orthoimage: their plan position is known from it, and they are measured on images."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ REFERENCE_KIND = "reference"  # of their image points
 
 @dataclass(frozen=True, eq=False)
 class ReferencePlaces:
-    """Places that hold a block in plan.
+    """Points of a reference orthoimage that determine a block in plan.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class ReferencePlaces:
     sigma_m : float
         Standard deviation of each horizontal coordinate of the reference.
     over_rpcs : bool
-        Whether the RPCs' own accuracy counts for nothing against it, as against surveyed GCPs.
+        True if the reference determines the block like surveyed GCPs, without the RPCs' own accuracy.
     name : str
         What reports call it.
     """

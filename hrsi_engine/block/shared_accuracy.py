@@ -1,7 +1,7 @@
-"""What the observations of an orthoimage or a DEM have in common of their errors, and what many of them are worth.
+"""Common errors of the observations of an orthoimage or a DEM, and the effective accuracy of many of them.
 
-All of an orthoimage was placed by the same orbit, GCPs and mosaic: most of its error is the same everywhere in a scene,
-some changes from part to part with strips and seams, and the rest from place to place. Sentinel-2's refined products
+An orthoimage is georeferenced as a whole by orbit, GCPs and mosaic: most of its error is common to a scene, some varies
+from part to part with strips and seams, and the rest from place to place. Sentinel-2's refined products
 lie 8 m off and two dates of them 5 m apart (both 95 %, circular; ESA 2021): 3.3 m a coordinate, of which 1.4 m are the
 date's own. So 80 % of the variance comes from what all dates were registered to; nobody states how that is spread over
 a scene, and it is taken as 64 % for all of it and 16 % for its parts. A DEM's errors are those of its cells (slopes,
@@ -30,21 +30,20 @@ AREA = AreaThresholds()
 
 
 class ErrorShares(NamedTuple):
-    """Shares of a source's standard deviation: of what all its observations share, and those of a part of the area."""
+    """Shares of a source's standard deviation: common to all its observations, and to a part of the area."""
 
     by_all: float
     by_part: float
 
     @property
     def independent(self) -> float:
-        """Share of the standard deviation that each observation has by itself."""
+        """Share of the standard deviation that is independent between observations."""
         return float(np.sqrt(1.0 - self.by_all**2 - self.by_part**2))
 
     def compute_equivalent_sigma(self, sigma_m: float, ground: np.ndarray) -> float:
-        """Return a sigma for each of the places ``ground (k, 3)`` where nothing knows what they share.
+        """Return a standard deviation for places ``ground (k, 3)`` treated as independent observations.
 
-        With it, as independent observations, all of them together count as they do in truth: as well as the mean of
-        what they share and what each has by itself.
+        Their mean then has the variance that it has with the common errors.
         """
         parts = np.unique(divide_area(ground)[0], return_counts=True)[1]
         count = len(ground)
@@ -58,7 +57,7 @@ ORTHOIMAGE, DEM = ErrorShares(0.8, 0.4), ErrorShares(0.4, 0.4)
 
 
 def divide_area(ground: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the part of the area that each place of ``ground (k, 3)`` lies in, and what the parts are called."""
+    """Return the index of the part of the area of each place ``ground (k, 3)``, and the names of the parts."""
     if not len(ground):
         return np.zeros(0, dtype=np.int64), ()
     away = ground_difference_m(ground, np.broadcast_to(ground[0], (len(ground), 3)))[:, :2]

@@ -1,7 +1,7 @@
-"""Ids that people take for the same and HRSI does not: it compares ids as text, to the letter.
+"""Ids that differ in spelling only. HRSI compares ids as text, exactly; similar ids are reported, never matched.
 
-Spreadsheets drop leading zeros and add ``.0``, word processors turn hyphens into dashes, and hands mix capitals, blanks
-and underscores. Nothing is matched by such likeness; it is only told.
+Spreadsheets drop leading zeros and add ``.0``, word processors turn hyphens into dashes, and people mix capitals,
+blanks and underscores.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from itertools import islice
 
 _APART = "\x01"  # between ids while all are spelt in one go; it is no blank, and no sane id holds it
-_AT_ONCE = 50_000  # strangers, whose texts take a hundred times the memory of a table's
+_AT_ONCE = 50_000  # ids in memory together: as texts they take a hundred times the memory of a table's
 _DASHES = dict.fromkeys(map(ord, "‐‑‒–—―−⁃﹘﹣－"), "-")
 _INVISIBLE = dict.fromkeys(map(ord, "\u00ad\u200b\u200c\u200d\u2060\ufeff"), None)
 #: What spellings differ in, and what stands for it here; in this order.
@@ -30,7 +30,7 @@ _SLIGHT = dict.fromkeys([*map(ord, "-_.0"), *(code for code in range(0x3001) if 
 
 
 def normalise_spellings(ids: Iterable[str]) -> list[str]:
-    """Return each id in a spelling that it shares with those that look alike."""
+    """Return a normalised spelling of each id, equal for similar ids."""
     listed = list(ids)
     text = _join_lower_case(listed)
     for pattern, plain in _SPELLINGS:
@@ -39,7 +39,7 @@ def normalise_spellings(ids: Iterable[str]) -> list[str]:
 
 
 def _join_lower_case(ids: Iterable[str]) -> str:
-    """Return ids as one text in small letters, because a call for each of a million ids takes seconds."""
+    """Return ids joined to one text in lower case: a call for each of a million ids would take seconds."""
     text = _APART.join(str(name).replace(_APART, "") for name in ids)
     if not text.isascii():
         text = unicodedata.normalize("NFKC", text).translate(_DASHES | _INVISIBLE)
@@ -47,12 +47,12 @@ def _join_lower_case(ids: Iterable[str]) -> str:
 
 
 def _strip_separators(ids: Iterable[str]) -> list[str]:
-    """Return what is left of each id without all that spellings differ in: found ten times as fast as these."""
+    """Return each id without separators, zeros and blanks: a pre-test, ten times as fast as normalised spellings."""
     return _join_lower_case(ids).translate(_SLIGHT).split(_APART)
 
 
 def find_similar_ids(strangers: Iterable[str], known: Iterable[str]) -> dict[str, list[str]]:
-    """Return which known ids look like strangers, by stranger; without those that look like none."""
+    """Return the known ids that are similar to each of ``strangers``; without those that have none."""
     by_spelling: dict[str, list[str]] = {}
     waiting = map(str, strangers)
     names = list(islice(waiting, _AT_ONCE))

@@ -1,4 +1,4 @@
-"""The RPCs of a block's images at once, for rooms that know images but no cameras."""
+"""Vectorised RPCs of a block's images, for packages that import images but no cameras."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from .block import Image
 
 
 def stack_of(images: Sequence[Image]) -> RPCStack:
-    """Return the RPCs of images, by the images' numbers."""
+    """Return the RPCs of images as a stack, by the images' indices."""
     return RPCStack([image.rpc for image in images])

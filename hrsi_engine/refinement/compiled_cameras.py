@@ -5,7 +5,7 @@ and its like), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid insid
 of ten lines here, and an entry in `FAMILIES`; models without one are linearised image by image with NumPy.
 
 Arguments that the loops share
-    points (k,), place (k + 1,) : which points, and where the image points of each are written
+    points (k,), place (k + 1,) : indices of points, and the first output row of each
     first (m + 1,), image (n,), xy (n, 2) : as in `adjustment.observations`; rays (n, r): constants of image points
     ground (m, 3) : lon, lat, height of all points
     constants (images, c), coefficients (images, …) : of the formula
@@ -158,7 +158,7 @@ def _place_ray_end(
     rpcs: Arrays, constants: np.ndarray, lon: float, lat: float, height: float, scratch: np.ndarray,
     computed: np.ndarray, by_ground: np.ndarray,
 ) -> Any:  # fmt: skip
-    """Return one end of a ray in the frame, with derivatives by the image point."""
+    """Return one end of a ray in the frame, with its derivatives by the image point."""
     east, north = ellipsoid.metres_of_a_degree(lat, height)
     project_point(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
     position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
@@ -174,8 +174,8 @@ def _write_rays(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray
 class Family(NamedTuple):
     """How the models of a family are linearised.
 
-    loop : over points; table : what tells the models of the family apart
-    columns, rays : how many numbers are computed once for each image point, and what writes those of some rows
+    loop : compiled loop over points; table : array of what differs between the models of the family
+    columns, rays : number of values computed once for each image point, and the function that writes them
     """
 
     loop: Callable[..., None]
@@ -206,7 +206,7 @@ class CameraTables:
         """Take the images, the image points of each, and the columns that all loops share."""
         family = FAMILIES[type(model)]
         self.structure: Structure = model.structure
-        self.is_costly = family.columns > 0  # to evaluate: worth keeping
+        self.is_costly = family.columns > 0  # to evaluate: its equations are worth keeping
         self._model, self._loop, self._table = model, family.loop, family.table(model)
         self._rpcs = rpc_tables([one.rpc for one in images])
         self._constants = np.stack([model.constants(one) for one in images])

@@ -1,8 +1,8 @@
-"""Ground control that cannot be right, or cannot do what is asked of it: errors and warnings that name the points.
+"""Checks of an image's GCPs: errors and warnings that name the points.
 
-An error where nothing sensible can follow (no point, no number, longitude and latitude swapped, another part of the
-world), a warning where they cannot do what is asked of them: on a line, at one place. What cannot be what it claims to
-be (heights in feet, points outside the image) `plausibility` finds.
+An error where no result is possible (no point, no number, longitude and latitude swapped, another part of the world), a
+warning where the points do not determine a model: on a line, at one place. Implausible inputs (heights in feet, points
+outside the image) are found by `plausibility`.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
 
 
 def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
-    """Return which points come to the image when longitude and latitude are exchanged, and are far off without."""
+    """Return which points are near the image only with longitude and latitude exchanged, ``(n,)`` bool."""
     return (_compute_distance_m(image, ground) > CONTROL.farthest_m) & (
         _compute_distance_m(image, ground[:, [1, 0, 2]]) < CONTROL.farthest_m
     )

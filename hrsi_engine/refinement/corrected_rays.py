@@ -1,15 +1,15 @@
-"""The formula of the generic method: where a corrected ray passes, and the observation equations that follow.
+"""Intersection of a corrected pseudo ray with a height, and its observation equations (generic method).
 
-It is written once, for one image point in compiled loops and for all of an image with NumPy; `pseudo_sensor` has the
-derivation. In its symbols: with (u, v) the image position centred and scaled to [-1, 1] each of the seven corrections
-is ``a0 + aS u + aL v``. The direction ``(tan psi_x, tan psi_y, -1)`` of the ray is turned by pitch, roll and yaw at the
-station, followed down to the height z, and the whole is turned by psi_z about the middle of the image. All derivatives
-are those of these steps, one after the other.
+Each formula is written once, for one image point in compiled loops and for all points of an image with NumPy;
+`pseudo_sensor` has the derivation. With (u, v) the image position centred and scaled to [-1, 1], each of the seven
+corrections is ``a0 + aS u + aL v``. The direction ``(tan psi_x, tan psi_y, -1)`` of the ray is rotated by pitch, roll
+and yaw at the station, followed down to the height z, and all is rotated by psi_z about the middle of the image. The
+derivatives follow by the chain rule.
 
-The observation equation in metres, ``(x, y)(image point, values, z) = ground``, becomes one in pixels by two Newton
-steps for the image point: the first from where it is observed, the second from where that leads, with the derivatives
-there. One would do where residuals are small; with large ones its derivatives by the values lack how the step itself
-changes, and an adjustment that follows them ends beside its minimum (a descent by false derivatives never knows it).
+The observation equation in metres, ``(x, y)(image point, values, z) = ground``, is solved for the image point by two
+Newton steps: the first from the observed point, the second from its result, with the derivatives there. One step would
+do for small residuals; with large ones its derivatives by the values lack the change of the step itself, and the
+adjustment would converge beside its minimum.
 """
 
 from __future__ import annotations
@@ -50,37 +50,20 @@ def _rotate_direction(roll: Number, pitch: Number, yaw: Number, x: Number, y: Nu
     return x, y, z
 
 
-def intersect_frame_height(
-    constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, row: RowIndex,
-    sample: Number, line: Number, z: Number, ahead: Couple[Number],
-) -> Any:  # fmt: skip
-    """Return where the corrected ray of an image point meets frame height z, with all derivatives.
+def _rotate_ray(
+    rays: np.ndarray, row: RowIndex, ahead: Couple[Number], roll: Number, pitch: Number, yaw: Number
+) -> Any:
+    """Return the tangents x, y of a ray's direction, turned at its station, and their derivatives.
 
     Parameters
     ----------
-    constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
-    rays : (n, 18) of `pseudo_rays.pseudo_rays`; row : the image point, or all of them
-    sample, line : px, to which the ray of ``row`` belongs; z : m
-    ahead : px in sample and line from there to the image point whose ray is meant, which differs linearly
+    rays, row, ahead : as in `intersect_frame_height`; roll, pitch, yaw : rad
 
     Returns
     -------
-    (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line; (x, y)
-    by z; and the terms (1, u, v) of the corrections. The sag of a ray is left as it is.
+    x, y; their derivatives by roll, pitch, yaw, and by the sample and line of the ray.
     """
     to_sample, to_line = ahead
-    u = (sample + to_sample - constants[i, 12]) / constants[i, 14]
-    v = (line + to_line - constants[i, 13]) / constants[i, 15]
-    a = coefficients
-    dx, dy, dh = (
-        a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v,
-        a[i, 1, 0] + a[i, 1, 1] * u + a[i, 1, 2] * v,
-        a[i, 2, 0] + a[i, 2, 1] * u + a[i, 2, 2] * v,
-    )
-    roll, pitch = a[i, 3, 0] + a[i, 3, 1] * u + a[i, 3, 2] * v, a[i, 4, 0] + a[i, 4, 1] * u + a[i, 4, 2] * v
-    yaw, psi_z = a[i, 5, 0] + a[i, 5, 1] * u + a[i, 5, 2] * v, a[i, 6, 0] + a[i, 6, 1] * u + a[i, 6, 2] * v
-
-    # the direction, turned at its station; ``pitched`` and ``rolled`` are on the way, for the derivatives
     tx = rays[row, 2] + rays[row, 8] * to_sample + rays[row, 9] * to_line
     ty = rays[row, 3] + rays[row, 10] * to_sample + rays[row, 11] * to_line
     pitched_z, pitched_y = _rotate(pitch, -1.0, ty)
@@ -101,18 +84,49 @@ def intersect_frame_height(
         _rotate_direction(roll, pitch, yaw, rays[row, 8], rays[row, 10], 0.0), x, y, down
     )
     by_line = _differentiate_tangents(_rotate_direction(roll, pitch, yaw, rays[row, 9], rays[row, 11], 0.0), x, y, down)
+    return x, y, by_roll, by_pitch, by_yaw, by_sample, by_line
 
-    # from the station down to z, then turned about the middle of the image by psi_z
+
+def intersect_frame_height(
+    constants: np.ndarray, coefficients: np.ndarray, i: int, rays: np.ndarray, row: RowIndex,
+    sample: Number, line: Number, z: Number, ahead: Couple[Number],
+) -> Any:  # fmt: skip
+    """Return the intersection of the corrected ray of an image point with frame height z, and all derivatives.
+
+    Parameters
+    ----------
+    constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
+    rays : (n, 18) of `pseudo_rays.pseudo_rays`; row : the image point, or all of them
+    sample, line : image point of the ray in ``row``, px; z : m
+    ahead : px in sample and line from there to the image point in question, whose ray is extrapolated linearly
+
+    Returns
+    -------
+    (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line; (x, y)
+    by z; and the terms (1, u, v) of the corrections. The sag of the ray is not corrected.
+    """
+    to_sample, to_line = ahead
+    u = (sample + to_sample - constants[i, 12]) / constants[i, 14]
+    v = (line + to_line - constants[i, 13]) / constants[i, 15]
+    a = coefficients
+    dx, dy, dh = (
+        a[i, 0, 0] + a[i, 0, 1] * u + a[i, 0, 2] * v,
+        a[i, 1, 0] + a[i, 1, 1] * u + a[i, 1, 2] * v,
+        a[i, 2, 0] + a[i, 2, 1] * u + a[i, 2, 2] * v,
+    )
+    roll, pitch = a[i, 3, 0] + a[i, 3, 1] * u + a[i, 3, 2] * v, a[i, 4, 0] + a[i, 4, 1] * u + a[i, 4, 2] * v
+    yaw, psi_z = a[i, 5, 0] + a[i, 5, 1] * u + a[i, 5, 2] * v, a[i, 6, 0] + a[i, 6, 1] * u + a[i, 6, 2] * v
+
+    x, y, by_roll, by_pitch, by_yaw, by_sample, by_line = _rotate_ray(rays, row, ahead, roll, pitch, yaw)
+
+    # from the station down to z, then rotated about the middle of the image by psi_z
     drop = rays[row, 16] + rays[row, 17] * to_line + dh - z
     flat_x = rays[row, 0] + rays[row, 4] * to_sample + rays[row, 5] * to_line + dx + drop * x
     flat_y = rays[row, 1] + rays[row, 6] * to_sample + rays[row, 7] * to_line + dy + drop * y
     cos, sin = np.cos(psi_z), np.sin(psi_z)
     share = (rays[row, 14] - z) / rays[row, 15]
     bow, bow_by_z = 4.0 * share * (1.0 - share), -4.0 * (1.0 - 2.0 * share) / rays[row, 15]
-    xy = (
-        cos * flat_x + sin * flat_y + bow * rays[row, 12],
-        cos * flat_y - sin * flat_x + bow * rays[row, 13],
-    )
+    xy = cos * flat_x + sin * flat_y + bow * rays[row, 12], cos * flat_y - sin * flat_x + bow * rays[row, 13]
     along_x, along_y = cos * x + sin * y, cos * y - sin * x
     x_by = (
         cos,
@@ -134,7 +148,7 @@ def intersect_frame_height(
     )
     by_z = bow_by_z * rays[row, 12] - along_x, bow_by_z * rays[row, 13] - along_y
 
-    # by the image point: its own ray, and its terms of the corrections
+    # derivatives by the image point: through its ray, and through the terms of the corrections
     sample_x, sample_y = rays[row, 4] + drop * by_sample[0], rays[row, 6] + drop * by_sample[1]
     line_x = rays[row, 5] + drop * by_line[0] + x * rays[row, 17]
     line_y = rays[row, 7] + drop * by_line[1] + y * rays[row, 17]
@@ -174,7 +188,7 @@ def linearise_by_rays(
     determinant = xs * yl - xl * ys
     miss_x, miss_y = place_x - meeting[0], place_y - meeting[1]
     ahead = (yl * miss_x - xl * miss_y) / determinant, (xs * miss_y - ys * miss_x) / determinant
-    # where the step ends, the derivatives are those of the projection also if the residual is large
+    # at the end of the step the derivatives are those of the projection, also for large residuals
     meeting, x_by, y_by, by_image, by_z, basis = intersect_frame_height(
         constants, coefficients, i, rays, row, xy[row, 0], xy[row, 1], place_z, ahead
     )
@@ -199,12 +213,13 @@ def linearise_by_rays(
         terms[a, m] = basis[m]
 
 
-#: What compiled loops call.
+#: Functions that compiled loops call.
 CORRECTION_FORMULAS = (
     _rotate,
     _differentiate_rotation,
     _differentiate_tangents,
     _rotate_direction,
+    _rotate_ray,
     intersect_frame_height,
     linearise_by_rays,
 )

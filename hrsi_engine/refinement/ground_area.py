@@ -1,4 +1,4 @@
-"""The ground that an image shows, and coordinates on it that are -1 to 1: for models whose argument is the ground."""
+"""Ground area of an image, and coordinates normalised to it: for models whose argument is the ground position."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 class GroundArea:
     """Middle ``(3,)`` lon, lat, height, and half extents ``(3,)`` in degrees, degrees, metres.
 
-    Both horizontal extents are the same number of metres, so that the coordinates do not depend on how the image lies.
+    Both horizontal extents are equal in metres, so that the coordinates do not depend on the orientation of the image.
     """
 
     middle: np.ndarray
@@ -54,7 +54,7 @@ def ground_area(image: Image) -> GroundArea:
 
 
 def px_per_m(images: Sequence[Image]) -> np.ndarray:
-    """Return how many pixels a metre on the ground is in the middle of each image, ``(images,)``."""
+    """Return the pixels per metre on the ground in the middle of each image, ``(images,)``."""
     stack, which = stack_of(images), np.arange(len(images))
     centres = np.array([image.camera_centre_px for image in images])
     return stack.px_per_m(which, stack.localize(which, centres, stack.middles()[:, 2]))

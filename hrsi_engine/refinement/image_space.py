@@ -52,7 +52,7 @@ class ImagePolynomial:
         return np.asarray(~(self.mixing[:, constant] != 0.0).any(axis=(0, 1)))
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return shift, drift (px/px) or, for higher degrees, drift per half image size."""
+        """Return the shift (px), the drift (px/px) or, for higher degrees, the drift per half image size."""
         degree = self.powers.sum(axis=1)
         reach = image.camera_half_size_px.max()
         by_monomial = np.where(
@@ -62,12 +62,11 @@ class ImagePolynomial:
 
     @cached_property
     def _enters(self) -> np.ndarray:
-        """Which parameters enter the coefficients of which monomial, ``(m, p)``."""
+        """Which parameters occur in the coefficients of which monomial, ``(m, p)`` bool."""
         return np.asarray((self.mixing != 0.0).any(axis=0))
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
-        """Return the observation equations; they do not depend on where the points were observed."""
-
+        """Return the observation equations; they do not depend on the observed positions."""
         constants = self.constants(image)[None]
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -79,7 +78,7 @@ class ImagePolynomial:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `correct_in_image` needs of an image: its centre, ``(2,)`` px."""
+        """Return the constants of an image for `correct_in_image`: its centre, ``(2,)`` px."""
         return image.camera_centre_px
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -96,7 +95,7 @@ class ImagePolynomial:
         return np.asarray(self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T)
 
     def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the squares of the correction's derivatives by the parameters, weighted by ``(n,)``, ``(p, p)``."""
+        """Return the normal matrix ``(p, p)`` of the correction's derivatives, with weights ``(n,)``."""
         terms = self._terms(projected - image.camera_centre_px)
         own = (terms.T * weight) @ terms
         return np.asarray(sum(mixed.T @ own @ mixed for mixed in self.mixing))
@@ -107,7 +106,7 @@ class ImagePolynomial:
         return projected + self.correction(image, values, projected)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Fold the correction into the coefficients where that is exact, else fit a new RPC."""
+        """Change the coefficients where that is exact, else fit a new RPC."""
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         folded = self._fold_affine(image, values)
@@ -138,14 +137,14 @@ def correct_in_image(
     powers: np.ndarray, constants: np.ndarray, coefficients: np.ndarray, i: ImageIndex,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Add the correction of image i to its projected points; the formula of compiled loops and NumPy alike.
+    """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
     Parameters
     ----------
     powers : (m, 2); constants : (images, 2) px; coefficients : (images, 2, m)
-    computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
-    terms : (n, m), where the monomials are written
-    i : the image, or that of each point; a : the point, or all of them
+    computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
+    terms : (n, m) output, the monomials
+    i : image, or that of each point; a : row, or all rows
     """
     u, v = computed[a, 0] - constants[i, 0], computed[a, 1] - constants[i, 1]
     sample, sample_by_u, sample_by_v = 0.0, 0.0, 0.0
@@ -174,10 +173,10 @@ def correct_in_image(
 
 
 def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
-    """Return the model with the parameters it lacks of an affine correction behind its own.
+    """Return the model with the missing parameters of an affine correction appended.
 
-    What a correction of few parameters cannot follow of a camera's drift is an error that all points of an image
-    share; these parameters, held by a prior, are that error in the observation equations.
+    A drift of the camera that a model with few parameters cannot represent is an error common to all points of the
+    image; these parameters, with a prior, represent it in the observation equations.
     """
     affine = IMAGE_SPACE["affine"]
     powers = np.unique(np.concatenate([model.powers, affine.powers]), axis=0)
@@ -192,7 +191,7 @@ def add_drift_parameters(model: ImagePolynomial) -> ImagePolynomial:
 
 
 def _express_in_monomials(model: ImagePolynomial, powers: np.ndarray) -> np.ndarray:
-    """Return a model's mixing ``(2, m, p)`` over other monomials, its own among them."""
+    """Return a model's mixing ``(2, m, p)`` for ``powers (m, 2)``, which contain the model's own."""
     mixing = np.zeros((2, len(powers), len(model.parameters)))
     for index, own in enumerate(model.powers):
         mixing[:, np.flatnonzero((powers == own).all(axis=1))[0]] = model.mixing[:, index]
@@ -200,7 +199,7 @@ def _express_in_monomials(model: ImagePolynomial, powers: np.ndarray) -> np.ndar
 
 
 def _polynomial(name: str, title: str, powers: list[tuple[int, int]]) -> ImagePolynomial:
-    """Return the model with its own coefficient for every monomial in sample and in line."""
+    """Return the model with a coefficient for each monomial in sample and in line."""
     count = len(powers)
     mixing = np.zeros((2, count, 2 * count))
     mixing[0, :, :count] = np.eye(count)

@@ -1,13 +1,13 @@
 """The contract of a refinement model: how an image's correction enters the observation equations and a new RPC.
 
-A model has a few parameters per image (its *values*, zero meaning "the vendor's RPC as it is") and says, for points of
-that image, what the corrected camera computes and how that changes with the values and with the ground position::
+A model has a few parameters for each image (its *values*, zero for the vendor's RPC without correction). For points of
+the image it gives the computed image position and its derivatives by the values and by the ground position::
 
     computed(values, ground)      (n, 2)      sample, line in px
     by_values                     (n, 2, p)   px per unit of each parameter
     by_ground                     (n, 2, 3)   px per metre east, north, up at each point
 
-The adjustment knows nothing else of a model. A new model is one entry in `model_table`, and a class where no family
+The adjustment uses nothing else of a model. A new model is one entry in `model_table`, and a class where no family
 makes it; the contract tests run over every entry (numeric against analytic derivatives, zero values leave the RPC
 unchanged, refined RPC against the model).
 """
@@ -45,15 +45,15 @@ class Equations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """How the derivatives A of an image point by the parameters are composed: ``A = (G (x) t') mixing``.
+    """Kronecker structure of the derivatives A of an image point by the parameters: ``A = (G (x) t') mixing``.
 
-    Correction models are sums of a few *quantities* (sample and line, metres, angles), each a sum of the same *terms*
-    (1 and polynomials of a position). With G (2, q) the derivatives by the quantities and t (m,) the terms, compiled
-    loops multiply q + m numbers where A has 2 p.
+    A correction model has a few *quantities* (sample and line, metres, angles), each a linear combination of the same
+    *terms* (1 and polynomials of a position). With G (2, q) the derivatives by the quantities and t (m,) the terms,
+    compiled loops multiply q + m numbers instead of the 2 p of A.
 
-    quantities : q; None where they are sample and line themselves, G being the identity
+    quantities : q; None for sample and line themselves, where G is the identity
     terms : m
-    mixing : (q m, p) how each parameter enters the coefficients of the terms, those of the first quantity first
+    mixing : (q m, p) coefficients of the terms by the parameters, those of the first quantity first
     """
 
     quantities: int | None
@@ -66,13 +66,13 @@ class Structure:
         return 2 if self.quantities is None else self.quantities
 
     def fold(self, blocks: np.ndarray) -> np.ndarray:
-        """Return blocks ``(b, m m, q q)`` of a matrix of the coefficients as those of the parameters, ``(b, p, p)``."""
+        """Return blocks ``(b, m m, q q)`` of a normal matrix of the coefficients for the parameters, ``(b, p, p)``."""
         q, m = self.size, self.terms
         by_coefficient = blocks.reshape(len(blocks), m, m, q, q).transpose(0, 3, 1, 4, 2)
         return self._mix(by_coefficient.reshape(len(blocks), q * m, q * m), self.mixing)
 
     def unfold(self, blocks: np.ndarray) -> np.ndarray:
-        """Return blocks ``(b, p, p)`` of a cofactor matrix of the parameters as ``(b, m m, q q)`` of coefficients."""
+        """Return blocks ``(b, p, p)`` of the parameters' cofactor matrix for the coefficients, ``(b, m m, q q)``."""
         q, m = self.size, self.terms
         by_coefficient = self._mix(blocks, self.mixing.T).reshape(len(blocks), q, m, q, m)
         return np.ascontiguousarray(by_coefficient.transpose(0, 2, 4, 1, 3).reshape(len(blocks), m * m, q * q))
@@ -88,22 +88,22 @@ class Structure:
         return np.asarray(by_coefficient.reshape(len(terms), 2, -1) @ self.mixing)
 
 
-#: One row of arrays (compiled loops), or all of them (NumPy): what formulas that are written once take as an index.
+#: Index of formulas shared by compiled loops (one row) and NumPy (all rows).
 RowIndex = int | slice
 ALL_ROWS = slice(None)
-#: The image of that row, or the image of each.
+#: The image of that row, or that of each row.
 ImageIndex = int | np.ndarray
 
 
 class RefitRPC(NamedTuple):
-    """A new RPC and how far it is from its model.
+    """A refined RPC and its largest difference from the model.
 
     Parameters
     ----------
     rpc : RPC
         The camera.
     fit_max_px : float
-        Largest difference on an independent grid; 0 for an exact fold.
+        Largest difference on an independent grid in pixels; 0 where coefficients are changed exactly.
     """
 
     rpc: RPC
@@ -114,8 +114,8 @@ class RefitRPC(NamedTuple):
 class Orientation:
     """Standard deviations of a sensor's position and attitude.
 
-    Drifts are the change over ``reach_m`` on the ground, from the middle of an image to its edge; smaller images get
-    their share.
+    Drifts are changes over ``reach_m`` on the ground, from the middle of an image to its edge; they are scaled to the
+    size of the image.
     """
 
     position_m: float
@@ -127,7 +127,7 @@ class Orientation:
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations of the corrections before any observation (diagonal of C_A, thesis eq. 5.46).
+    """A priori standard deviations of the corrections (diagonal of C_A, thesis eq. 5.46).
 
     Parameters
     ----------
@@ -144,32 +144,32 @@ class Priors:
     orientation: Orientation | None = None
 
 
-#: Loose for constant errors of any satellite, while the drift across an image is held to what sensors do: so it is
-#: right for errors from 0 to 1 km and 0.1 rad at once (docs/accuracy_thesis.md).
+#: Loose for constant errors of any satellite, tight for the drift across an image: it serves errors from 0 to 1 km and
+#: 0.1 rad (docs/accuracy_thesis.md).
 LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
-#: With GCPs the priors only keep the equations regular: far above any vendor's error. The positions of the sensors
-#: are held as orbits are known at worst: attitude does the same but for what it changes across the image, and ties bend
-#: that to the images' drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
+#: With GCPs the priors only keep the equations regular: far above any vendor's error. The positions of the sensors get
+#: the worst accuracy of orbits, because attitude corrects the same but for its change across the image, which ties
+#: would fit to the images' drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENTATION, position_m=20.0))
-#: Without GCPs they hold the block where the vendor's RPCs put it, so they must be about as large as those err: what is
-#: believed of the sensors (`block.pointing`), or this where they are unknown.
+#: Without GCPs the priors determine the block's position, so they must match the errors of the RPCs: the accuracy of
+#: the sensor (`block.pointing`), or this where it is unknown.
 UNCONTROLLED = Priors(shift_px=POINTING.unknown_px, drift=1e-4)
 
 
 def select_priors(image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image; without GCPs what is believed of its sensor, where that is known.
+    """Return the priors of an image; without GCPs from the accuracy of its sensor.
 
     Parameters
     ----------
     image : Image
         The image.
     controlled : bool
-        Whether GCPs hold the part of the block that it belongs to.
+        True if the image's part of the block has GCPs.
 
     Returns
     -------
     Priors
-        Standard deviations before any observation.
+        A priori standard deviations.
     """
     if controlled:
         return CONTROLLED
@@ -178,7 +178,7 @@ def select_priors(image: Image, controlled: bool) -> Priors:
 
 
 def estimate_priors(image: Image) -> Priors:
-    """Return how large the errors of an image's RPC are believed to be.
+    """Return the a priori accuracy of an image's RPC, from the pointing of its sensor.
 
     Parameters
     ----------
@@ -215,14 +215,14 @@ class RefinementModel(Protocol):
 
     @property
     def least_points(self) -> int:
-        """GCPs on one image from which the parameters follow, priors helping only where the model is made for it."""
+        """Fewest GCPs on one image that determine the parameters, with priors only where the model is made for them."""
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across an image, ``(p,)`` bool."""
+        """Which parameters change the correction across the image (drifts), ``(p,)`` bool."""
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the standard deviation of each parameter before any observation.
+        """Return the a priori standard deviation of each parameter.
 
         Parameters
         ----------
@@ -274,7 +274,7 @@ class RefinementModel(Protocol):
         """
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Return an RPC that does the same as RPC and correction together, over the image and its height range.
+        """Return an RPC that reproduces RPC and correction together, over the image and its height range.
 
         Parameters
         ----------
@@ -286,5 +286,5 @@ class RefinementModel(Protocol):
         Returns
         -------
         RefitRPC
-            The RPC, and how well it does so.
+            The RPC, and its largest difference from them.
         """

@@ -42,12 +42,12 @@ class GroundPolynomial:
         return np.tile(self.powers.sum(axis=1) > 0, 2)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the shift, and the drift's pixels from the middle of the image to its edge."""
+        """Return the shift and the drift from the middle of the image to its edge, px."""
         degree = np.tile(self.powers.sum(axis=1), 2)
         return np.where(degree == 0, priors.shift_px, priors.drift * float(image.camera_half_size_px.max()))
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
-        """Return the observation equations; they do not depend on where the points were observed."""
+        """Return the observation equations; they do not depend on the observed positions."""
         constants = self.constants(image)[None]
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -65,7 +65,7 @@ class GroundPolynomial:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `correct_by_ground` needs of an image, ``(6,)``: middle and half extents of its ground area."""
+        """Return an image's constants for `correct_by_ground` ``(6,)``: middle and half extents of its ground area."""
         area = ground_area(image)
         return np.concatenate([area.middle, area.reach])
 
@@ -96,15 +96,15 @@ def correct_by_ground(
     lon: Number, lat: Number, height: Number, east: Number, north: Number,
     computed: np.ndarray, by_ground: np.ndarray, terms: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Add the correction of image i to its projected points; the formula of compiled loops and NumPy alike.
+    """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
     Parameters
     ----------
     powers : (m, 3); constants : (images, 6); coefficients : (images, 2, m)
     lon, lat, height : degrees, metres; east, north : metres per degree there
-    computed, by_ground : (n, 2) px and (n, 2, 3) px per m, those of the RPC; they become those of the corrected camera
-    terms : (n, m), where the monomials are written
-    i : the image, or that of each point; a : the point, or all of them
+    computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
+    terms : (n, m) output, the monomials
+    i : image, or that of each point; a : row, or all rows
     """
     x = ellipsoid.wrap_once(lon - constants[i, 0]) / constants[i, 3]
     y, z = (lat - constants[i, 1]) / constants[i, 4], (height - constants[i, 2]) / constants[i, 5]

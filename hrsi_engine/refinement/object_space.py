@@ -49,7 +49,7 @@ OBJECT_SPACE_PRIORS = ObjectSpaceThresholds()
 class GroundCorrection:
     """A correction of ground coordinates.
 
-    entries : (p, 2) which coordinate each parameter corrects, and by which: 0 shift, 1 east, 2 north, 3 up
+    entries : (p, 2) coordinate that each parameter corrects, and its argument: 0 none (shift), 1 east, 2 north, 3 up
     """
 
     name: str
@@ -64,7 +64,7 @@ class GroundCorrection:
         return np.asarray(self.entries[:, 1] != 0)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return metres: of the shift, and of the drift from the middle of the image to its edge."""
+        """Return the shift and the drift from the middle of the image to its edge, m."""
         metres = 1.0 / float(px_per_m([image])[0])
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
@@ -73,7 +73,7 @@ class GroundCorrection:
         return np.where(up & plan_does_it, OBJECT_SPACE_PRIORS.height_share * sigma, sigma)
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
-        """Return the observation equations; they do not depend on where the points were observed."""
+        """Return the observation equations; they do not depend on the observed positions."""
         constants = self.constants(image)[None]
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -94,7 +94,6 @@ class GroundCorrection:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return the constants of an image ``(13,)``: axes (9) and origin (3) of its frame, half its extent R in m."""
-        # The frame about the middle of the image, and half its extent in metres
         area = ground_area(image)
         frame, reach = LocalFrame(*(float(value) for value in area.middle)), area.reach_m
         return np.concatenate([frame.axes.ravel(), frame.origin, [reach]])
@@ -132,15 +131,15 @@ class GroundCorrection:
 def move_position(
     constants: np.ndarray, coefficients: np.ndarray, i: int, position: Triple[Number], terms: np.ndarray, a: RowIndex
 ) -> Triple[Number]:
-    """Return geocentric positions, corrected for image i; write the terms 1, E/R, N/R, U/R.
+    """Return geocentric positions corrected for image i, and write the terms 1, E/R, N/R, U/R.
 
-    One formula for compiled loops and NumPy.
+    Shared by compiled loops and NumPy.
 
     Parameters
     ----------
     constants : (images, 13); coefficients : (images, 3, 4) m
     position : geocentric x, y, z, m
-    terms : (n, 1 or 4), where the terms are written, as many as there are columns; a : in which row, or all of them
+    terms : (n, 1 or 4) output, the first terms; a : row, or all rows
     """
     c, m, reach = constants, coefficients, constants[i, 12]
     x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
@@ -163,14 +162,14 @@ def rotate_derivatives(
     constants: np.ndarray, coefficients: np.ndarray, i: int, there: Any, here: Any,
     by_ground: np.ndarray, by_frame: np.ndarray, a: RowIndex,
 ) -> None:  # fmt: skip
-    """Turn derivatives by the corrected ground into those by the frame's coordinates and by the given ground.
+    """Transform derivatives by the corrected ground to those by the frame's coordinates and by the given ground.
 
     Parameters
     ----------
     constants, coefficients, i : as in `move_position`
     there, here : geocentric unit vectors east, north, up at the corrected and at the given position
-    by_ground : (n, 2, 3) px per m at the corrected position; it becomes that at the given one
-    by_frame : (n, 2, 3), where those by the frame's east, north, up are written; a : in which row, or all of them
+    by_ground : (n, 2, 3) px/m at the corrected position; overwritten by those at the given one
+    by_frame : (n, 2, 3) output, derivatives by the frame's east, north, up; a : row, or all rows
     """
     c, reach = constants, constants[i, 12]
     for row in range(2):

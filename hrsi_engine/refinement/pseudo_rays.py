@@ -1,17 +1,17 @@
-"""Pseudo light rays of image points, as the generic method needs them (thesis section 4.3, step 1; eqs. 4.10-4.11).
+"""Pseudo light rays of image points for the generic method (thesis section 4.3, step 1; eqs. 4.10-4.11).
 
-The ray of an image point goes through its ground positions at the two ends of the RPC's height range, in a topocentric
-frame about the middle of the image. X runs along the samples and Y to its left (against the lines), so that psi_x is
-roll and psi_y is pitch; z is up. The pseudo sensor is where the ray reaches the height H at which the rays of its line
-meet::
+The ray of an image point passes through its ground positions at the two ends of the RPC's height range, in a
+topocentric frame about the middle of the image. X is along the samples and Y to its left (against the lines), so that
+psi_x is roll and psi_y is pitch; z is up. The pseudo sensor is the point of the ray at the height H at which the rays
+of its line intersect::
 
     X(z) = Xs + (H - z) tan(psi_x)        Y(z) = Ys + (H - z) tan(psi_y)
 
-The thesis fixes H ("e.g. 600 km"); any value describes small corrections well. Corrections of 0.1 rad must turn the
-rays where they really meet: 100 m of height there, as an orbit curves over an image, are 10 m on the ground.
+The thesis fixes H ("e.g. 600 km"); any value serves small corrections. Corrections of 0.1 rad must rotate the rays at
+their true intersection: 100 m of its height, as an orbit curves over an image, are 10 m on the ground.
 
-RPCs are not made of straight rays exactly; what the middle of the height range misses (the *sag*, usually far below a
-millimetre) is kept as a parabola, so that a pseudo sensor without corrections is the RPC itself.
+The rays of an RPC are not exactly straight; the deviation at the middle of the height range (*sag*, usually far below a
+millimetre) is kept as a parabola, so that a pseudo sensor without corrections reproduces the RPC.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class SensorFrame:
 
     @cached_property
     def constants(self) -> np.ndarray:
-        """What formulas need of the frame, ``(19,)``: axes (9), origin (3), centre (2), half size (2), heights (3)."""
+        """Constants for the formulas ``(19,)``: axes (9), origin (3), centre (2), half size (2), heights (3)."""
         return np.concatenate([self.axes.ravel(), self.local.origin, self.centre_px, self.half_size_px, self.heights_m])
 
     @cached_property
@@ -126,7 +126,7 @@ def sensor_frame(image: Image) -> SensorFrame:
 
 
 def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
-    """Return z where the rays of both ends of three lines are nearest to each other: where the sensor was."""
+    """Return the sensor heights z of three lines: where the rays of the two ends of each are nearest to each other."""
     apart = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -139,7 +139,7 @@ def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
 
 
 def ray_heights(rpc: RPC) -> tuple[float, float]:
-    """Return the two ellipsoidal heights (m) that rays go through."""
+    """Return the two ellipsoidal heights (m) that define a ray."""
     reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
     return rpc.height_off - reach, rpc.height_off + reach
 
@@ -169,7 +169,7 @@ def pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarra
     return rays
 
 
-# ---- formulas, for one image point in compiled loops and for all of an image with NumPy ------------------------------
+# ---- formulas shared by compiled loops (one image point) and NumPy (all of an image) ---------------------------------
 
 
 def place_in_frame(
@@ -242,5 +242,5 @@ def draw_ray(
     rays[a, 17] = height_by_line
 
 
-#: What compiled loops call.
+#: Functions that compiled loops call.
 RAY_FORMULAS = (place_in_frame, _in_frame, draw_ray)

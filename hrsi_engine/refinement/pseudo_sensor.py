@@ -48,7 +48,7 @@ X, Y, H, PSI_X, PSI_Y, YAW, PSI_Z = range(7)
 
 
 class RayIntersection(NamedTuple):
-    """Where corrected rays pass given frame heights, ``xy (n, 2)`` m, and ``by_image (n, 2, 2)`` m per px."""
+    """Intersection of corrected rays with frame heights: ``xy (n, 2)`` m and ``by_image (n, 2, 2)`` m/px."""
 
     xy: np.ndarray
     by_image: np.ndarray
@@ -58,9 +58,9 @@ class RayIntersection(NamedTuple):
 class PseudoSensor:
     """A variant of the generic method.
 
-    terms : (p, 2) which of the quantities each parameter belongs to, and its term: 0 constant, 1 sample, 2 line
-    least_points : GCPs from which the parameters that matter follow; the priors hold the others
-    drift_factor : of the prior standard deviations of the drifts
+    terms : (p, 2) quantity of each parameter, and its term: 0 constant, 1 sample, 2 line
+    least_points : fewest GCPs; parameters that they do not determine have their priors
+    drift_factor : factor of the drifts' prior standard deviations
     """
 
     name: str
@@ -72,11 +72,11 @@ class PseudoSensor:
 
     @property
     def drifts(self) -> np.ndarray:
-        """Which parameters change the correction across an image, ``(p,)``: a yaw turns it, also a constant one."""
+        """Which parameters change the correction across the image, ``(p,)`` bool; a constant yaw does too."""
         return np.asarray((self.terms[:, 1] != 0) | (self.terms[:, 0] == YAW))
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return metres and radians; drifts are the change from the middle of the image to its edge."""
+        """Return metres and radians; drifts are changes from the middle of the image to its edge."""
         orientation = priors.orientation or _derive_orientation(image, priors)
         share = self.drift_factor * ground_area(image).reach_m / orientation.reach_m
         position, drift = orientation.position_m, share * orientation.position_drift_m
@@ -105,7 +105,7 @@ class PseudoSensor:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return what `linearise_by_rays` needs of an image, ``(19,)``: `SensorFrame.constants`."""
+        """Return the constants of an image for `linearise_by_rays` ``(19,)``: `SensorFrame.constants`."""
         return sensor_frame(image).constants
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class PseudoSensor:
         for _ in range(SENSOR.most_steps):
             rays = pseudo_rays(image.rpc, frame, position)
             hit = self._intersect(constants, coefficients, rays, position, place[:, 2])
-            # 2 x 2 matrices with NaN ones replaced by the identity; what they meet is NaN already
+            # matrices with NaN are replaced by the identity: their right sides are NaN already
             bad = ~np.isfinite(hit.by_image).all(axis=(1, 2))
             regular = np.where(bad[:, None, None], np.eye(2), hit.by_image)
             step = np.linalg.solve(regular, (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
@@ -191,7 +191,7 @@ class PseudoSensor:
 
 
 def _derive_orientation(image: Image, priors: Priors) -> Orientation:
-    """Return the position and attitude errors that move the image by the priors' pixels."""
+    """Return the position and attitude errors that correspond to the priors in pixels."""
     metres, height, reach = 1.0 / float(px_per_m([image])[0]), sensor_frame(image).height_m, ground_area(image).reach_m
     shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
     return Orientation(shift, shift / height, drift, drift / height, reach)

@@ -52,8 +52,8 @@ class HasRpc(Protocol):
 class Refinement:
     """A refined image.
 
-    control : the GCPs that were used; left_out : those that disagree with them
-    choice : how the model was chosen; None where the caller named it
+    control : the GCPs used; left_out : GCPs that disagree with them
+    choice : selection of the model; None where the caller named it
     """
 
     image: Image
@@ -72,12 +72,12 @@ class Refinement:
 
     @cached_property
     def refined(self) -> RefitRPC:
-        """The new RPC, and how far it is from its model (px)."""
+        """The refined RPC, and its largest difference from the model (px)."""
         return self.model.compute_refined_rpc(self.image, self.estimate.values)
 
     @property
     def rpc(self) -> RPC:
-        """The new RPC."""
+        """The refined RPC."""
         return self.refined.rpc
 
     def residuals_px(self, control: Control) -> np.ndarray:
@@ -175,7 +175,10 @@ def get_model(name: str, models: Mapping[str, RefinementModel]) -> RefinementMod
 
 
 def solve_refinement(model: RefinementModel, image: Image, control: Control) -> Estimate:
-    """Return the estimate of a model; raises `InputError` for too few points, `SolveError` where they are no good."""
+    """Return the estimate of a model.
+
+    Raises `InputError` for too few points, `SolveError` where they do not determine the model.
+    """
     if len(control) < model.least_points:
         raise InputError(
             f"{image.id}: model {model.name} needs {model.least_points} GCPs, there are {len(control)}: choose a "
@@ -199,7 +202,7 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
 def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> float:
     """Return the largest standard deviation of the corrected position at the corners of the image.
 
-    A fit that is better than its sigmas says nothing of what the points do not determine, so sigma0 counts from 1.
+    Where sigma0 is below 1 the a priori standard deviations count: a close fit says nothing of undetermined parameters.
     """
     if not len(found.values):
         return 0.0
@@ -238,7 +241,7 @@ def _warn_of_uncertainty(model: RefinementModel, image: Image, found: Estimate) 
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """How one model does: residuals of the control and of the check points ``(n, 2)``; ``note`` says why it failed."""
+    """Residuals ``(n, 2)`` of a model at control and check points; ``note`` says why it failed."""
 
     control_px: np.ndarray
     check_px: np.ndarray
@@ -249,16 +252,16 @@ class ModelComparison:
 def compare_models(
     image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
 ) -> dict[str, ModelComparison]:
-    """Return what every model makes of the same control and check points; one that fails says why.
+    """Return the residuals of every model with the same control and check points.
 
     Parameters
     ----------
     image : Image
         The image.
     control : Control
-        The points that estimate.
+        Points used in the estimation.
     check : Control
-        The points that judge.
+        Points not used.
     models : mapping of str to RefinementModel
         The models, by name.
 

@@ -1,4 +1,4 @@
-"""A new RPC for a corrected camera that no exact change of coefficients describes."""
+"""Fit of a new RPC to a corrected camera, where no exact change of the coefficients exists."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REFIT = RefitThresholds()
 
 
 def refit_camera(image: Image, project: Project) -> RefitRPC:
-    """Return the RPC that does what ``project`` (ground ``(n, 3)`` to image ``(n, 2)``) does over the image.
+    """Return the RPC fitted to ``project`` (ground ``(n, 3)`` to image ``(n, 2)``) over the image.
 
     Raises `SolveError` where the vendor's RPC has no ground positions there.
     """
@@ -37,10 +37,10 @@ def refit_camera(image: Image, project: Project) -> RefitRPC:
 
 
 def _find_vendor_area(image: Image, project: Project) -> tuple[float, float, float, float]:
-    """Return where, in the vendor's image coordinates, the corrected camera sees the image area.
+    """Return the image area (first and last sample and line) in the vendor RPC's image coordinates.
 
-    A correction of many pixels moves the ground that the image shows out of the vendor's area: an RPC fitted there
-    would extrapolate over a part of the image.
+    A correction of many pixels moves the ground of the image out of the vendor's area: an RPC fitted there would
+    extrapolate over a part of the image.
     """
     wanted = make_image_grid(image.domain_px, (3, 3))
     vendors = wanted

@@ -1,8 +1,8 @@
-"""Corrected cameras of many images with a few points on each, without a call for each image.
+"""Corrected cameras of many images with few points on each, vectorised over images.
 
-The formulas of the families take an image's number or an array of them (`correct_in_image` and its like), the RPCs are
-those of `camera.rpc_stack`. A new family is its formula on such arrays and an entry in `STACKED`; models without one
-are asked image by image. What comes out differs from that by rounding only.
+The formulas of the families take one image's index or an array of them (`correct_in_image`), the RPCs are those of
+`camera.rpc_stack`. A new family is its formula on such arrays and an entry in `STACKED`; models without an entry are
+evaluated image by image. Both ways agree to rounding; why both stay: docs/decisions.md.
 
 Arguments that the functions share
     images : those of a block; which (n,) : the number of each point's image
@@ -62,7 +62,7 @@ def project_to_images(
 
 
 def invert_2x2(matrices: np.ndarray) -> np.ndarray:
-    """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN where there are none: LAPACK is far slower."""
+    """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN for singular ones (LAPACK is far slower)."""
     a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
     adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -79,7 +79,7 @@ def _group_by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
 def _prepare_formula(
     model: ImagePolynomial | GroundPolynomial, images: Sequence[Image], points: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the images' offsets and scales, and room for the terms of all points."""
+    """Return the images' constants, and an empty array for the terms of all points."""
     return np.array([model.constants(image) for image in images]), np.empty((points, len(model.powers)))
 
 
@@ -108,7 +108,7 @@ def _linearise_ground_polynomials(
     return Equations(computed, by_values, by_ground)
 
 
-#: What linearises many images of a family at once.
+#: Function that linearises many images of a family at once.
 STACKED: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
     ImagePolynomial: _linearise_image_polynomials,
     GroundPolynomial: _linearise_ground_polynomials,
