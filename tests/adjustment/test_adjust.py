@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +12,10 @@ from dense_adjustment import dense_solution
 from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
+from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement import MODELS
+from hrsi.hrsi_engine.results.verdict import judge
 
 
 @pytest.mark.parametrize("name", ["shift", "affine", "conformal"])
@@ -152,9 +153,17 @@ def test_cancel():
 @pytest.mark.parametrize("model", ["shift", "affine", "generic-shift"])
 @pytest.mark.parametrize("moved", [(0.0, -6.0, 0.0), (40.0, 80.0, 0.0), (0.0, 0.0, 5e6)])
 def test_points_on_the_other_side_of_the_earth_end_in_words(moved: tuple[float, float, float], model: str) -> None:
-    """GCPs kilometres or continents away: a result, or the error that says what to do, never a bare matrix's."""
+    """GCPs kilometres or continents away: the error that says what to do, or a result whose verdict is unusable."""
     right, _, _ = blocks.block(seed=5)
     known = right.points.role == Role.GCP
     ground = right.points.ground + np.where(known[:, None], moved, 0.0)
-    with contextlib.suppress(SolveError):
-        adjust(replace(right, points=replace(right.points, ground=ground)), AdjustOptions(model=model))
+    said, result = "", None
+    try:
+        result = adjust(replace(right, points=replace(right.points, ground=ground)), AdjustOptions(model=model))
+    except SolveError as error:
+        said = str(error)
+    if result is None:
+        assert "GCP" in said
+    else:
+        assert result.sigma0 > 100.0  # image points are off by hundreds of their standard deviations
+        assert judge(result).level == Level.UNUSABLE

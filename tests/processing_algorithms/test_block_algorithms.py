@@ -213,7 +213,8 @@ def test_triangulate_does_the_same(adjusted, hobart, tmp_path):
 
 
 def test_residual_crs_chooses_the_layers(hobart, tmp_path):
-    run("adjust", **hobart, residual_crs="utm", report=False, write="none", output_dir=str(tmp_path))
+    few = GCPS.split(",")
+    run("adjust", **hobart, gcp_ids=few, residual_crs="utm", report=False, write="none", output_dir=str(tmp_path))
     dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
     assert dataset.GetLayerByName("residuals_utm")
     assert dataset.GetLayerByName("residuals_wgs84") is None
@@ -409,7 +410,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(case, hobart, real_data, tmp_p
 
 def test_an_earlier_result_is_not_replaced_unasked(hobart, tmp_path, capfd):
     arguments = ["adjust", *hobart["images"], "--gcps", hobart["gcps"], "--image-points", hobart["image_points"]]
-    arguments += ["--output-dir", str(tmp_path / "r"), "--quiet"]
+    arguments += ["--gcp-ids", GCPS, "--output-dir", str(tmp_path / "r"), "--quiet"]
     assert main(arguments) == 0
     before = (tmp_path / "r" / "report.json").read_bytes()
     assert main(arguments) == 2
@@ -436,7 +437,13 @@ def test_cancel_leaves_nothing(hobart, tmp_path):
 
     folder = tmp_path / "result"
     with pytest.raises(Cancelled):
-        run("adjust", **hobart, output_dir=str(folder), progress=lambda fraction, message: fraction < 0.7)
+        run(
+            "adjust",
+            **hobart,
+            gcp_ids=GCPS.split(","),
+            output_dir=str(folder),
+            progress=lambda fraction, _: fraction < 0.7,
+        )
     assert not folder.exists()
 
 
