@@ -259,7 +259,7 @@ class Session:
         self.panel.choose("G000002")
 
     def click(self) -> None:
-        for view in self.panel.ui.shown_views():
+        for view in self.panel.ui.list_views():
             made = self.panel.session.measured[("G000002", view.image())]
             self.panel.measure(view.image(), made.sample + 3.0, made.line - 2.0)
 
@@ -272,7 +272,7 @@ class Session:
 
         wait_until(lambda: not self.panel.is_adjusting())
         self.panel.choose(WRONG_POINT)
-        for view in self.panel.ui.shown_views():
+        for view in self.panel.ui.list_views():
             expected = self.panel.session.predict_place(WRONG_POINT, view.image())
             fit = fit_target(self.panel.session.images[view.image()], expected, "center")
             view.chip.show_chip(fit.chip_svg)
@@ -283,7 +283,7 @@ class Session:
 
     def begin_tie(self) -> None:
         """Click beside the crossing of two roads: matching finds the place in the other image, and waits for Y or X."""
-        view = self.panel.ui.shown_views()[0]
+        view = self.panel.ui.list_views()[0]
         self.panel.ui.kind.setCurrentText("point")
         self.panel.ui.tie.trigger()
         self.panel.measure(view.image(), 350.0, 350.0)
@@ -304,7 +304,7 @@ class Session:
         self.dialog.grab().save(picture("qgis_new_block.png"))
 
     def wait_for_images(self) -> None:
-        for view in self.panel.ui.shown_views():
+        for view in self.panel.ui.list_views():
             view.canvas.waitWhileRendering()
 
 

@@ -21,12 +21,12 @@ from .help_page import help_url
 from .help_text import short_help
 from .icons import icon_path
 from .parameters import Reading, definition, label_of, option_value
-from .results import collect_results, output_definitions, show_layers, without_what_batch_cannot_list
+from .results import collect_results, drop_unlistable_outputs, output_definitions, show_layers
 from .translation import tr
 from .verdict import headline, log_verdict, show_in_message_bar
 
 
-class DeclaredAlgorithm(QgsProcessingAlgorithm):
+class PluginAlgorithm(QgsProcessingAlgorithm):
     """A declared algorithm in the Processing toolbox."""
 
     def __init__(self, declaration: Algorithm) -> None:
@@ -35,8 +35,8 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         self._options: dict[str, Any] = {}
         self._report: Report = {}
 
-    def createInstance(self) -> DeclaredAlgorithm:
-        return DeclaredAlgorithm(self.declaration)
+    def createInstance(self) -> PluginAlgorithm:
+        return PluginAlgorithm(self.declaration)
 
     def name(self) -> str:
         """Return the id within the provider: the declared name without its dashes, which QGIS does not allow."""
@@ -91,39 +91,39 @@ class DeclaredAlgorithm(QgsProcessingAlgorithm):
         except Cancelled:
             feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}
-        feedback.pushInfo(self._spelt(self.declaration.summarise(report)))
+        feedback.pushInfo(self._name_options(self.declaration.summarise(report)))
         if unsolved := report.get("unsolved"):
-            feedback.reportError(self._spelt(unsolved))
+            feedback.reportError(self._name_options(unsolved))
         if verdict := report.get("verdict"):
-            log_verdict(verdict, self._spelt(headline(verdict)), feedback)
+            log_verdict(verdict, self._name_options(headline(verdict)), feedback)
         self._report = report
         show_layers(self.declaration, self._options, report, context)
         made = collect_results(self.declaration, self._options, report)
-        return without_what_batch_cannot_list(made, feedback)
+        return drop_unlistable_outputs(made, feedback)
 
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
         """Show the verdict above the map."""
         if verdict := self._report.get("verdict"):
-            show_in_message_bar(verdict, self.displayName(), self._spelt(headline(verdict)))
+            show_in_message_bar(verdict, self.displayName(), self._name_options(headline(verdict)))
         return {}
 
     def _run(self, feedback: QgsProcessingFeedback) -> Report:
         """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
         try:
             options = check_options(self.declaration, self._options)
-            told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._spelt(message)))
+            told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
             return self.declaration.execute(options, told)
         except Cancelled:
             raise
         except (HrsiError, OSError) as error:
-            raise QgsProcessingException(self._spelt(str(error))) from None
+            raise QgsProcessingException(self._name_options(str(error))) from None
         except ImportError as error:
             message = missing_package_message(error)
             if message is None:
                 raise
             raise QgsProcessingException(message) from error
 
-    def _spelt(self, message: str) -> str:
+    def _name_options(self, message: str) -> str:
         """Return a message with the arguments that it names as the dialog labels them."""
         return spell_arguments(message, self.declaration.params, label_of)
 

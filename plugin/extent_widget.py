@@ -13,7 +13,7 @@ from qgis.gui import (
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QWidget
 
 from .dialog_fields import DialogField
-from .layer_sources import given_box
+from .layer_sources import read_box
 from .translation import tr
 
 
@@ -57,7 +57,7 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
         word = self._words.findData(value) if isinstance(value, str) and value else -1
         if word < 0:
             word = self._words.findData("")
-            box, crs = given_box(self.parameterDefinition(), value, context)
+            box, crs = read_box(self.parameterDefinition(), value, context)
             self._box.setOutputCrs(crs)
             if box.isNull():
                 self._box.clear()

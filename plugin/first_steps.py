@@ -108,11 +108,11 @@ class FirstSteps(QDialog):
         if not self._dock.may_leave():
             return
         self.note.setText(tr("making the images …"))
-        self._task = _Simulation(self.folder, self._on_simulated)
+        self._task = _Simulation(self.folder, self._on_simulation_end)
         self.refresh()
         self._task.start()
 
-    def _on_simulated(self, task: BackgroundTask) -> None:
+    def _on_simulation_end(self, task: BackgroundTask) -> None:
         self._task = None
         if task.is_done:
             self._open()

@@ -13,7 +13,7 @@ from .translation import tr
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
-    told = _told(declaration.help, declaration).split("\n\n")
+    told = _name_options(declaration.help, declaration).split("\n\n")
     paragraphs = [part for part in told if part.strip()] or [declaration.summary]
     note = absence_note()
     text = "".join(f"<p>{_text(part)}</p>" for part in ([note] if note else []) + paragraphs)
@@ -26,10 +26,10 @@ def short_help(declaration: Algorithm) -> str:
 
 def _parameter_help(param: Param, declaration: Algorithm) -> str:
     # QGIS writes <b> in dark grey, which nobody reads with its dark theme
-    return f"<p><strong>{_text(label_of(param))}</strong><br/>{_text(_told(param.help, declaration))}.</p>"
+    return f"<p><strong>{_text(label_of(param))}</strong><br/>{_text(_name_options(param.help, declaration))}.</p>"
 
 
-def _told(text: str, declaration: Algorithm) -> str:
+def _name_options(text: str, declaration: Algorithm) -> str:
     """Return a text with the arguments that it names as the dialog labels them."""
     return spell_arguments(text, declaration.params, label_of)
 

@@ -77,7 +77,7 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
     return source or _copy(layer, name, selected_only, context, feedback)
 
 
-def given_box(
+def read_box(
     definition: QgsProcessingParameterDefinition, value: Any, context: QgsProcessingContext
 ) -> tuple[QgsRectangle, QgsCoordinateReferenceSystem]:
     """Return a box as QGIS gives it (``xmin,xmax,ymin,ymax [CRS]``, a rectangle, a layer), and its CRS if it names one.
@@ -123,13 +123,13 @@ def _ogr_file(layer: QgsVectorLayer) -> str | None:
     return f"{parts['path']}|layername={name}" if name else str(parts["path"])
 
 
-def _delimited_text_file(layer: QgsVectorLayer) -> str | None:
+def _csv_file(layer: QgsVectorLayer) -> str | None:
     """Return the file of a table; with a geometry made from columns the layer knows more than its file."""
     parts = QgsProviderRegistry.instance().decodeUri("delimitedtext", layer.source())
     return None if layer.isSpatial() else str(parts["path"])
 
 
-_FILE_PROVIDERS = {"ogr": _ogr_file, "delimitedtext": _delimited_text_file}
+_FILE_PROVIDERS = {"ogr": _ogr_file, "delimitedtext": _csv_file}
 
 
 def _is_unchanged(layer: QgsVectorLayer) -> bool:

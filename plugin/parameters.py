@@ -34,7 +34,7 @@ from qgis.core import (
 from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default
 from ..processing_algorithms.interface.naming import spell_arguments
 from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
-from .layer_sources import crs_text, given_box, point_source, raster_source, raster_sources
+from .layer_sources import crs_text, point_source, raster_source, raster_sources, read_box
 from .translation import tr
 
 SHORT_DIALOG = 12  # fields that a person sees at one glance
@@ -258,7 +258,7 @@ def _read_extent(param: Param, reading: Reading) -> str:
     value = value.staticValue() if isinstance(value, QgsProperty) else value
     if value in param.words:
         return str(value)
-    box, crs = given_box(reading.algorithm.parameterDefinition(qgis_name(param)), value, reading.context)
+    box, crs = read_box(reading.algorithm.parameterDefinition(qgis_name(param)), value, reading.context)
     if box.isNull():
         return str(value)  # the engine says what is wrong with it
     sides = (box.xMinimum(), box.yMinimum(), box.xMaximum(), box.yMaximum())

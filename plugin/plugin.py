@@ -39,7 +39,7 @@ class HrsiPlugin:
         try:
             from .first_steps import FirstSteps, is_tour_wanted
             from .points_panel.dock import PointsDock
-            from .points_panel.guards import ExitGuard, offer_unsaved
+            from .points_panel.guards import ExitGuard, offer_recovery
         except ImportError as error:  # the provider has said what is missing
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
@@ -56,7 +56,7 @@ class HrsiPlugin:
         self._steps_action = QAction(tr("First steps"), self.iface.mainWindow())
         self._steps_action.triggered.connect(lambda _checked=False: self._steps.show())
         self.iface.addPluginToMenu("HRSI", self._steps_action)
-        offer_unsaved(self.dock, self.iface.messageBar())
+        offer_recovery(self.dock, self.iface.messageBar())
         if is_tour_wanted():
             self._steps.show()
 

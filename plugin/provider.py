@@ -9,7 +9,7 @@ from qgis.core import Qgis, QgsMessageLog, QgsProcessingModelAlgorithm, QgsProce
 from qgis.PyQt.QtGui import QIcon
 
 from ..processing_algorithms.interface.declare import Algorithm
-from .algorithm import DeclaredAlgorithm
+from .algorithm import PluginAlgorithm
 from .dependencies import missing_package_message
 from .icons import icon_path
 from .translation import tr
@@ -22,7 +22,7 @@ def title_of(path: Path) -> str:
     return path.stem.replace("_", " ").capitalize()
 
 
-class ShippedModel(QgsProcessingModelAlgorithm):
+class PackageModel(QgsProcessingModelAlgorithm):
     """A model with a title for people; its own name is its id."""
 
     def __init__(self, title: str) -> None:
@@ -69,10 +69,10 @@ class HrsiProvider(QgsProcessingProvider):
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
         for declaration in declarations.values():
-            self.addAlgorithm(DeclaredAlgorithm(declaration))
+            self.addAlgorithm(PluginAlgorithm(declaration))
         if self._declarations is None:
             for path in sorted(CHAINS.glob("*.model3")):
-                model = ShippedModel(title_of(path))
+                model = PackageModel(title_of(path))
                 if model.fromFile(str(path)):
                     self.addAlgorithm(model)
 

@@ -53,7 +53,7 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
 
     An algorithm that writes no report itself leaves it in QGIS's temporary folder.
     """
-    made: dict[str, Any] = {IMAGES_MADE: images_made(report)} if declaration.images_made else {}
+    made: dict[str, Any] = {IMAGES_MADE: list_written_images(report)} if declaration.images_made else {}
     folder = Path(options["output_dir"]) if options.get("output_dir") else None
     if folder is None or not (folder / "report.json").exists():
         path = Path(QgsProcessingUtils.generateTempFilename("report.json"))
@@ -61,21 +61,21 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
         path.write_text(json_text(report, indent=1), encoding="utf-8")
         return made | {REPORT: str(path)} | ({"OUTPUT_DIR": str(folder)} if folder else {})
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
-    layers = {layer_name(source).upper(): source for source in _written_layers(declaration, options)}
+    layers = {layer_name(source).upper(): source for source in _list_layers(declaration, options)}
     verdict = {VERDICT: report["verdict"]["level"]} if "verdict" in report else {}
     return {"OUTPUT_DIR": str(folder), **layers, **verdict, **made} | {
         name: str(path) for name, path in files.items() if path.exists()
     }
 
 
-def without_what_batch_cannot_list(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:
+def drop_unlistable_outputs(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:
     """Return the result dictionary for the dialog that has asked: that of batches of an old QGIS fails at reports."""
     if Qgis.QGIS_VERSION_INT < BATCH_LISTS_REPORTS and type(feedback).__name__ == "BatchFeedback":
         return {name: value for name, value in made.items() if name != REPORT_HTML}
     return made
 
 
-def images_made(report: Report) -> list[str]:
+def list_written_images(report: Report) -> list[str]:
     """Return the images that a run has written."""
     entries = report.get("images")
     entries = entries.values() if isinstance(entries, dict) else ()
@@ -87,7 +87,7 @@ def layer_name(source: str) -> str:
     return source.partition("|layername=")[2] or Path(source).stem
 
 
-def _written_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
+def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
     """Return the sources of the declared layers that this run has written; it may have been asked for some only."""
     sources = [str(Path(options["output_dir"]) / layer) for layer in declaration.layers]
     return [source for source in sources if QgsVectorLayer(source, "", "ogr").isValid()]
@@ -102,11 +102,11 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
         return
     folder = Path(options["output_dir"]).name
     group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
-    rasters = images_made(report) if declaration.are_maps else []
-    for source in [*rasters, *_written_layers(declaration, options)]:
+    rasters = list_written_images(report) if declaration.are_maps else []
+    for source in [*rasters, *_list_layers(declaration, options)]:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
-        details.setPostProcessor(_kept(Placement(group)))
+        details.setPostProcessor(_keep_alive(Placement(group)))
         context.addLayerToLoadOnCompletion(source, details)
 
 
@@ -148,7 +148,7 @@ def _rank(node: QgsLayerTreeNode) -> int:
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
 
 
-def _kept(processor: Placement) -> Placement:
+def _keep_alive(processor: Placement) -> Placement:
     """Return a post-processor that lives until the Processing context, its owner, deletes it."""
     sip.transferto(processor, None)
     _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]

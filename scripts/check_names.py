@@ -28,6 +28,8 @@ PARTICIPLES = {
     "kept", "known", "laid", "left", "lent", "lost", "made", "meant", "met", "seen", "sent", "shown", "spelt", "spent",
     "spread", "sought", "stood", "sunk", "swept", "taken", "thrown", "told", "torn", "won", "worn", "written",
 }  # fmt: skip
+#: Names that Qt and QGIS call.
+INHERITED = {"finished"}
 #: Words that say nothing alone.
 EMPTY = {
     "about", "after", "again", "all", "alone", "also", "and", "any", "apart", "around", "as", "aside", "at", "away",
@@ -61,7 +63,7 @@ def names_in(tree: ast.Module, place: str) -> Iterator[Name]:
 
 def fault_of(name: Name) -> str:
     """Return what is wrong with a name, empty where nothing is."""
-    if name.name.startswith("__"):
+    if name.name.startswith("__") or name.name in INHERITED:
         return ""
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+", name.name)]
     if len(words) == 1 and len(words[0]) == 1:

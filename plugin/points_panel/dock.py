@@ -37,7 +37,7 @@ QUICK_S = 2.0  # an adjustment with all its tests that takes longer is left to t
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
 
 
-def told(method: Callable[..., Any]) -> Callable[..., Any]:
+def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
     """Show the errors that a user can act on in the panel instead of raising them."""
 
     @wraps(method)
@@ -174,7 +174,7 @@ class PointsDock(QDockWidget):
 
     def frame_image(self, image: str) -> None:
         """Let the keyboard act on the view of an image, which is shown if it was not."""
-        views = self.ui.shown_views()
+        views = self.ui.list_views()
         view = next((view for view in views if view.image() == image), views[-1])
         if view.image() != image:
             view.show_choice(list(self.session.images), image)
@@ -196,7 +196,7 @@ class PointsDock(QDockWidget):
         """Show tables and markers as the session is now."""
         self.points_model.refresh()
         self.measurements_model.refresh()
-        for view in self.ui.shown_views():
+        for view in self.ui.list_views():
             view.markers.show_markers(self._markers(view.image()))
         self.setWindowTitle(f"{tr('HRSI Points')}{' *' if self.session.changed else ''}")
         has_point = self.point() in self.session.points
@@ -219,7 +219,7 @@ class PointsDock(QDockWidget):
 
     def _choose_images(self, name: str) -> None:
         """Bring forward images in which the point lies, those measured already first; none is shown twice."""
-        names, views = list(self.session.images), self.ui.shown_views()
+        names, views = list(self.session.images), self.ui.list_views()
         rows = [row for row in self.session.measurements(name) if row.is_inside or row.measured] if name else []
         fitting = [row.image for row in sorted(rows, key=lambda row: row.measured is None)] if rows else names
         shown = [view.image() for view in views]
@@ -234,9 +234,9 @@ class PointsDock(QDockWidget):
             taken.add(image)
             view.show_choice(names if image else [], image)
 
-    @told
+    @show_errors
     def _show_images(self) -> None:
-        for view in self.ui.shown_views():
+        for view in self.ui.list_views():
             self._show_image(view)
 
     def _show_image(self, view: ImageView) -> None:
@@ -272,10 +272,10 @@ class PointsDock(QDockWidget):
 
     # ---- what the user does ------------------------------------------------------------------------------------
 
-    @told
+    @show_errors
     def measure(self, image: str, sample: float, line: float) -> None:
         """Measure the chosen point near a click on an image."""
-        view = next(view for view in self.ui.shown_views() if view.image() == image)
+        view = next(view for view in self.ui.list_views() if view.image() == image)
         self.activate(view)
         if self.ui.tie.isChecked():
             self._begin_tie_at(image, (sample, line))
@@ -305,7 +305,7 @@ class PointsDock(QDockWidget):
             self._again.start()
         self.edited.emit()
 
-    @told
+    @show_errors
     def _follow(self) -> None:
         """Let residuals and cameras follow the last adjustment to what is measured now, at once."""
         if self.session.adjusted is not None:
@@ -327,7 +327,7 @@ class PointsDock(QDockWidget):
         self.session.add_tie(tie, image, fit.measured)
         self._on_edit()
         self.choose(name)
-        self._propose([view.image() for view in self.ui.shown_views()])
+        self._propose([view.image() for view in self.ui.list_views()])
 
     def _new_name(self, letter: str) -> str:
         """Return a name that neither the list nor the tie points in the background have."""
@@ -341,7 +341,7 @@ class PointsDock(QDockWidget):
         if point is not None and point.role == TIE:
             self.session.move_point(point_session.place_tie(self.session, point.id))
 
-    @told
+    @show_errors
     def transfer(self) -> None:
         """Look for the chosen point in all images that should show it."""
         self._propose([])
@@ -350,7 +350,7 @@ class PointsDock(QDockWidget):
         """Look for the chosen point by matching; the views go where it was found, and wait for an answer."""
         found = point_session.find_transfers(self.session, self.point(), images)
         self.proposals = {image: one for image, one in found.items() if not one.refusal}
-        for view in self.ui.shown_views():
+        for view in self.ui.list_views():
             if view.image() in self.proposals:
                 view.show_place(self.proposals[view.image()].xy)
         self._activate_proposal()
@@ -362,7 +362,7 @@ class PointsDock(QDockWidget):
 
     def _activate_proposal(self) -> None:
         """Let the keyboard act on a view that waits for an answer."""
-        waiting = [view for view in self.ui.shown_views() if view.image() in self.proposals]
+        waiting = [view for view in self.ui.list_views() if view.image() in self.proposals]
         if waiting and self._active not in waiting:
             self.activate(waiting[0])
 
@@ -376,7 +376,7 @@ class PointsDock(QDockWidget):
         """Take what was found in all images."""
         self._accept(dict(self.proposals))
 
-    @told
+    @show_errors
     def _accept(self, found: dict[str, Any]) -> None:
         if not found:
             return
@@ -395,13 +395,13 @@ class PointsDock(QDockWidget):
             self.refresh()
             self._activate_proposal()
 
-    @told
+    @show_errors
     def take_prediction(self) -> None:
         """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
         if self._active is not None and self._active.image() in self.session.images:
             self.measure(self._active.image(), *self.session.predict_place(self.point(), self._active.image()))
 
-    @told
+    @show_errors
     def forget_measurement(self) -> None:
         """Take the chosen point's measurement in the active view away."""
         if self._active is not None:
@@ -442,7 +442,7 @@ class PointsDock(QDockWidget):
         else:
             self.map.stop()
 
-    @told
+    @show_errors
     def _add_point_at(self, lonlat: tuple[float, float]) -> None:
         dialog = NewPointDialog(lonlat, self._new_name("P"), self.session.middle_height_m(), self)
         if dialog.exec() and dialog.point().id:
@@ -461,26 +461,26 @@ class PointsDock(QDockWidget):
 
     def _show_ground(self, lonlat: tuple[float, float]) -> None:
         height = self.session.middle_height_m()
-        for view in self.ui.shown_views():
+        for view in self.ui.list_views():
             if view.image():
                 view.show_place(point_session.place_on(self.session, view.image(), lonlat, height))
 
-    @told
+    @show_errors
     def new(self) -> None:
         """Begin a block with images and points."""
         dialog = NewBlockDialog(self)
         if self.may_leave() and dialog.exec():
             self.show_session(point_session.new_session(**dialog.sources()))
-            self._show_measured()
+            self._show_measurements()
 
-    @told
+    @show_errors
     def open(self, path: str = "") -> None:
         """Open a block's GeoPackage."""
         path = path or QFileDialog.getOpenFileName(self, tr("Open block"), "", BLOCK_FILTER)[0]
         if path and self.may_leave():
             self._open(path)
 
-    @told
+    @show_errors
     def add_points(self) -> None:
         """Add the ground points of a layer of the project."""
         layers = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsVectorLayer)]
@@ -492,7 +492,7 @@ class PointsDock(QDockWidget):
             self.session.add_points(point_session.read_ground_points(source_of(field.value(), "gcps")))
             self._on_edit()
 
-    @told
+    @show_errors
     def remove_point(self) -> None:
         """Remove the chosen point with its measurements."""
         row = self.points_model.row_of(self.point())
@@ -502,7 +502,7 @@ class PointsDock(QDockWidget):
         names = list(self.session.points)
         self.choose(names[min(row, len(names) - 1)] if names else "")
 
-    @told
+    @show_errors
     def save(self) -> bool:
         """Save the block; True where that was done."""
         if not self.session.path:
@@ -511,7 +511,7 @@ class PointsDock(QDockWidget):
         self._after_save()
         return True
 
-    @told
+    @show_errors
     def save_as(self, path: str = "") -> bool:
         """Save the block under a name."""
         path = path or QFileDialog.getSaveFileName(self, tr("Save block"), "block.gpkg", BLOCK_FILTER)[0]
@@ -531,12 +531,12 @@ class PointsDock(QDockWidget):
                 layer.loadDefaultStyle()
                 layer.triggerRepaint()
 
-    @told
+    @show_errors
     def adjust(self, save: bool = True) -> None:
         """Adjust the block in the background, and save it where it has a file; `adjusted` is emitted at the end."""
         if self._task is not None:
             return
-        task = AdjustTask(self.session, self.ui.model.currentText(), save, self._on_adjusted)
+        task = AdjustTask(self.session, self.ui.model.currentText(), save, self._on_adjustment_end)
         task.progressChanged.connect(self.ui.show_progress)
         self._task, self._began_s = task, time.monotonic()
         self.refresh()
@@ -548,7 +548,7 @@ class PointsDock(QDockWidget):
         if self.ui.live.isChecked() and self._task is None and not self.session.is_adjusted:
             self.adjust(save=False)
 
-    def _show_measured(self) -> None:
+    def _show_measurements(self) -> None:
         """Show residuals, and predict with adjusted cameras, where a block comes with measurements."""
         if self.session.measured:
             self.adjust(save=False)
@@ -561,8 +561,8 @@ class PointsDock(QDockWidget):
         if self._task is not None:
             self._task.cancel()
 
-    @told
-    def _on_adjusted(self, task: AdjustTask) -> None:
+    @show_errors
+    def _on_adjustment_end(self, task: AdjustTask) -> None:
         if task is not self._task:
             return
         self._task = None
@@ -594,7 +594,7 @@ class PointsDock(QDockWidget):
         if state.path and state.path != self.session.path:
             self._restore_block(state)
 
-    @told
+    @show_errors
     def _restore_block(self, state: PanelState) -> None:
         self._open(state.path, state.point)
         self.ui.model.setCurrentText(state.model)
@@ -606,7 +606,7 @@ class PointsDock(QDockWidget):
         numbers = len(self.session.points), len(self.session.images)
         self.tell(tr("{} points, {} images: {}").format(*numbers, path))
         self._store()
-        self._show_measured()
+        self._show_measurements()
 
     def _on_project(self, _document: Any = None) -> None:
         """Show the block of another project; what is not saved stays unless the user gives it up."""
@@ -621,18 +621,18 @@ class PointsDock(QDockWidget):
 
     # ---- what another session left -----------------------------------------------------------------------------
 
-    def find_unsaved(self) -> list[Any]:
+    def find_journals(self) -> list[Any]:
         """Return what programs left unsaved that have ended; quick where there is nothing."""
-        return point_session.find_unsaved(self.unsaved_root) if os.path.isdir(self.unsaved_root) else []
+        return point_session.find_journals(self.unsaved_root) if os.path.isdir(self.unsaved_root) else []
 
-    @told
+    @show_errors
     def recover(self, unsaved: Any) -> None:
         """Go on with what another program left unsaved."""
         if self.may_leave():
             self.show_session(point_session.recover(unsaved))  # from here on a journal of its own keeps it
             point_session.forget(unsaved)
             self.tell(tr("{} measurements are back; save them").format(len(self.session.measured)))
-            self._show_measured()
+            self._show_measurements()
 
     def _store(self) -> None:
         if self.session.path:

@@ -28,9 +28,9 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
         return True
 
 
-def offer_unsaved(dock: PointsDock, bar: QgsMessageBar) -> None:
+def offer_recovery(dock: PointsDock, bar: QgsMessageBar) -> None:
     """Offer, above the map, what was measured in sessions that ended without saving."""
-    for unsaved in dock.find_unsaved():
+    for unsaved in dock.find_journals():
         day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
         block = unsaved.path or tr("a block that was never saved")
         text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)

@@ -169,7 +169,7 @@ class PanelLayout(QWidget):
                 grid.addWidget(view, index // columns, index % columns)
         return new
 
-    def shown_views(self) -> list[ImageView]:
+    def list_views(self) -> list[ImageView]:
         return [view for view in self.views if view.isVisibleTo(self.grid)]
 
     def show_models(self, points: Any, measurements: Any) -> None:

@@ -21,7 +21,7 @@ FAINT = QColor(130, 130, 130)
 _NOWHERE = QModelIndex()
 
 
-def rounded_text(value: float, digits: int) -> str:
+def format_number(value: float, digits: int) -> str:
     """Return a number for a cell, nothing where there is none."""
     return "" if math.isnan(value) else f"{value:.{digits}f}"
 
@@ -120,11 +120,11 @@ _POINT_TEXT: dict[str, Callable[[PointRow], str]] = {
     "point": lambda row: row.point.id,
     "role": lambda row: row.point.role,
     "images": lambda row: str(row.images),
-    "dE m": lambda row: rounded_text(row.residual_m[0], 2),
-    "dN m": lambda row: rounded_text(row.residual_m[1], 2),
-    "dH m": lambda row: rounded_text(row.residual_m[2], 2),
-    "sigma xy m": lambda row: rounded_text(row.point.sigma_xy, 3),
-    "sigma h m": lambda row: rounded_text(row.point.sigma_h, 3),
+    "dE m": lambda row: format_number(row.residual_m[0], 2),
+    "dN m": lambda row: format_number(row.residual_m[1], 2),
+    "dH m": lambda row: format_number(row.residual_m[2], 2),
+    "sigma xy m": lambda row: format_number(row.point.sigma_xy, 3),
+    "sigma h m": lambda row: format_number(row.point.sigma_h, 3),
 }
 _SIGMAS = {"sigma xy m": "sigma_xy", "sigma h m": "sigma_h"}
 
@@ -156,15 +156,15 @@ class PointsModel(RowsModel):
 
 
 def _measurement_of(part: str, digits: int) -> Callable[[MeasurementRow], str]:
-    return lambda row: "" if row.measured is None else rounded_text(getattr(row.measured, part), digits)
+    return lambda row: "" if row.measured is None else format_number(getattr(row.measured, part), digits)
 
 
 _MEASUREMENT_TEXT: dict[str, Callable[[MeasurementRow], str]] = {
     "image": lambda row: row.image,
     "sample": _measurement_of("sample", 2),
     "line": _measurement_of("line", 2),
-    "ds px": lambda row: rounded_text(row.residual_px[0], 2),
-    "dl px": lambda row: rounded_text(row.residual_px[1], 2),
+    "ds px": lambda row: format_number(row.residual_px[0], 2),
+    "dl px": lambda row: format_number(row.residual_px[1], 2),
     "sigma px": _measurement_of("sigma", 2),
     "kind": lambda row: row.measured.kind if row.measured else "",
 }

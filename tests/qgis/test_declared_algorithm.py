@@ -12,7 +12,7 @@ from qgis.core import (
     QgsProcessingParameterNumber,
 )
 
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.enums import ADVANCED, OPTIONAL
 from hrsi.plugin.parameters import BINDINGS, Reading, label_of, option_value
 from hrsi.plugin.results import layer_name
@@ -32,7 +32,7 @@ PARAMS = [
 
 def made(declaration: Algorithm) -> QgsProcessingAlgorithm:
     """Return the QGIS algorithm of a declaration as Processing makes it for a run."""
-    return DeclaredAlgorithm(declaration).create()
+    return PluginAlgorithm(declaration).create()
 
 
 def test_every_kind_has_a_binding() -> None:

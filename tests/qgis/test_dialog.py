@@ -17,7 +17,7 @@ from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QDialog, QFileDialog, QLineEdit, QToolButton
 
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.layer_sources import point_source
 from hrsi.tests.qgis.tiny import TINY
 
@@ -36,7 +36,7 @@ class Generator(QgsProcessingContextGenerator):
 
 def wrapper_of(name: str, generator: Generator):
     """Return the dialog's wrapper, its widget and the algorithm that must outlive both."""
-    algorithm = DeclaredAlgorithm(TINY).create()
+    algorithm = PluginAlgorithm(TINY).create()
     registry = QgsGui.processingGuiRegistry()
     wrapper = registry.createParameterWidgetWrapper(algorithm.parameterDefinition(name), QgsProcessingGui.Standard)
     widget_context = QgsProcessingParameterWidgetContext()
@@ -51,7 +51,7 @@ def test_images_dialog_takes_layers_and_files(qgis_processing, qgis_new_project,
     gdal.GetDriverByName("GTiff").Create(path, 4, 4).SetGeoTransform((0.0, 1.0, 0.0, 0.0, 0.0, -1.0))
     layer = QgsRasterLayer(path, "an image")
     QgsProject.instance().addMapLayer(layer)
-    algorithm = DeclaredAlgorithm(TINY).create()
+    algorithm = PluginAlgorithm(TINY).create()
     images = algorithm.parameterDefinition("IMAGES")
     chosen = [layer.id(), str(tmp_path / "a_RPC.TXT")]
     panel = QgsProcessingMultipleInputPanelWidget(images, chosen, [])
@@ -72,7 +72,7 @@ def test_images_widget_keeps_preset_values(qgis_processing, qgis_new_project) ->
     """As from the history: layers, and files that QGIS cannot load."""
     from processing.gui.wrappers import WidgetWrapperFactory
 
-    algorithm, generator, dialog = DeclaredAlgorithm(TINY).create(), Generator(), Dialog()
+    algorithm, generator, dialog = PluginAlgorithm(TINY).create(), Generator(), Dialog()
     wrapper = WidgetWrapperFactory.create_wrapper(algorithm.parameterDefinition("IMAGES"), dialog)
     widget = wrapper.createWrappedWidget(generator.context)
     assert wrapper.parameterValue() == []
@@ -114,7 +114,7 @@ def test_selected_features_of_a_layer_in_a_field_of_words(
     layer.selectByIds([2])
     from processing.gui.wrappers import WidgetWrapperFactory
 
-    algorithm, generator, dialog = DeclaredAlgorithm(TINY).create(), Generator(), Dialog()
+    algorithm, generator, dialog = PluginAlgorithm(TINY).create(), Generator(), Dialog()
     wrapper = WidgetWrapperFactory.create_wrapper(algorithm.parameterDefinition("TIE_POINTS"), dialog)
     widget = wrapper.createWrappedWidget(generator.context)
     tick, words = widget.findChild(QCheckBox), widget.findChild(QComboBox)

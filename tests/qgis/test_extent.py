@@ -20,7 +20,7 @@ from qgis.PyQt.QtCore import QPoint, Qt, QTimer
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication, QComboBox, QDialog, QMenu, QToolButton
 
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.tests.qgis.tiny import TINY
 
 BOX = QgsRectangle(147.1, -43.2, 147.5, -42.9)
@@ -50,7 +50,7 @@ def field(qgis_processing, layer):
     class Dialog(QDialog):
         """Stands for the dialog of an algorithm."""
 
-    algorithm, dialog, canvas = DeclaredAlgorithm(TINY).create(), Dialog(), QgsMapCanvas()
+    algorithm, dialog, canvas = PluginAlgorithm(TINY).create(), Dialog(), QgsMapCanvas()
     canvas.resize(200, 200)
     canvas.setDestinationCrs(WGS84)
     canvas.setExtent(BOX)

@@ -11,7 +11,7 @@ import pytest
 from qgis.PyQt.QtCore import QUrl
 
 import hrsi
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.parameters import qgis_name
 from hrsi.processing_algorithms import REGISTRY
 
@@ -37,7 +37,7 @@ class Tags(HTMLParser):
 @pytest.mark.parametrize("name", REGISTRY)
 def test_help_button_opens_a_page_with_every_parameter(qgis_app, name: str):
     declaration = REGISTRY[name]
-    url = QUrl(DeclaredAlgorithm(declaration).helpUrl())
+    url = QUrl(PluginAlgorithm(declaration).helpUrl())
     assert url.isLocalFile()
     page = Path(url.toLocalFile()).read_text(encoding="utf-8")
     tags = Tags()

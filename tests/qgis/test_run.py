@@ -23,7 +23,7 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QTimer
 
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
@@ -97,7 +97,7 @@ def test_temporary_output(run_tiny) -> None:
 
 def test_report_of_an_algorithm_without_output_folder(qgis_processing) -> None:
     no_folder = replace(TINY, options=TinyFields, module=answer.__name__)
-    result = processing.run(DeclaredAlgorithm(no_folder).create(), {"IMAGES": ["a"]})
+    result = processing.run(PluginAlgorithm(no_folder).create(), {"IMAGES": ["a"]})
     assert json.loads(Path(result["REPORT"]).read_text(encoding="utf-8"))["answer"] == 42
 
 

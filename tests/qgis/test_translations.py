@@ -13,7 +13,7 @@ from qgis.core import QgsApplication
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, Qt
 from qgis.PyQt.QtWidgets import QLabel
 
-from hrsi.plugin.algorithm import DeclaredAlgorithm
+from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.new_block import NewBlockDialog
 from hrsi.plugin.translation import FOLDER, install_translator, tr
@@ -92,7 +92,7 @@ def test_panel_and_dialogs_are_german(german, tmp_path: Path) -> None:
     assert titles == ["Bild", "Spalte", "Zeile"]
     dialog = NewBlockDialog(panel)
     assert {"Bodenpunkte", "Höhenbezug"} <= {label.text() for label in dialog.findChildren(QLabel)}
-    algorithm = DeclaredAlgorithm(REGISTRY["triangulate"])
+    algorithm = PluginAlgorithm(REGISTRY["triangulate"])
     algorithm.initAlgorithm()
     labels = {param.name(): param.description() for param in algorithm.parameterDefinitions()}
     assert labels["GCPS"] == "Passpunkte" and labels["CHECK_IDS"] == "Namen der Kontrollpunkte"

@@ -31,7 +31,7 @@ from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPu
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.plugin.points_panel.dock import PointsDock
-from hrsi.plugin.points_panel.guards import ExitGuard, offer_unsaved
+from hrsi.plugin.points_panel.guards import ExitGuard, offer_recovery
 from hrsi.plugin.points_panel.markers import marker_label
 from hrsi.plugin.points_panel.new_block import NewBlockDialog
 from hrsi.plugin.points_panel.new_point import NewPointDialog
@@ -218,7 +218,7 @@ def test_views_are_as_many_as_wanted(dock) -> None:
     dock.choose(NAME)
     for number in ("4", "1", "3"):
         dock.ui.number.setCurrentText(number)
-        shown = [view.image() for view in dock.ui.shown_views()]
+        shown = [view.image() for view in dock.ui.list_views()]
         assert len(shown) == int(number)
         assert sorted(filter(None, shown)) == [f"image_{k}" for k in range(1, min(int(number), 3) + 1)] or number == "1"
 
@@ -242,7 +242,7 @@ def test_role_off_takes_a_point_out(dock) -> None:
     row = model.row_of(NAME)
     assert model.setData(model.index(row, model.titles.index("role")), "off")
     assert dock.session.points[NAME].role == "off"
-    shown = {marker.name: marker for view in dock.ui.shown_views() for marker in view.markers.markers}
+    shown = {marker.name: marker for view in dock.ui.list_views() for marker in view.markers.markers}
     assert shown[NAME].is_off
     dock.adjust()
     wait_for(lambda: not dock.is_adjusting())
@@ -287,7 +287,7 @@ def test_images_follow_the_map(dock, canvas) -> None:
     canvas.show()
     dock.ui.go_to.trigger()
     click_on(canvas, (known.lon, known.lat))
-    for view in dock.ui.shown_views():
+    for view in dock.ui.list_views():
         middle = view.canvas.extent().center()
         sample, line = dock.session.predict_place(NAME, view.image())
         assert abs(middle.x() - sample) < 40.0 and abs(-middle.y() - line) < 40.0  # the middle height, not the point's
@@ -413,18 +413,18 @@ def test_killed_program_loses_nothing(dock, sources, tmp_path: Path) -> None:
         line = process.stdout.readline()
         assert line, "the other program has not measured"
         words = line.split()
-    assert dock.find_unsaved() == []  # it lives
+    assert dock.find_journals() == []  # it lives
     process.send_signal(signal.SIGKILL)
     process.wait()
     bar = QgsMessageBar()
-    offer_unsaved(dock, bar)
+    offer_recovery(dock, bar)
     item = bar.currentItem()
     assert item.level() == Qgis.MessageLevel.Warning and "were not saved" in item.text()
     buttons = {button.text(): button for button in item.findChildren(QPushButton)}
     QTest.mouseClick(buttons["Recover"], Qt.MouseButton.LeftButton)
     assert dock.session.measured[(words[1], words[2])] == ImageMeasurement(123.25, 45.5, 0.2, "center", 0.9)
     assert dock.session.changed
-    assert dock.find_unsaved() == []  # this program keeps it now
+    assert dock.find_journals() == []  # this program keeps it now
     wait_for(lambda: not dock.is_adjusting())
     dock.save_as(str(tmp_path / "block.gpkg"))
     assert list(Path(root).glob("*/*.jsonl")) == []
@@ -509,7 +509,7 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
     dock.ui.number.setCurrentText("3")
     dock.ui.kind.setCurrentText("point")
     dock.choose(next(iter(dock.session.points)))
-    views = {view.image(): view for view in dock.ui.shown_views()}
+    views = {view.image(): view for view in dock.ui.list_views()}
     off = []
     for number, name in enumerate([name for name in dict.fromkeys(rows.ids.tolist())][:6]):
         if any((name, image) not in truth for image in views):

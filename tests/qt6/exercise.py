@@ -119,7 +119,7 @@ def test_keys_undo_roles_and_residuals_of_the_panel(hobart) -> None:
     column = dock.points_model.titles.index("dE m")
     assert float(dock.points_model.index(0, column).data())
     dock.ui.number.setCurrentText("4")
-    assert len(dock.ui.shown_views()) == 4
+    assert len(dock.ui.list_views()) == 4
     assert not dock.grab().isNull()
 
 
