@@ -30,15 +30,16 @@ import numpy as np
 
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Decision
-from hrsi.hrsi_engine.adjustment.outcome import outcome
-from hrsi.hrsi_engine.adjustment.problem import prepare
+from hrsi.hrsi_engine.adjustment.outcome import assemble_adjustment
+from hrsi.hrsi_engine.adjustment.problem import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
-from hrsi.hrsi_engine.adjustment.statistics.precision import precision
+from hrsi.hrsi_engine.adjustment.statistics.precision import compute_precision
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.refinement import MODELS
@@ -74,16 +75,17 @@ def timed(block: Block, options: AdjustOptions) -> dict[str, Any]:
     """Adjust a block; return seconds and peak memory of its parts, and what came out.
 
     ``solve`` is everything up to the solution, from observations in memory: intersection of all points, pattern,
-    iterations. ``precision`` adds all sigmas, redundancy numbers and tests.
+    iterations. ``compute_precision`` adds all sigmas, redundancy numbers and tests.
     """
     reset_high_water()
     began, cpu = time.perf_counter(), time.process_time()
-    problem = prepare(block, options)
-    rounds = Adjuster(problem)
-    solution = rounds.solve(None, silent)
-    solved, solve_mb = time.perf_counter(), high_water_mb()
-    precise = precision(rounds.loop, solution)
-    result = outcome(problem, rounds.loop, rounds.found, solution, precise)
+    with one_thread_calls():  # as `adjust` does
+        problem = prepare_problem(block, options)
+        rounds = Adjuster(problem)
+        solution = rounds.solve(None, silent)
+        solved, solve_mb = time.perf_counter(), high_water_mb()
+        precise = compute_precision(rounds.loop, solution)
+        result = assemble_adjustment(problem, rounds.loop, rounds.found, solution, precise)
     return {
         "solve_s": solved - began, "precision_s": time.perf_counter() - solved, "solve_mb": solve_mb,
         "cpu_s": time.process_time() - cpu, "all_mb": high_water_mb(), "solves": result.solves,
@@ -347,7 +349,7 @@ def print_defaults(folder: str) -> None:
             result = adjust(block, AdjustOptions(model=model))
             whole.append(time.process_time() - began)
             began = time.process_time()
-            Adjuster(prepare(block, AdjustOptions(model=model, reject_sigma=0.0))).solve(None, silent)
+            Adjuster(prepare_problem(block, AdjustOptions(model=model, reject_sigma=0.0))).solve(None, silent)
             alone.append(time.process_time() - began)
         check = " ".join(f"{value:.3f}" for value in check_rmse(result))
         solution, rest = min(alone), min(whole) - min(alone)

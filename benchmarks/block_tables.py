@@ -36,7 +36,7 @@ from hrsi.benchmarks.real_blocks import (
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
-from hrsi.hrsi_engine.adjustment.statistics.precision import predicted_accuracy
+from hrsi.hrsi_engine.adjustment.statistics.precision import predict_accuracy
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.foundation.errors import HrsiError
@@ -244,7 +244,7 @@ def formal_sigmas() -> Section:
 def _formal(result: Adjustment) -> list[str]:
     block = result.block
     check = np.flatnonzero(block.points.role == Role.CHECK)
-    predicted = predicted_accuracy(result.ground_covariance_m2[check], block.points.survey_covariance_m2(check))
+    predicted = predict_accuracy(result.ground_covariance_m2[check], block.points.survey_covariance_m2(check))
     expected = [predicted[f"rmse_{axis}_m"] for axis in ("east", "north", "height")]
     sigma = np.nanmean(result.ground_sigma_m[check], axis=0)
     return [metres(check_rmse(result)), metres(sigma), metres(expected), f"{result.sigma0:.3f}"]

@@ -28,7 +28,7 @@ from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.problem import Problem, prepare
+from hrsi.hrsi_engine.adjustment.problem import Problem, prepare_problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
@@ -150,9 +150,9 @@ def quickbird() -> Block:
 def run_block(block: Block, options: AdjustOptions, name: str, judged: bool = True) -> Run:
     """Return how a model of a block ends, and where SciPy does."""
     options = replace(options, model=name)
-    problem = prepare(block, options)
+    problem = prepare_problem(block, options)
     loop = problem.loop()
-    ended = loop.run(problem.start, problem.weighting, options.robust, options.tolerance, silent)
+    ended = loop.iterate(problem.start, problem.weighting, options.robust, options.tolerance, silent)
     reference = np.nan
     if judged:
         from_vendor, from_ours = (_reference(problem, *state) for state in (problem.start, ended.state))

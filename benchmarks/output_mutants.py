@@ -103,8 +103,8 @@ MUTANTS = (
         "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
-        "no rivals at all", "adjustment/blunders/control.py", "self.explain(other)[0] >= needed",
-        "self.explain(other)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
+        "no rivals at all", "adjustment/blunders/control.py", "self.test_group(other)[0] >= needed",
+        "self.test_group(other)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
         "sigma0 dropped from what residuals are judged by", "results/residuals.py", "return max(result.sigma0, 1.0)",

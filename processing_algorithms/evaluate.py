@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 from ..hrsi_engine.adjustment.evaluation import (
     PairFit,
     TrackFit,
+    compute_survey_differences_m,
+    compute_survey_residuals_px,
     find_wrong_tracks,
     fit_pairs,
     fit_tracks,
-    known_differences_m,
-    known_residuals_px,
 )
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
@@ -89,7 +89,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
         seen = block.with_cameras(rpcs)
         observations, fit = fit_tracks(seen, tracks)
-        known_px, known_m = known_residuals_px(seen), known_differences_m(seen)
+        known_px, known_m = compute_survey_residuals_px(seen), compute_survey_differences_m(seen)
         sets.append(RpcSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)

@@ -32,16 +32,16 @@ def test_a_front_is_eliminated_and_inverted(whole, own):
     front = np.tril(whole)
     factor = dense.inverse_cholesky(front[:own, :own])
     np.testing.assert_allclose(factor, np.linalg.inv(np.linalg.cholesky(whole[:own, :own])), atol=1e-12)
-    coupling = dense.times_triangle(front[own:, :own], factor, transposed=True)
+    coupling = dense.multiply_by_triangle(front[own:, :own], factor, transposed=True)
     np.testing.assert_allclose(coupling, whole[own:, :own] @ factor.T, atol=1e-12)
     dense.subtract_square(front[own:, own:], coupling)
     left = whole[own:, own:] - whole[own:, :own] @ np.linalg.inv(whole[:own, :own]) @ whole[:own, own:]
     np.testing.assert_allclose(np.tril(front[own:, own:]), np.tril(left), atol=1e-11)
     assert not np.triu(front, 1).any()
     outer = np.tril(np.linalg.inv(left))
-    gain = dense.times_triangle(coupling, factor)
-    pulled = dense.symmetric_times(outer, gain)
-    inner = dense.own_square(factor)
+    gain = dense.multiply_by_triangle(coupling, factor)
+    pulled = dense.multiply_symmetric(outer, gain)
+    inner = dense.square_lower(factor)
     dense.add_product(inner, gain, pulled)
     inverse = np.linalg.inv(whole)
     np.testing.assert_allclose(-pulled, inverse[own:, :own], atol=1e-11)
@@ -51,7 +51,7 @@ def test_a_front_is_eliminated_and_inverted(whole, own):
 @pytest.mark.parametrize("shape", [(5, 9), (9, 5), (0, 4), (4, 0)])
 def test_an_inner_square(shape):
     matrix = np.random.default_rng(4).normal(size=shape)
-    np.testing.assert_allclose(dense.inner_square(matrix), np.tril(matrix.T @ matrix), atol=1e-13)
+    np.testing.assert_allclose(dense.multiply_by_own_transpose(matrix), np.tril(matrix.T @ matrix), atol=1e-13)
 
 
 def test_what_is_not_positive_definite_or_not_in_rows_is_refused(whole):

@@ -13,7 +13,7 @@ import numpy as np
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent
 from ..ground.geodesy import ground_difference_m
-from .delivery import deliver
+from .delivery import deliver_cameras
 from .gauss_newton import GaussNewton, Solution
 from .problem import Problem
 from .result import CrossValidation
@@ -39,12 +39,12 @@ def cross_validate(
         weighting = problem.survey_weighting(solution.weighting.image, left, solution.weighting.points)
         contributes = weighting.contributes.copy()
         contributes[point] = False
-        without = loop.run(
+        without = loop.iterate(
             solution.state, replace(weighting, contributes=contributes), problem.options.robust,
             problem.options.tolerance, silent,
         )  # fmt: skip
         survey = observations.survey[point : point + 1]
-        predicted = deliver(problem, loop, without).ground[point : point + 1]
+        predicted = deliver_cameras(problem, loop, without).ground[point : point + 1]
         error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan

@@ -19,11 +19,11 @@ import numpy as np
 from ..refinement.image_space import ImagePolynomial
 from .equations import State
 from .gauss_newton import GaussNewton, Solution
-from .intersection import fixed_cameras
+from .intersection import form_point_equations
 from .problem import Problem
 
 
-class Delivered(NamedTuple):
+class CameraDelivery(NamedTuple):
     """Values (cameras, p) of the model, positions (m, 3) and residuals (n, 2) by these cameras; and the squares N."""
 
     values: np.ndarray
@@ -32,24 +32,24 @@ class Delivered(NamedTuple):
     squares: np.ndarray
 
 
-def deliver(problem: Problem, loop: GaussNewton, solution: Solution) -> Delivered:
+def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> CameraDelivery:
     """Return the cameras of the model, and the points by them."""
-    squares = drift_squares(problem, solution)
-    gain = _gain(problem, loop, squares)
+    squares = compute_drift_squares(problem, solution)
+    gain = _solve_gain(problem, loop, squares)
     if gain is None:
-        return Delivered(solution.state.values, solution.state.ground, solution.normals.residual, squares)
-    values = delivered_values(solution.state.values, gain)
-    equations = fixed_cameras(problem.observations, problem.model, problem.options.threads)
+        return CameraDelivery(solution.state.values, solution.state.ground, solution.normals.residual, squares)
+    values = absorb_drift(solution.state.values, gain)
+    equations = form_point_equations(problem.observations, problem.model, problem.options.threads)
     ground = equations.intersect(State(values, solution.state.ground), solution.weight, solution.weighting.points)
-    return Delivered(values, ground, equations.residuals(State(values, ground)), squares)
+    return CameraDelivery(values, ground, equations.compute_residuals(State(values, ground)), squares)
 
 
-def drift_gain(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
+def compute_drift_gain(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
     """Return what the delivered values take over of the drift, ``(cameras, p, q - p)``; None without a drift."""
-    return _gain(problem, loop, drift_squares(problem, solution))
+    return _solve_gain(problem, loop, compute_drift_squares(problem, solution))
 
 
-def _gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
+def _solve_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
     p = len(problem.model.parameters)
     if p == squares.shape[1]:
         return None
@@ -59,18 +59,18 @@ def _gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarra
     return np.where(held[:, :, None], 0.0, np.linalg.solve(own, squares[:, :p, p:]))
 
 
-def drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
+def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
     """Return N ``(cameras, q, q)``, with that of an earlier adjustment; zeros where there is no drift to take over."""
     camera = problem.camera
     if camera is problem.model or not isinstance(camera, ImagePolynomial):
         return np.zeros((len(solution.state.values), len(camera.parameters), len(camera.parameters)))
-    squares = _squares(problem, camera, solution)
+    squares = _sum_squares(problem, camera, solution)
     if problem.earlier is not None:
         np.add.at(squares, problem.earlier.camera, problem.earlier.known.squares)
     return squares
 
 
-def delivered_values(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
+def absorb_drift(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
     """Return the values ``(cameras, p)`` that are delivered of those estimated ``(cameras, q)``."""
     if gain is None:
         return estimated
@@ -78,7 +78,7 @@ def delivered_values(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarr
     return estimated[:, :p] + np.einsum("cij,cj->ci", gain, estimated[:, p:])
 
 
-def _squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> np.ndarray:
+def _sum_squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> np.ndarray:
     """Return the weighted squares ``(cameras, q, q)`` of the derivatives by all parameters, at the measurements."""
     observations, size = problem.observations, len(camera.parameters)
     weight = solution.weight * solution.weighting.contributes[observations.point]

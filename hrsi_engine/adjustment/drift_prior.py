@@ -18,17 +18,39 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from .gauss_newton import GaussNewton, Solution
 from .result import VarianceComponent
 
-LEAST_DRIFT_FREEDOM = 1.0  # the size of a prior matters less than that of an observation's sigma
-#: Relative change of the sigma of an image's drift, which `OF_TERM` and its own few values tell to a quarter at best.
-SETTLED_DRIFT = 0.05
-SETTLED_WITHIN, CORRECTIONS = 0.001, 25  # … between two corrections at a solution, and their number
-MOST_CHANGE = 5.0  # of a sigma in one correction
-BELIEF = 1.0  # observations that the sensor's believed drift counts for
-OF_BLOCK, OF_TERM = 6.0, 6.0  # … and the block's for a term's, and a term's for an image's
+
+@thresholds
+class DriftThresholds:
+    """How far the standard deviations of drifts are estimated from the block, and when they are settled."""
+
+    least_redundancy: float = threshold(
+        1.0, "",
+        "redundancy from which a drift counts as estimated; a prior's size matters less than that of an "
+        "observation's sigma",
+    )  # fmt: skip
+    settled: float = threshold(
+        0.05, "",
+        "relative change of the sigma of an image's drift that is not worth another solution; `of_term` "
+        "and its own few values tell it to a quarter at best",
+    )  # fmt: skip
+    settled_within: float = threshold(0.001, "", "the same between two corrections at one solution")
+    corrections: int = threshold(25, "corrections", "most corrections at one solution")
+    most_change: float = threshold(5.0, "", "largest factor by which one correction changes a sigma")
+    of_sensor: float = threshold(1.0, "observations", "what the sensor's usual drift counts for in that of the block")
+    of_block: float = threshold(
+        6.0, "observations",
+        "what the drift of the block counts for in that of a term (inverse chi² prior, Gelman et al. "
+        "2013, section 5.4)",
+    )  # fmt: skip
+    of_term: float = threshold(6.0, "observations", "what the drift of a term counts for in that of an image")
+
+
+DRIFT = DriftThresholds()
 
 
 @dataclass(eq=False)
@@ -53,18 +75,20 @@ class DriftPrior:
         self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.believed)
         self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.believed, 1.0))
 
-    def start(self, loop: GaussNewton) -> None:
+    def set_initial_drift_prior(self, loop: GaussNewton) -> None:
         """Hold the loop's drifts as the sensors are believed to drift.
 
         From looser priors the estimate may end where the drifts follow the noise, and leave none to be seen.
         """
         self.factor = np.ones_like(self.factor)
-        loop.hold(np.where(self.free, 1.0 / self.believed**2, self.given))
+        loop.set_prior_weight(np.where(self.free, 1.0 / self.believed**2, self.given))
 
-    def update(self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float) -> float:
+    def correct_sigmas(
+        self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float
+    ) -> float:
         """Correct the factors and hold the loop's drifts with them; return by how much, 0 where they stay.
 
-        That is the largest relative change. One below `SETTLED_DRIFT` is not worth another solution: all stays as it
+        That is the largest relative change. One below `DRIFT.settled` is not worth another solution: all stays as it
         is. ``cofactors (cameras, p, p)`` are those of each camera's own parameters. Where all observations are worse
         than they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would
         follow the noise.
@@ -76,22 +100,24 @@ class DriftPrior:
         """
         held, values = np.where(self.free, loop.prior_weight, 0.0), solution.state.values
         known = np.concatenate([cofactors, values[:, :, None]], axis=2)
-        wanted, self.of_block, self.sums = self._wanted(known, held)
-        by_solution = self._change(wanted)
-        if by_solution < SETTLED_DRIFT:
+        wanted, self.of_block, self.sums = self._estimate_factors(known, held)
+        by_solution = self._find_largest_change(wanted)
+        if by_solution < DRIFT.settled:
             return 0.0
-        for _ in range(CORRECTIONS):
-            self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE)
+        for _ in range(DRIFT.corrections):
+            self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change)
             weight = unit_variance / (self.factor * self.believed) ** 2
             grown = np.where(self.free, weight - held, 0.0)
             ahead = np.linalg.solve(np.eye(len(grown[0])) + cofactors * grown[:, None, :], known)
-            wanted, _, _ = self._wanted(ahead, held + grown)
-            if self._change(wanted) < SETTLED_WITHIN:
+            wanted, _, _ = self._estimate_factors(ahead, held + grown)
+            if self._find_largest_change(wanted) < DRIFT.settled_within:
                 break
-        loop.hold(np.where(self.free, weight, self.given))
+        loop.set_prior_weight(np.where(self.free, weight, self.given))
         return by_solution
 
-    def _wanted(self, known: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float, tuple[float, float, int]]:
+    def _estimate_factors(
+        self, known: np.ndarray, weight: np.ndarray
+    ) -> tuple[np.ndarray, float, tuple[float, float, int]]:
         """Return the factors that cofactors and values ``known (cameras, p, p + 1)`` ask for, that of all, and `sums`.
 
         ``weight (cameras, p)`` are those of the drifts' priors.
@@ -102,15 +128,17 @@ class DriftPrior:
         sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
         if not sums[1] > 0.0:
             return self.factor, self.of_block, sums
-        block = (BELIEF + sums[0]) / (BELIEF + sums[1])
-        term = (OF_BLOCK * block + squares.sum(axis=0)) / (OF_BLOCK + freedom.sum(axis=0))
-        own = np.sqrt((OF_TERM * term + squares) / (OF_TERM + freedom))
+        block = (DRIFT.of_sensor + sums[0]) / (DRIFT.of_sensor + sums[1])
+        term = (DRIFT.of_block * block + squares.sum(axis=0)) / (DRIFT.of_block + freedom.sum(axis=0))
+        own = np.sqrt((DRIFT.of_term * term + squares) / (DRIFT.of_term + freedom))
         return np.where(self.free, own, self.factor), float(np.sqrt(block)), sums
 
-    def _change(self, wanted: np.ndarray) -> float:
-        return float(np.abs(np.clip(wanted / self.factor, 1.0 / MOST_CHANGE, MOST_CHANGE) - 1.0).max(initial=0.0))
+    def _find_largest_change(self, wanted: np.ndarray) -> float:
+        return float(
+            np.abs(np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change) - 1.0).max(initial=0.0)
+        )
 
-    def summary(self) -> tuple[VarianceComponent, ...]:
+    def list_components(self) -> tuple[VarianceComponent, ...]:
         """Return the group, if the model has any drift."""
         _, freedom, count = self.sums
         if not count:
@@ -118,6 +146,6 @@ class DriftPrior:
         return (
             VarianceComponent(
                 "drift of the images", count, freedom, self.of_block, self.of_block * self.per_px, "px/px",
-                freedom >= LEAST_DRIFT_FREEDOM,
+                freedom >= DRIFT.least_redundancy,
             ),
         )  # fmt: skip

@@ -25,15 +25,28 @@ import numpy as np
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.models import MODELS
-from .intersection import intersect, start_positions
-from .observations import Observations, subset
+from .intersection import estimate_start_positions, intersect_points
+from .observations import Observations, select_points
 
-MOST_ENLARGEMENT = 10.0  # of the noise in a prediction
+
+@thresholds
+class EvaluationThresholds:
+    """Which predictions of image points from the other images are used."""
+
+    most_enlargement: float = threshold(10.0, "", "times its own noise that a prediction may have")
+    trend_limit: float = threshold(
+        3.0, "robust sigma",
+        "residuals farther from the trend of an image pair do not determine it",
+    )  # fmt: skip
+    least_of_trend: int = threshold(8, "points", "fewer give a mean and no affine trend")
+
+
+EVALUATION = EvaluationThresholds()
+
 TREND_ROUNDS = 6
-TREND_LIMIT = 3.0  # robust sigmas; beyond, a residual has no say in the trend
-LEAST_OF_TREND = 8  # points that an affine trend is estimated from
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +112,9 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
     tuple of Observations and TrackFit
         The rows that the fit's arrays refer to, and the fit.
     """
-    observations = subset(block, chosen)
+    observations = select_points(block, chosen)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
-    ground = intersect(observations, none, no_values, start_positions(observations))
+    ground = intersect_points(observations, none, no_values, estimate_start_positions(observations))
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
     there = finite_rows(ground)
     for image, rows in zip(block.images, observations.by_image, strict=True):
@@ -120,7 +133,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
     known = np.isfinite(left[:, 0, 0])
     lowest = np.full(len(left), np.nan)
     lowest[known] = np.linalg.eigvalsh(left[known])[:, 0]
-    predictable = lowest > MOST_ENLARGEMENT**-2.0
+    predictable = lowest > EVALUATION.most_enlargement**-2.0
     predicted, enlargement = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     cofactor = np.linalg.inv(left[predictable])
     predicted[predictable] = (cofactor @ fit[predictable, :, None])[:, :, 0]
@@ -154,22 +167,22 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
                 continue
             both = np.concatenate([fit.by_ground[first[a]], fit.by_ground[second[b]]], axis=1)
             residual = np.concatenate([fit.fit_px[first[a]], fit.fit_px[second[b]]], axis=1)
-            across = np.einsum("nk,nk->n", _null_vectors(both), residual)
+            across = np.einsum("nk,nk->n", _compute_null_vectors(both), residual)
             image = observations.images[i]
             position = (observations.xy[first[a]] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
-            pairs.append(PairFit(i, j, points, across, _without_trend(position, across)))
+            pairs.append(PairFit(i, j, points, across, _remove_trend(position, across)))
     return pairs
 
 
-def _without_trend(position: np.ndarray, across: np.ndarray) -> np.ndarray:
+def _remove_trend(position: np.ndarray, across: np.ndarray) -> np.ndarray:
     """Return values ``(k,)`` without their affine trend over positions ``(k, 2)``; with few of them, their mean.
 
     Values that stand out from the trend have no say in it.
     """
-    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= LEAST_OF_TREND else 1]
+    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= EVALUATION.least_of_trend else 1]
     left = across - np.median(across)
     for _ in range(TREND_ROUNDS):
-        kept = np.abs(left) <= TREND_LIMIT * max(float(robust_sigma(left)), 1e-9)
+        kept = np.abs(left) <= EVALUATION.trend_limit * max(float(robust_sigma(left)), 1e-9)
         left = across - terms @ np.linalg.lstsq(terms[kept], across[kept], rcond=None)[0]
     return left
 
@@ -205,7 +218,7 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
     return wrong
 
 
-def _null_vectors(derivatives: np.ndarray) -> np.ndarray:
+def _compute_null_vectors(derivatives: np.ndarray) -> np.ndarray:
     """Return unit vectors n ``(k, 4)`` with n'B = 0 of derivatives B ``(k, 4, 3)``, all to one side.
 
     The components are the signed 3 x 3 minors of B.
@@ -217,7 +230,7 @@ def _null_vectors(derivatives: np.ndarray) -> np.ndarray:
     return np.asarray(vectors * (1.0 if middle[np.argmax(np.abs(middle))] >= 0.0 else -1.0))
 
 
-def known_residuals_px(block: Block) -> np.ndarray:
+def compute_survey_residuals_px(block: Block) -> np.ndarray:
     """Return observed - projected ``(n, 2)`` of the image points of surveyed points, NaN of all others."""
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
@@ -228,7 +241,7 @@ def known_residuals_px(block: Block) -> np.ndarray:
     return residual
 
 
-def known_differences_m(block: Block) -> np.ndarray:
+def compute_survey_differences_m(block: Block) -> np.ndarray:
     """Return survey - intersected ``(points, 3)`` east, north, up of the surveyed points.
 
     Of a point on one image it is the distance in plan from its ray at the surveyed height; NaN where there is none.
@@ -240,7 +253,7 @@ def known_differences_m(block: Block) -> np.ndarray:
     if several.any():
         observations, fit = fit_tracks(block, several)
         difference[observations.points] = ground_difference_m(block.points.ground[observations.points], fit.ground)
-    rows, residual = block.measurements, known_residuals_px(block)
+    rows, residual = block.measurements, compute_survey_residuals_px(block)
     for index in np.flatnonzero((usable & (rays == 1))[rows.point]).tolist():
         ground = block.points.ground[rows.point[index]][None]
         _, by_ground = block.images[rows.image[index]].rpc.project_with_metric_jacobian(ground)

@@ -25,17 +25,17 @@ from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
 from ..ground.geodesy import moved_ground
-from .delivery import delivered_values, drift_gain
-from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
+from .delivery import absorb_drift, compute_drift_gain
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
 from .gauss_newton import Weighting
-from .intersection import fixed_cameras, start_positions
-from .observations import Observations, select
+from .intersection import estimate_start_positions, form_point_equations
+from .observations import Observations, select_observations
 from .options import AdjustOptions
-from .problem import find_determined
+from .problem import find_determinable_points
 from .solver import run_adjuster
 
 
-class _Share(NamedTuple):
+class _PointEquations(NamedTuple):
     """What some points put into the equations, weighted as ``weighting`` says, seen from ``ground``."""
 
     observations: Observations
@@ -43,7 +43,7 @@ class _Share(NamedTuple):
     ground: np.ndarray
 
 
-class _Watched(NamedTuple):
+class _PointReintersection(NamedTuple):
     """Points by the cameras delivered: equations, state, weights (n,) and normals there."""
 
     equations: NormalEquations
@@ -53,7 +53,7 @@ class _Watched(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedBlock:
+class BlockUpdate:
     """The block with the edited points as they are now.
 
     Parameters
@@ -87,14 +87,14 @@ class Follower:
         """Adjust a block; raises what `adjust` raises."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
-        self._gain = drift_gain(self._problem, self._loop, self._last)
+        self._gain = compute_drift_gain(self._problem, self._loop, self._last)
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
-        self._system: CameraSystem = camera_system(self._pattern)
+        self._system: CameraSystem = choose_camera_system(self._pattern)
         self._taken_out: tuple[np.ndarray, Pattern, Normals | None] | None = None
-        self._watched = self._watched_points(watched)
+        self._watched = self._prepare_reintersection(watched)
 
-    def follow(self, edited: Collection[str], block: Block) -> FollowedBlock:
+    def follow(self, edited: Collection[str], block: Block) -> BlockUpdate:
         """Return the block with some points as they are now.
 
         Parameters
@@ -106,7 +106,7 @@ class Follower:
 
         Returns
         -------
-        FollowedBlock
+        BlockUpdate
             Cameras and positions.
 
         Raises
@@ -115,44 +115,44 @@ class Follower:
             The equations are singular now.
         """
         is_edited = np.isin(self._ids, list(edited))
-        now = self._now(block)
+        now = self._select_now(block)
         self._widen(now.observations)
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
-        for part, sign in ((self._normals_before(is_edited), -1.0), (self._normals(now), 1.0)):
+        for part, sign in ((self._form_normals_before(is_edited), -1.0), (self._form_normals(now), 1.0)):
             if part is not None:
                 blocks, right = blocks + sign * part.blocks, right + sign * part.right
         try:
-            step = self._system.solve_near(blocks, prior, 0.0, right)
+            step = self._system.solve_nearby(blocks, prior, 0.0, right)
         except np.linalg.LinAlgError as error:
             raise SolveError(f"the equations are singular without what was edited ({error})") from error
         estimated = values + step
-        delivered = delivered_values(estimated, self._gain)
-        return FollowedBlock(
+        delivered = absorb_drift(estimated, self._gain)
+        return BlockUpdate(
             delivered[self._problem.observations.camera_of_image],
-            self._watched_ground(delivered, edited),
-            self._edited_ground(block, now, delivered),
+            self._reintersect_points(delivered, edited),
+            self._intersect_edit(block, now, delivered),
         )
 
     # ---- equations -------------------------------------------------------------------------------------------------
 
-    def _before(self, edited: np.ndarray) -> _Share:
+    def _select_before(self, edited: np.ndarray) -> _PointEquations:
         """Return what the points ``edited (m,)`` said in the adjustment."""
         observations, weighting = self._problem.observations, self._last.weighting
         priors = weighting.points
         mixed = priors.mixed[edited] if priors.correlated else priors.mixed
         of_edited = PointPriors(priors.target[edited], priors.weight[edited], priors.observed[edited], mixed)
         rows = edited[observations.point]
-        return _Share(
-            observations.without(~edited),
+        return _PointEquations(
+            observations.drop_points(~edited),
             Weighting(self._last.weight[rows], of_edited, weighting.contributes[edited]),
             self._last.state.ground[edited],
         )
 
-    def _now(self, block: Block) -> _Share:
+    def _select_now(self, block: Block) -> _PointEquations:
         """Return what the points of a block say; a measurement that is as it was weighs what it weighed."""
         whole = self._problem.observations
-        observations = self._with_cameras(select(block, self._problem.options.check_as_ties))
+        observations = self._with_cameras(select_observations(block, self._problem.options.check_as_ties))
         weight = 1.0 / observations.sigma_px**2
         survey = observations.survey_weight.copy()
         names = block.points.ids[observations.points]
@@ -167,79 +167,81 @@ class Follower:
             if same is not None and np.array_equal(whole.survey_weight[same], survey[point]):
                 priors = self._last.weighting.points
                 survey[point] = np.where(priors.observed[same] & (survey[point] > 0.0), priors.weight[same], 0.0)
-        start = self._start(block, observations, weight, survey)
-        priors_now = PointPriors.of(observations, start, survey)
-        contributes = observations.contributing_points & find_determined(observations, weight, survey)
-        return _Share(observations, Weighting(weight, priors_now, contributes), start)
+        start = self._find_start(block, observations, weight, survey)
+        priors_now = PointPriors.from_surveys(observations, start, survey)
+        contributes = observations.contributing_points & find_determinable_points(observations, weight, survey)
+        return _PointEquations(observations, Weighting(weight, priors_now, contributes), start)
 
-    def _start(self, block: Block, observations: Observations, weight: np.ndarray, survey: np.ndarray) -> np.ndarray:
+    def _find_start(
+        self, block: Block, observations: Observations, weight: np.ndarray, survey: np.ndarray
+    ) -> np.ndarray:
         """Return approximate positions ``(m, 3)``: those of the adjustment, of other points where their rays meet."""
         if not observations.count:
             return np.empty((0, 3))
-        start = start_positions(observations)
+        start = estimate_start_positions(observations)
         place = np.array([self._place_of.get(name, -1) for name in block.points.ids[observations.points].tolist()])
         start[place >= 0] = self._last.state.ground[place[place >= 0]]
         if (place >= 0).all():
             return start
-        state, priors = State(self._last.state.values, start), PointPriors.of(observations, start, survey)
-        ground = fixed_cameras(observations, self._problem.camera).intersect(state, weight, priors)
+        state, priors = State(self._last.state.values, start), PointPriors.from_surveys(observations, start, survey)
+        ground = form_point_equations(observations, self._problem.camera).intersect(state, weight, priors)
         return np.where(finite_rows(ground)[:, None], ground, start)
 
-    def _normals(self, share: _Share) -> Normals | None:
+    def _form_normals(self, share: _PointEquations) -> Normals | None:
         """Return what points put into the reduced equations, None without any."""
         if not share.observations.count:
             return None
         equations = NormalEquations(share.observations, self._problem.camera, self._pattern, threads=1)
         state = State(self._last.state.values, share.ground)
-        return equations.normals(state, share.weighting.image, share.weighting.points, share.weighting.contributes)
+        return equations.form_normals(state, share.weighting.image, share.weighting.points, share.weighting.contributes)
 
-    def _normals_before(self, edited: np.ndarray) -> Normals | None:
+    def _form_normals_before(self, edited: np.ndarray) -> Normals | None:
         """Return what the points ``edited (m,)`` put into the equations before; the last answer is kept."""
         same = self._taken_out is not None and np.array_equal(self._taken_out[0], edited)
         if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
-            self._taken_out = edited, self._pattern, self._normals(self._before(edited))
+            self._taken_out = edited, self._pattern, self._form_normals(self._select_before(edited))
         return self._taken_out[2]
 
     def _widen(self, observations: Observations) -> None:
         """Make room in the reduced equations for pairs of cameras that had no common point before."""
-        pattern = self._pattern.joined_by(observations)
+        pattern = self._pattern.extend_by(observations)
         if pattern.blocks == self._pattern.blocks:
             return
         blocks = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
-        blocks[pattern.find(self._pattern.rows, self._pattern.columns)] = self._blocks
-        self._pattern, self._blocks, self._system = pattern, blocks, camera_system(pattern)
+        blocks[pattern.find_blocks(self._pattern.rows, self._pattern.columns)] = self._blocks
+        self._pattern, self._blocks, self._system = pattern, blocks, choose_camera_system(pattern)
 
     # ---- positions -------------------------------------------------------------------------------------------------
 
-    def _watched_points(self, others: Collection[str]) -> _Watched | None:
+    def _prepare_reintersection(self, others: Collection[str]) -> _PointReintersection | None:
         """Return the known points and some others, seen by the delivered cameras; None without any."""
         problem, points = self._problem, self._problem.observations.points
         wanted = problem.block.known[points] | np.isin(self._ids, list(others))
         wanted &= finite_rows(self.result.ground[points])
         if not wanted.any():
             return None
-        before = self._before(wanted)
-        equations, weighting = fixed_cameras(before.observations, problem.model), before.weighting
-        delivered = delivered_values(self._last.state.values, self._gain)
+        before = self._select_before(wanted)
+        equations, weighting = form_point_equations(before.observations, problem.model), before.weighting
+        delivered = absorb_drift(self._last.state.values, self._gain)
         state = State(delivered, self.result.ground[points[wanted]])
-        normals = equations.normals(state, weighting.image, weighting.points, weighting.contributes)
-        return _Watched(equations, state, weighting.image, normals)
+        normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
+        return _PointReintersection(equations, state, weighting.image, normals)
 
-    def _watched_ground(self, delivered: np.ndarray, edited: Collection[str]) -> np.ndarray:
+    def _reintersect_points(self, delivered: np.ndarray, edited: Collection[str]) -> np.ndarray:
         """Return the positions of the watched points ``(points, 3)`` by other cameras, NaN for edited ones."""
         ground = np.full_like(self.result.ground, np.nan)
         if self._watched is not None:
             equations, state, weight, normals = self._watched
-            steps = equations.point_steps(state, weight, normals, delivered - state.values)
+            steps = equations.compute_point_steps(state, weight, normals, delivered - state.values)
             ground[equations.observations.points] = moved_ground(state.ground, steps)
             ground[np.isin(self._problem.block.points.ids, list(edited))] = np.nan
         return ground
 
-    def _edited_ground(self, block: Block, now: _Share, delivered: np.ndarray) -> np.ndarray:
+    def _intersect_edit(self, block: Block, now: _PointEquations, delivered: np.ndarray) -> np.ndarray:
         """Return the positions of a block's points ``(k, 3)`` by the cameras as they are now."""
         ground = np.full((len(block.points), 3), np.nan)
         if now.observations.count:
-            ground[now.observations.points] = fixed_cameras(now.observations, self._problem.model).intersect(
+            ground[now.observations.points] = form_point_equations(now.observations, self._problem.model).intersect(
                 State(delivered, now.ground), now.weighting.image, now.weighting.points
             )
         return ground

@@ -15,14 +15,40 @@ import numpy as np
 
 from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import moved_ground
-from .equations import CameraSystem, Cofactors, NormalEquations, Normals, Pattern, PointPriors, State, camera_system
+from .equations import (
+    CameraSystem,
+    Cofactors,
+    NormalEquations,
+    Normals,
+    Pattern,
+    PointPriors,
+    State,
+    choose_camera_system,
+)
 from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
 
-LOOSE_TOLERANCE = 0.05  # of passes before a round of data snooping: cameras to a few tenths of a pixel will do
-ROBUST_TOLERANCE = 1e-4  # reweighting converges slowly, but what is left moves single blunders, not the cameras
+
+@thresholds
+class ConvergenceThresholds:
+    """When iterations that are not the last end."""
+
+    before_snooping: float = threshold(
+        0.05, "",
+        "relative decrease of the cost before a round of data snooping: cameras to some tenths of a pixel"
+        " will do",
+    )  # fmt: skip
+    robust: float = threshold(
+        1e-4, "",
+        "… of reweighted iterations, which converge slowly: what is left moves single blunders, not the "
+        "cameras",
+    )  # fmt: skip
+
+
+CONVERGENCE = ConvergenceThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +65,10 @@ class Weighting:
     contributes: np.ndarray
 
 
-class Held(Protocol):
+class PositionObservations(Protocol):
     """What holds points beside their surveys, and is weighted by how well it fits."""
 
-    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+    def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
         """Return the priors with it at positions ``(m, 3)``, whose ``cofactors (m, 3, 3)`` are under the ``priors``."""
 
 
@@ -79,83 +105,85 @@ class GaussNewton:
     prior_weight: np.ndarray
     rows_per_point: np.ndarray
     max_iterations: int = 30
-    held: Sequence[Held] = ()
+    held: Sequence[PositionObservations] = ()
     earlier: JointPrior | None = None
     history: list[Iteration] = field(default_factory=list)
     solves: int = 0
 
     def __post_init__(self) -> None:
-        self.system: CameraSystem = camera_system(self.pattern)
-        self.hold(self.prior_weight)
+        self.system: CameraSystem = choose_camera_system(self.pattern)
+        self.set_prior_weight(self.prior_weight)
 
-    def hold(self, prior_weight: np.ndarray) -> None:
+    def set_prior_weight(self, prior_weight: np.ndarray) -> None:
         """Take other weights of the parameters' priors."""
         self.prior_weight = prior_weight
         self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
-    def run(self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress) -> Solution:
+    def iterate(
+        self, state: State, weighting: Weighting, robust: str, tolerance: float, progress: Progress
+    ) -> Solution:
         """Iterate from a state until the decrease of the cost that is left falls below ``tolerance`` of the cost.
 
         The history grows over all runs, one row for every step.
         """
         unweighed = np.ones(len(weighting.image))
-        return self._descend(lambda: self._at(state, weighting, unweighed), robust, tolerance, progress)
+        return self._descend(lambda: self._form_solution(state, weighting, unweighed), robust, tolerance, progress)
 
-    def run_on(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
+    def continue_from(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         """Iterate from a solution with its own weights: what has changed are the priors (`hold`)."""
-        return self._descend(lambda: replace(last, cost=self.cost(last)), robust, tolerance, progress)
+        return self._descend(lambda: replace(last, cost=self.compute_cost(last)), robust, tolerance, progress)
 
-    def cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
+    def compute_cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
         """Return the cofactors of the cameras on the pattern and those of points and image points, None if unknown."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
-        cameras = self.system.cofactors()
+        cameras = self.system.compute_cofactors()
         if cameras is None:
             return None, None
-        return cameras, self.equations.cofactors(solution.state, solution.weight, solution.normals, cameras)
+        return cameras, self.equations.compute_cofactors(solution.state, solution.weight, solution.normals, cameras)
 
     def _descend(self, begin: Callable[[], Solution], robust: str, tolerance: float, progress: Progress) -> Solution:
         """Descend from the solution that ``begin`` makes: none here holds its equations when it is left behind."""
         robustly = WEIGHTS[robust]
-        tolerance = max(tolerance, ROBUST_TOLERANCE) if robustly is not least_squares else tolerance
+        tolerance = max(tolerance, CONVERGENCE.robust) if robustly is not least_squares else tolerance
         first = len(self.history)
 
         def step(at: Solution, damping: float) -> Step[Solution]:
             passed = len(self.history) - first
             advance(progress, 1.0 - 0.6**passed, f"adjustment, iteration {len(self.history) + 1}")
-            return self._step(at, damping)
+            return self._take_step(at, damping)
 
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
             begin(),
             step,
-            lambda at: max(1.0, 2.0 * at.cost / self._freedom(at.weighting)),
+            lambda at: max(1.0, 2.0 * at.cost / self._count_redundancy(at.weighting)),
             self.max_iterations,
-            (lambda at: self._reweighted(at, robustly)) if reweighting else None,
+            (lambda at: self._reweight(at, robustly)) if reweighting else None,
             tolerance,
         )
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
-    def _reweighted(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
+    def _reweight(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
         """Return the same state with robust factors from its residuals and from what holds points."""
         weighting = at.weighting
         for held in self.held:
             # a coordinate is held by one of them only, so that of another still has the weight of the cofactors
-            points = held.apply(weighting.points, at.state.ground, at.normals.inverse)
+            points = held.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
-        return self._at(at.state, weighting, robustly(t))
+        return self._form_solution(at.state, weighting, robustly(t))
 
-    def _at(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
-        normals = self.equations.normals(state, weighting.image * factor, weighting.points, weighting.contributes)
+    def _form_solution(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
+        normals = self.equations.form_normals(state, weighting.image * factor, weighting.points, weighting.contributes)
         if self.earlier is not None:
             self.earlier.add_to(normals, state.values, self.pattern)
         at = Solution(state, weighting, normals, factor, 0.0)
-        return replace(at, cost=self.cost(at))
+        return replace(at, cost=self.compute_cost(at))
 
-    def cost(self, at: Solution) -> float:
+    def compute_cost(self, at: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
-        earlier = 0.0 if self.earlier is None else self.earlier.cost(at.state.values)
+        earlier = 0.0 if self.earlier is None else self.earlier.compute_cost(at.state.values)
         return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2))) + earlier
 
     def sum_of_squares(self, at: Solution) -> float:
@@ -165,23 +193,23 @@ class GaussNewton:
         used = np.repeat(contributes, self.rows_per_point)
         return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
 
-    def _freedom(self, weighting: Weighting) -> float:
+    def _count_redundancy(self, weighting: Weighting) -> float:
         """Return the redundancy, 1 where there is none; priors of the cameras are left out of it."""
         rows = int(((weighting.image > 0.0) & np.repeat(weighting.contributes, self.rows_per_point)).sum())
         surveyed = int(weighting.points.observed[weighting.contributes].sum())
         unknowns = 3 * int(weighting.contributes.sum()) + int((self._finite_prior > 0.0).sum())
         return float(max(2 * rows + surveyed - unknowns, 1))
 
-    def _step(self, at: Solution, damping: float) -> Step[Solution]:
+    def _take_step(self, at: Solution, damping: float) -> Step[Solution]:
         """Return the next state and the decrease of the cost that the equations promise for it."""
         right = at.normals.right - self._finite_prior * at.state.values
-        by_values = self.system.solve_near(at.normals.blocks, self.prior_weight, damping, right)
+        by_values = self.system.solve_nearby(at.normals.blocks, self.prior_weight, damping, right)
         self.solves += 1
-        by_ground = self.equations.point_steps(at.state, at.weight, at.normals, by_values)
-        ahead = self._at(
+        by_ground = self.equations.compute_point_steps(at.state, at.weight, at.normals, by_values)
+        ahead = self._form_solution(
             State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor
         )
-        braked = 0.5 * self.system.braked(by_values)
+        braked = 0.5 * self.system.compute_damping_cost(by_values)
         promised = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at)) + braked
         self.history.append(Iteration(at.cost, promised, damping))
         return Step(ahead, promised, braked)

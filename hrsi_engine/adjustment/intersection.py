@@ -13,16 +13,29 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.stack import stack_of
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import moved_ground
 from ..refinement.model import RefinementModel
-from .equations import NormalEquations, PointPriors, State, trivial_pattern
+from .equations import NormalEquations, PointPriors, State, make_diagonal_pattern
 from .observations import Observations
 
 CENTRE_STEPS = 6
-CENTRE_CLOSURE_M = 10.0  # a start needs no more
 
 
-def start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:
+@thresholds
+class StartThresholds:
+    """When a start position is near enough."""
+
+    closure_m: float = threshold(
+        10.0, "m",
+        "step below which the ray of an image's centre is settled: a start needs no more",
+    )  # fmt: skip
+
+
+START = StartThresholds()
+
+
+def estimate_start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:
     """Return approximate positions ``(m, 3)``; surveyed coordinates at their survey."""
     if height_m is None:
         known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
@@ -32,7 +45,7 @@ def start_positions(observations: Observations, height_m: float | None = None) -
         return np.empty((0, 3))
     seen, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in seen.tolist()]
-    centre, outwards = _at_centres(images, height_m)
+    centre, outwards = _locate_centres(images, height_m)
     offset = observations.xy[first] - np.array([one.centre_px for one in images]).reshape(-1, 2)[image]
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ offset[:, :, None])[:, :, 0]
@@ -40,7 +53,7 @@ def start_positions(observations: Observations, height_m: float | None = None) -
     return np.where(observations.survey_weight > 0.0, observations.survey, ground)
 
 
-def _at_centres(images: Sequence[Image], height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
+def _locate_centres(images: Sequence[Image], height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the ground positions ``(k, 3)`` of images' centres and the metres east, north per pixel ``(k, 2, 2)``."""
     rpcs, stack, centre_px = [image.rpc for image in images], stack_of(images), [image.centre_px for image in images]
     ground = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs]).reshape(-1, 3)
@@ -55,29 +68,33 @@ def _at_centres(images: Sequence[Image], height_m: float | None) -> tuple[np.nda
         step = np.zeros((len(moving), 3))
         step[:, :2] = (outwards[moving] @ (np.array(centre_px)[moving] - at)[:, :, None])[:, :, 0]
         ground[moving] = moved_ground(ground[moving], step)
-        moving = moving[~(np.abs(step).max(axis=1) < CENTRE_CLOSURE_M)]
+        moving = moving[~(np.abs(step).max(axis=1) < START.closure_m)]
     for number in moving.tolist():  # slower, and safer with odd RPCs
         ground[number] = rpcs[number].localize(centre_px[number][None], ground[number, 2]).ground[0]
     return ground, outwards
 
 
-def intersect(observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
+def intersect_points(
+    observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
+) -> np.ndarray:
     """Return the least-squares positions ``(m, 3)`` of all points for fixed ``values (images, p)``.
 
     ``ground`` is the start. Points that cannot be computed come out as NaN.
     """
-    return fixed_cameras(observations, model).intersect(
-        State(values, ground), 1.0 / observations.sigma_px**2, PointPriors.of(observations, ground)
+    return form_point_equations(observations, model).intersect(
+        State(values, ground), 1.0 / observations.sigma_px**2, PointPriors.from_surveys(observations, ground)
     )
 
 
-def image_residuals(
+def compute_image_residuals(
     observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return observed - computed ``(n, 2)`` of all measurements."""
-    return fixed_cameras(observations, model).residuals(State(values, ground))
+    return form_point_equations(observations, model).compute_residuals(State(values, ground))
 
 
-def fixed_cameras(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
+def form_point_equations(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
     """Return the equations of points alone."""
-    return NormalEquations(observations, model, trivial_pattern(observations.cameras, len(model.parameters)), threads)
+    return NormalEquations(
+        observations, model, make_diagonal_pattern(observations.cameras, len(model.parameters)), threads
+    )

@@ -57,7 +57,7 @@ class JointPrior:
     camera: np.ndarray
 
     @classmethod
-    def of(cls, known: JointCameras, observations: Observations) -> JointPrior:
+    def select_cameras(cls, known: JointCameras, observations: Observations) -> JointPrior:
         """Return the prior for a block; raises `InputError` where it has not all of the images."""
         place = {image.id: index for index, image in enumerate(observations.images)}
         missing = [name for name in known.images if name not in place]
@@ -89,14 +89,14 @@ class JointPrior:
         blocks = np.where(turned, known.blocks.transpose(0, 2, 1), known.blocks)
         merged = (rows == columns) & (known.rows != known.columns)  # two cameras that are one now
         blocks[merged] += blocks[merged].transpose(0, 2, 1)
-        np.add.at(normals.blocks, pattern.find(rows, columns), blocks)
+        np.add.at(normals.blocks, pattern.find_blocks(rows, columns), blocks)
         np.subtract.at(normals.right, self.camera, self._gradient(values))
 
-    def cost(self, values: np.ndarray) -> float:
+    def compute_cost(self, values: np.ndarray) -> float:
         """Return half the weighted sum of squares at ``values (cameras, p)``."""
         return 0.5 * float(np.sum((values[self.camera] - self.known.values) * self._gradient(values)))
 
-    def share(self, cofactors: np.ndarray, pattern: Pattern) -> float:
+    def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
         """Return how many of the parameters come from the prior: the trace of S Q, for ``cofactors`` on the pattern."""
         known = self.known
         rows, columns = self.pairs
@@ -104,7 +104,7 @@ class JointPrior:
             "bij,bij->b",
             np.where((self.camera[known.rows] > self.camera[known.columns])[:, None, None],
                      known.blocks.transpose(0, 2, 1), known.blocks),
-            cofactors[pattern.find(rows, columns)],
+            cofactors[pattern.find_blocks(rows, columns)],
         )  # fmt: skip
         return float(np.sum(np.where(known.rows == known.columns, both, 2.0 * both)))
 

@@ -103,14 +103,14 @@ class Observations:
         lengths = np.diff(self.first)
         return {int(k): np.flatnonzero(lengths == k) for k in np.unique(lengths)}
 
-    def rows_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def find_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the measurements of some points in order, and where each point's begin among them."""
         lengths = self.first[points + 1] - self.first[points]
         place = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)])
         rows = np.arange(place[-1]) + np.repeat(self.first[points] - place[:-1], lengths)
         return rows, place[:-1]
 
-    def without(self, lost: np.ndarray) -> Observations:
+    def drop_points(self, lost: np.ndarray) -> Observations:
         """Return the observations without some of the points (mask over ``points``)."""
         keep = ~lost[self.point]
         new_index = np.cumsum(~lost) - 1
@@ -129,7 +129,9 @@ class Observations:
         return [model.equations(image, self.xy[rows]) for image, rows in zip(self.images, self.by_image, strict=True)]
 
 
-def select(block: Block, check_as_ties: bool = False, reference: ReferencePlaces | None = None) -> Observations:
+def select_observations(
+    block: Block, check_as_ties: bool = False, reference: ReferencePlaces | None = None
+) -> Observations:
     """Return the measurements of every point whose position can be computed.
 
     ``check_as_ties`` lets the image points of check points (not their survey) take part in the cameras' estimation.
@@ -139,13 +141,13 @@ def select(block: Block, check_as_ties: bool = False, reference: ReferencePlaces
     usable = control | (block.rays_per_point() >= 2)
     contributing = np.ones(len(block.points), dtype=bool) if check_as_ties else block.points.role != Role.CHECK
     if reference is None:
-        return subset(block, usable, control, contributing)
+        return select_points(block, usable, control, contributing)
     places = control & np.isin(block.points.ids, reference.ids)
-    observations = subset(block, usable, control & ~places, contributing)
+    observations = select_points(block, usable, control & ~places, contributing)
     return replace(observations, referenced=places[observations.points])
 
 
-def subset(
+def select_points(
     block: Block, usable: np.ndarray, surveyed: np.ndarray | None = None, contributing: np.ndarray | None = None
 ) -> Observations:
     """Return the observations of the ``usable`` points (masks over the block's points).
@@ -164,7 +166,7 @@ def subset(
     point = (np.cumsum(taking_part) - 1)[chosen.point]
     survey = block.points.ground[points]
     has_survey = surveyed[points][:, None] & np.isfinite(survey)
-    weight, correlation = _survey_weights(block, points, surveyed[points])
+    weight, correlation = _weigh_surveys(block, points, surveyed[points])
     return Observations(
         images=block.images,
         rows=rows,
@@ -179,11 +181,11 @@ def subset(
         contributes=contributing[chosen.point],
         camera_of_image=np.arange(len(block.images), dtype=np.int32),
         survey_correlation=correlation,
-        alike=_matched_with_reference(block, rows, point, surveyed[points]),
+        alike=_find_reference_matches(block, rows, point, surveyed[points]),
     )
 
 
-def _matched_with_reference(
+def _find_reference_matches(
     block: Block, rows: np.ndarray, point: np.ndarray, surveyed: np.ndarray
 ) -> np.ndarray | None:
     """Return which ``surveyed (m,)`` points were found by matching with a reference; None: none was."""
@@ -196,7 +198,7 @@ def _matched_with_reference(
     return alike
 
 
-def _survey_weights(block: Block, points: np.ndarray, surveyed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+def _weigh_surveys(block: Block, points: np.ndarray, surveyed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return each coordinate's own weight ``(m, 3)`` and the correlations ``(m, 3)``, None where there are none."""
     weight, correlation = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     covariance = block.points.survey_covariance_m2(points[surveyed])

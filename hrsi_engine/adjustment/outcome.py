@@ -11,17 +11,18 @@ from ..block.block import Block
 from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
-from .delivery import Delivered, deliver
+from .delivery import CameraDelivery, deliver_cameras
 from .gauss_newton import GaussNewton, Solution
 from .joint_prior import JointCameras
 from .problem import Problem
 from .result import (
     Adjustment,
+    CameraEstimates,
     CrossValidation,
     DatumPart,
     Decision,
-    EstimatedCameras,
     Finding,
     HeightAgreement,
     LaserOutcome,
@@ -29,19 +30,32 @@ from .result import (
     PlanAgreement,
     VarianceComponent,
 )
-from .statistics.precision import Precision, deletion_tests
+from .statistics.precision import Precision, compute_deletion_tests
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
-MANY_HEIGHTS_LEFT_OUT = 0.02  # share of a source's heights
-MANY_PLACES_LEFT_OUT = 0.1  # share of a reference's places
+
+
+@thresholds
+class WarningThresholds:
+    """What an adjustment warns of."""
+
+    many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
+    many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
+    from_prior: float = threshold(
+        0.5, "",
+        "share of a parameter from its prior above which it counts as not determined",
+    )  # fmt: skip
+
+
+WARNINGS = WarningThresholds()
+
 WHAT_STANDS_OUT = {
     "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",
 }  # fmt: skip
-HELD_BY_PRIOR = 0.5  # share of a parameter from its prior above which it counts as not determined
 
 
 @dataclass(eq=False)
-class Found:
+class RoundFindings:
     """What the rounds of an adjustment found.
 
     Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more.
@@ -69,30 +83,32 @@ class _Sums:
     sigma0: float
 
 
-def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solution, precise: Precision) -> Adjustment:
+def assemble_adjustment(
+    problem: Problem, loop: GaussNewton, found: RoundFindings, solution: Solution, precise: Precision
+) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block = problem.observations, problem.block
-    shares = _prior_share(loop, precise.parameters)
-    sums = _sums(problem, loop, solution, precise)
+    shares = _compute_prior_share(loop, precise.parameters)
+    sums = _count_sums(problem, loop, solution, precise)
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = shares[:, own]
-    cameras = deliver(problem, loop, solution)
+    cameras = deliver_cameras(problem, loop, solution)
     rows, points, camera = observations.rows, observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     kept = (solution.weight > 0.0) & placed[observations.point]
-    part_of_image = _part_of_image(problem)
+    part_of_image = _number_parts(problem)
     # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
     # A sigma0 below 1 is the image points' own too: it makes no survey better than it was said to be.
     factor = np.array([max(sums.sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
-    covariance = _point_covariance(problem, solution, precise, cameras, factor)
+    covariance = _compute_covariance(problem, solution, precise, cameras, factor)
     covariance[~placed] = np.nan
-    covariance = _spread(len(block.points), points, covariance)
+    covariance = _expand_rows(len(block.points), points, covariance)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
-    heights, laser = _held_heights(problem, solution, precise)
-    plan = _held_plan(problem, solution, precise)
-    redundancy_numbers, statistic = _reliability(problem, solution, precise, found.tie_variance)
+    heights, laser = _judge_heights(problem, solution, precise)
+    plan = _judge_plan(problem, solution, precise)
+    redundancy_numbers, statistic = _compute_reliability(problem, solution, precise, found.tie_variance)
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
     measurements = len(block.measurements)
@@ -102,17 +118,17 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         model=problem.model,
         values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own]),
-        cameras=EstimatedCameras(
+        cameras=CameraEstimates(
             problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
         ),
-        ground=_spread(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
+        ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=ground_sigma,
         ground_covariance_m2=covariance,
-        residual_px=_spread(measurements, rows, np.where(kept[:, None], cameras.residual, np.nan)),
-        weight=_spread(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
-        redundancy_numbers=_spread(measurements, rows, redundancy_numbers),
-        statistic=_spread(measurements, rows, statistic),
-        decision=_spread(measurements, rows, found.decision, int(Decision.KEPT)),
+        residual_px=_expand_rows(measurements, rows, np.where(kept[:, None], cameras.residual, np.nan)),
+        weight=_expand_rows(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
+        redundancy_numbers=_expand_rows(measurements, rows, redundancy_numbers),
+        statistic=_expand_rows(measurements, rows, statistic),
+        decision=_expand_rows(measurements, rows, found.decision, int(Decision.KEPT)),
         prior_share=prior_share[camera],
         sigma0=sums.sigma0,
         observations=sums.observations,
@@ -124,36 +140,36 @@ def outcome(problem: Problem, loop: GaussNewton, found: Found, solution: Solutio
         solves=loop.solves,
         findings=tuple(found.findings),
         variance_components=found.components,
-        parts=_parts(problem, part_of_image, ground_sigma, prior_share),
+        parts=_describe_parts(problem, part_of_image, ground_sigma, prior_share),
         cross_validation=found.cross_validation,
         warnings=(
             *problem.warnings,
             *found.warnings,
-            *_find_undetermined(problem, loop, prior_share),
-            *_height_warnings(heights),
-            *_plan_warnings(plan),
+            *_warn_of_weak_parameters(problem, loop, prior_share),
+            *_warn_of_heights(heights),
+            *_warn_of_plan(plan),
         ),
         heights=heights,
         plan=plan,
-        rpcs_alone_m=_rpcs_alone_m(problem, solution),
+        rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,
-        estimate_residual_px=_estimate_residuals(problem, solution, kept),
+        estimate_residual_px=_expand_estimate_residuals(problem, solution, kept),
         tests=found.tests,
-        estimated_sigma_px=_measurement_sigmas(block, rows, found),
+        estimated_sigma_px=_expand_sigmas(block, rows, found),
         survey_factors=found.survey_factors,
         choice=problem.choice,
-        joint=_joint_cameras(problem, loop, solution, cameras.squares),
+        joint=_join_cameras(problem, loop, solution, cameras.squares),
     )
 
 
-def _joint_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray) -> JointCameras:
+def _join_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray) -> JointCameras:
     """Return what the adjustment says of its cameras together."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
     own = np.arange(pattern.parameters)
     blocks[pattern.diagonal[:, None], own, own] += np.where(fixed, 0.0, loop.prior_weight)
-    gcps = np.array([part.gcps for part in problem.parts])[_part_of_image(problem)]
+    gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(
         tuple(image.id for image in observations.images), observations.camera_of_image,
         tuple(problem.camera.parameters), solution.state.values, pattern.rows, pattern.columns, blocks, fixed, squares,
@@ -161,7 +177,7 @@ def _joint_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squa
     )  # fmt: skip
 
 
-def _measurement_sigmas(block: Block, rows: np.ndarray, found: Found) -> np.ndarray | None:
+def _expand_sigmas(block: Block, rows: np.ndarray, found: RoundFindings) -> np.ndarray | None:
     """Return the standard deviations of all measurements, estimated where they took part; None where as given."""
     if found.sigma_px is None or np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
         return None
@@ -170,16 +186,16 @@ def _measurement_sigmas(block: Block, rows: np.ndarray, found: Found) -> np.ndar
     return sigma
 
 
-def _estimate_residuals(problem: Problem, solution: Solution, kept: np.ndarray) -> np.ndarray | None:
+def _expand_estimate_residuals(problem: Problem, solution: Solution, kept: np.ndarray) -> np.ndarray | None:
     """Return the residuals with all that was estimated, None where that is what is delivered."""
     if problem.camera is problem.model:
         return None
     residual = np.where(kept[:, None], solution.normals.residual, np.nan)
-    return _spread(len(problem.block.measurements), problem.observations.rows, residual)
+    return _expand_rows(len(problem.block.measurements), problem.observations.rows, residual)
 
 
-def _point_covariance(
-    problem: Problem, solution: Solution, precise: Precision, cameras: Delivered, factor: np.ndarray
+def _compute_covariance(
+    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray
 ) -> np.ndarray:
     """Return the covariances ``(m, 3, 3)`` of the delivered positions; ``factor`` is that of each image's cofactors."""
     observations = problem.observations
@@ -189,7 +205,7 @@ def _point_covariance(
     return np.asarray(covariance)
 
 
-def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
+def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
     """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves where that is all."""
     if len(values) == length:
         return values
@@ -198,43 +214,43 @@ def _spread(length: int, where: np.ndarray, values: np.ndarray, empty: float = n
     return result
 
 
-def _prior_share(loop: GaussNewton, variances: np.ndarray) -> np.ndarray:
+def _compute_prior_share(loop: GaussNewton, variances: np.ndarray) -> np.ndarray:
     """Return how much of each parameter comes from its prior ``(cameras, p)``; all of it where it is fixed."""
     fixed = np.isinf(loop.prior_weight)
     return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * variances)
 
 
-def _observed(problem: Problem, solution: Solution) -> tuple[int, int]:
+def _count_observations(problem: Problem, solution: Solution) -> tuple[int, int]:
     """Return the numbers of observations that were not left out and of the unknowns of their points."""
     weighting, contributes = solution.weighting, solution.weighting.contributes
     rows = int(((weighting.image > 0.0) & contributes[problem.observations.point]).sum())
     return 2 * rows + int(weighting.points.observed[contributes].sum()), 3 * int(contributes.sum())
 
 
-def redundancy_of(
+def compute_redundancy(
     problem: Problem, loop: GaussNewton, solution: Solution, variances: np.ndarray, cofactors: np.ndarray | None
 ) -> float:
     """Return the redundancy of a solution; priors count as far as the parameters follow from them.
 
     ``variances (cameras, p)`` are the parameters' cofactors, ``cofactors`` those on the pattern, where they are known.
     """
-    observed, positions = _observed(problem, solution)
-    unknown = float(np.sum(1.0 - np.nan_to_num(_prior_share(loop, variances))))
+    observed, positions = _count_observations(problem, solution)
+    unknown = float(np.sum(1.0 - np.nan_to_num(_compute_prior_share(loop, variances))))
     if problem.earlier is not None and cofactors is not None:
-        unknown -= problem.earlier.share(cofactors, loop.pattern)
+        unknown -= problem.earlier.count_parameters(cofactors, loop.pattern)
     return observed - positions - unknown
 
 
-def _sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> _Sums:
+def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> _Sums:
     """Count what was not left out."""
-    observed, positions = _observed(problem, solution)
+    observed, positions = _count_observations(problem, solution)
     unknowns = positions + len(precise.parameters) * len(problem.model.parameters)
-    redundancy = redundancy_of(problem, loop, solution, precise.parameters, precise.cameras)
+    redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
     sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
     return _Sums(observed, unknowns, redundancy, sigma0)
 
 
-def _reliability(
+def _compute_reliability(
     problem: Problem, solution: Solution, precise: Precision, tie_variance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return redundancy numbers ``(n, 2)`` and test values ``(n,)`` in standard deviations.
@@ -250,12 +266,12 @@ def _reliability(
     for part in np.array_split(rows, 1 + len(rows) // ROWS_AT_ONCE):
         weight, cofactors = solution.weight[part], precise.residuals[part]
         redundancy[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
-        tests = deletion_tests(solution.normals.residual[part], cofactors, weight)
+        tests = compute_deletion_tests(solution.normals.residual[part], cofactors, weight)
         statistic[part] = np.sqrt(tests / tie_variance)
     return redundancy, statistic
 
 
-def _part_of_image(problem: Problem) -> np.ndarray:
+def _number_parts(problem: Problem) -> np.ndarray:
     """Return the number of each image's part of the block."""
     part_of_image = np.zeros(len(problem.observations.images), dtype=np.int64)
     for number, part in enumerate(problem.parts):
@@ -263,7 +279,7 @@ def _part_of_image(problem: Problem) -> np.ndarray:
     return part_of_image
 
 
-def _parts(
+def _describe_parts(
     problem: Problem, part_of_image: np.ndarray, ground_sigma: np.ndarray, prior_share: np.ndarray
 ) -> tuple[DatumPart, ...]:
     """Return what holds each part of the block, and the mean sigmas of its points."""
@@ -285,7 +301,7 @@ def _parts(
     )  # fmt: skip
 
 
-def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
+def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
     """Name parameters of images with control that nevertheless come from their priors.
 
     Not those whose prior was estimated from the block: these are as good as the block can say.
@@ -293,7 +309,7 @@ def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndar
     names, observations = problem.model.parameters, problem.observations
     prior = problem.prior_weight[:, : prior_share.shape[1]]
     given = prior == loop.prior_weight[:, : prior_share.shape[1]]
-    poor = (prior_share > HELD_BY_PRIOR) & given & ~np.isinf(prior)
+    poor = (prior_share > WARNINGS.from_prior) & given & ~np.isinf(prior)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():
@@ -308,24 +324,24 @@ def _find_undetermined(problem: Problem, loop: GaussNewton, prior_share: np.ndar
     ]
 
 
-def _held_heights(
+def _judge_heights(
     problem: Problem, solution: Solution, precise: Precision
 ) -> tuple[tuple[HeightAgreement, ...], LaserOutcome | None]:
     """Return how the heights that hold points agree with them, and what became of each laser point."""
     held = problem.held_heights
     if held is None:
         return (), None
-    agreements, judged = held.agreement(
+    agreements, judged = held.summarise_sources(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
     )  # fmt: skip
     laser = problem.laser
     if laser is None:
         return agreements, None
     one = next(one for one in judged if one.source is laser)
-    return agreements, laser.outcome(one, solution.state.ground)
+    return agreements, laser.report_points(one, solution.state.ground)
 
 
-def _held_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:
+def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> PlanAgreement | None:
     """Return how the places of a reference agree with the adjusted points; None without them."""
     held = problem.held_plan
     if held is None:
@@ -337,12 +353,12 @@ def _held_plan(problem: Problem, solution: Solution, precise: Precision) -> Plan
     ]
     over = held.places.over_rpcs or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
-    return held.agreement(
+    return held.summarise_places(
         solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points, rpcs_m
     )
 
 
-def _rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, float] | None:
+def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, float] | None:
     """Return by how much the tie points move from where they are to where the RPCs as given see them."""
     observations = problem.observations
     if not problem.held:
@@ -355,7 +371,7 @@ def _rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, float, f
     return float(east), float(north), float(up)
 
 
-def _plan_warnings(plan: PlanAgreement | None) -> list[str]:
+def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
     """Name parts of a reference that contradict the others, and a reference many of whose places do not fit."""
     if plan is None:
         return []
@@ -368,7 +384,7 @@ def _plan_warnings(plan: PlanAgreement | None) -> list[str]:
                 f"{group.north_m:+.1f} m north off the others (sigma {group.sigma_m:.1f} m): {done}"
             )
     lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
-    if lone > MANY_PLACES_LEFT_OUT * plan.observations:
+    if lone > WARNINGS.many_places_left_out * plan.observations:
         warnings.append(
             f"{lone} of {plan.observations} places of the {plan.source} do not fit the others and are left out: "
             "changed ground, wrong matches, or heights of the DEM"
@@ -376,7 +392,7 @@ def _plan_warnings(plan: PlanAgreement | None) -> list[str]:
     return warnings
 
 
-def _height_warnings(heights: Sequence[HeightAgreement]) -> list[str]:
+def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
     """Name sources many of whose heights do not fit the block, and groups of heights that contradict the others."""
     warnings = []
     for one in heights:
@@ -397,7 +413,7 @@ def _height_warnings(heights: Sequence[HeightAgreement]) -> list[str]:
                     f"others ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check what they refer to"
                 )
         wrong_groups = sum(group.observations for group in one.groups if group.left_out)
-        if one.left_out - wrong_groups > MANY_HEIGHTS_LEFT_OUT * one.observations:
+        if one.left_out - wrong_groups > WARNINGS.many_heights_left_out * one.observations:
             what = WHAT_STANDS_OUT[one.source]
             warnings.append(
                 f"{one.left_out} of {one.observations} heights of the {one.source} do not fit the points and are left "

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..block.block import Block, Image, group_tiles
+from ..block.block import Block, group_tiles
 from ..block.imaging_geometry import compute_view_directions
 from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
@@ -26,15 +26,15 @@ from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
-from .held.held_heights import DemHeights, HeightByRpcs, HeightSource, HeldHeights
-from .held.held_plan import HeldPlan
+from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
+from .held.held_plan import PlanObservations
 from .held.laser_heights import LaserHeights
-from .intersection import fixed_cameras, start_positions
+from .intersection import estimate_start_positions, form_point_equations
 from .joint_prior import JointPrior
-from .observations import Observations, select
+from .observations import Observations, select_observations
 from .options import AdjustOptions
 from .statistics.variance_components import GROUPINGS
-from .weak_geometry import point_priors
+from .weak_geometry import set_point_priors
 from .weights import WEIGHTS
 
 Entry = TypeVar("Entry")
@@ -58,7 +58,7 @@ class Problem:
     model : the refinement that is asked for, and delivered
     camera : what is estimated: the model, and the drift that it does not follow behind it
     guessed : (p,) parameters that are drifts of which nothing tells how large they are but what is usual
-    believed_drift : (cameras, p) standard deviations of the drifts that the sensors are believed to have
+    usual_drift : (cameras, p) a priori standard deviations of the drifts, by what is known of the sensors
     choice : why the model is what it is, where a rule chose it
     earlier : what an earlier adjustment says of cameras
     """
@@ -72,7 +72,7 @@ class Problem:
     equations: NormalEquations
     prior_weight: np.ndarray
     guessed: np.ndarray
-    believed_drift: np.ndarray
+    usual_drift: np.ndarray
     parts: tuple[Part, ...]
     start: State
     weighting: Weighting
@@ -88,39 +88,39 @@ class Problem:
         )  # fmt: skip
 
     @property
-    def held(self) -> tuple[HeldHeights | HeldPlan, ...]:
+    def held(self) -> tuple[HeightObservations | PlanObservations, ...]:
         """What holds points beside surveys, and is judged anew in every round."""
         return tuple(held for held in (self.held_heights, self.held_plan) if held is not None)
 
     @cached_property
-    def held_plan(self) -> HeldPlan | None:
+    def held_plan(self) -> PlanObservations | None:
         """The places of a reference, None without them."""
         options, observations = self.options, self.observations
         if options.reference is None or observations.referenced is None or not observations.referenced.any():
             return None
         points = np.flatnonzero(observations.referenced)
-        return HeldPlan(
+        return PlanObservations(
             options.reference.select(self.block.points.ids[observations.points[points]]), points,
             options.test_sigmas or options.variance_components,
         )  # fmt: skip
 
     @cached_property
-    def held_heights(self) -> HeldHeights | None:
+    def held_heights(self) -> HeightObservations | None:
         """The heights of a DEM and of laser points that hold points, None without them."""
         options, observations = self.options, self.observations
         free = observations.survey_weight[:, 2] == 0.0
         sources: list[HeightSource] = []
         if options.dem is not None and options.sigma_dem_m is not None:
             by_dem = np.flatnonzero(self.weighting.points.observed[:, 2] & free)
-            sources.append(DemHeights.of(options.dem, by_dem, self.start.ground, options.sigma_dem_m))
+            sources.append(DemHeights.select_points(options.dem, by_dem, self.start.ground, options.sigma_dem_m))
         if self.laser is not None:
             sources.append(self.laser)
         if not sources:
             return None
         estimate = options.test_sigmas or options.variance_components
-        return HeldHeights(tuple(sources), free, estimate, self._height_by_rpcs())
+        return HeightObservations(tuple(sources), free, estimate, self._locate_by_rpcs())
 
-    def _height_by_rpcs(self) -> HeightByRpcs | None:
+    def _locate_by_rpcs(self) -> RpcHeights | None:
         """Return what the RPCs say of the heights of tie points; None where others hold the block, or nothing does.
 
         Each image is off in plan by itself: rays that lean by t (east and north over up) tell the heights with the
@@ -141,7 +141,7 @@ class Problem:
         # of the images of the block, a point is on some
         normal *= float(np.median(rays[ties])) / len(observations.images)
         variance = float(np.linalg.inv(normal + np.eye(3) * FREE_POINT_SIGMA_M**-2)[2, 2])
-        return HeightByRpcs(ties, self.start.ground[ties, 2], float(np.sqrt(variance)))
+        return RpcHeights(ties, self.start.ground[ties, 2], float(np.sqrt(variance)))
 
     @cached_property
     def laser(self) -> LaserHeights | None:
@@ -161,7 +161,7 @@ class Problem:
         """
         points = self.weighting.points if before is None else before
         surveyed = self.observations.survey_weight > 0.0
-        fresh = PointPriors.of(self.observations, self.start.ground, survey)
+        fresh = PointPriors.from_surveys(self.observations, self.start.ground, survey)
         priors = PointPriors(
             np.where(surveyed, fresh.target, points.target),
             np.where(surveyed, fresh.weight, points.weight),
@@ -169,11 +169,15 @@ class Problem:
             fresh.mixed,
         )
         return Weighting(
-            image, priors, self.observations.contributing_points & find_determined(self.observations, image, survey)
+            image,
+            priors,
+            self.observations.contributing_points & find_determinable_points(self.observations, image, survey),
         )
 
 
-def find_determined(observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray) -> np.ndarray:
+def find_determinable_points(
+    observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray
+) -> np.ndarray:
     """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
     rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
     located = any_of_rows(survey_weight > 0.0)
@@ -182,7 +186,7 @@ def find_determined(observations: Observations, image_weight: np.ndarray, survey
     return (rays >= 2) | (located & (rays >= 1))
 
 
-def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
+def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
     """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
     choice = None
     if options.model in RULES:
@@ -193,31 +197,31 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
     choose_entry(WEIGHTS, options.robust, "robust weight function")
     choose_entry(GROUPINGS, options.variance_groups, "grouping of image points")
     for group in options.sensor_images:
-        _image_indices(block, group, "a group of images of one sensor")
-    observations = select(block, options.check_as_ties, options.reference)
-    camera_of_image = _cameras(block, options.shared_images)
+        _find_images(block, group, "a group of images of one sensor")
+    observations = select_observations(block, options.check_as_ties, options.reference)
+    camera_of_image = _number_cameras(block, options.shared_images)
     observations = replace(observations, camera_of_image=camera_of_image)
     if not observations.count:
         raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
-    earlier = None if options.earlier is None else JointPrior.of(options.earlier, observations)
-    parts = _parts(observations, earlier)
-    start = _start_values(observations, model, values, earlier)
-    fixed = fixed_cameras(observations, model, options.threads)
-    observations, ground, lost = _starting_points(block, observations, fixed, start)
+    earlier = None if options.earlier is None else JointPrior.select_cameras(options.earlier, observations)
+    parts = _find_parts(observations, earlier)
+    start = _set_start_values(observations, model, values, earlier)
+    fixed = form_point_equations(observations, model, options.threads)
+    observations, ground, lost = _intersect_start(observations, fixed, start)
     if options.reference is not None and observations.referenced is not None:
         places = np.flatnonzero(observations.referenced)
         ground[places] = options.reference.select(block.points.ids[observations.points[places]]).ground
-    camera = _camera(model, options)
+    camera = _add_drift(model, options)
     if earlier is not None:
         earlier.require_parameters(tuple(camera.parameters))
     pattern = find_pattern(observations, len(camera.parameters), None if earlier is None else earlier.pairs)
     equations = NormalEquations(
-        observations, camera, pattern, options.threads, fixed.cameras if camera is model and not lost else None
+        observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None
     )
     guessed = np.arange(len(camera.parameters)) >= len(model.parameters)
     if choice is not None and choice.drift_unknown:
         guessed |= camera.drifts
-    prior_weight = _prior_weight(observations, model, guessed, parts, options)
+    prior_weight, usual_drift = _weigh_priors(observations, model, guessed, parts, options)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     known = np.zeros(observations.cameras, dtype=bool)
     if earlier is not None:
@@ -226,19 +230,19 @@ def prepare(block: Block, options: AdjustOptions, values: np.ndarray | None = No
         fixed_again = np.isinf(prior_weight[earlier.camera]) | earlier.known.fixed
         prior_weight[earlier.camera] = np.where(fixed_again, np.inf, 0.0)
     _require_solvable(observations, model, prior_weight, known)
-    priors, weak = point_priors(observations, ground, options.dem, options.sigma_dem_m)
+    priors, weak = set_point_priors(observations, ground, options.dem, options.sigma_dem_m)
     image_weight = 1.0 / observations.sigma_px**2
-    contributes = observations.contributing_points & find_determined(
+    contributes = observations.contributing_points & find_determinable_points(
         observations, image_weight, observations.survey_weight
     )
     problem = Problem(
         block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
-        _believed_drift(observations, model, camera), parts, State(start, ground),
+        usual_drift, parts, State(start, ground),
         Weighting(image_weight, priors, contributes),
-        (*lost, *weak, *_part_warnings(observations, parts, options)), choice, earlier,
+        (*_collect_warnings(observations, parts, options, block.points.ids[lost], weak),), choice, earlier,
     )  # fmt: skip
     if problem.held_plan is not None:
-        problem.held_plan.begin(priors)
+        problem.held_plan.enter_start(priors)
     return problem
 
 
@@ -249,7 +253,7 @@ def choose_entry(table: Mapping[str, Entry], name: str, what: str) -> Entry:
     return table[name]
 
 
-def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
+def _find_images(block: Block, ids: Sequence[str], what: str) -> list[int]:
     place = {image.id: index for index, image in enumerate(block.images)}
     unknown = [name for name in ids if name not in place]
     if unknown:
@@ -257,16 +261,16 @@ def _image_indices(block: Block, ids: Sequence[str], what: str) -> list[int]:
     return [place[name] for name in ids]
 
 
-def _cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
+def _number_cameras(block: Block, shared: Sequence[Sequence[str]]) -> np.ndarray:
     """Return the set of parameters of each image; the images of a group, or the tiles of a scene, have one."""
     representative = np.arange(len(block.images))
     for group in (*shared, *group_tiles(block.images, shared)):
-        members = _image_indices(block, group, "a group of images with shared parameters")
+        members = _find_images(block, group, "a group of images with shared parameters")
         representative[members] = min(members)
     return np.unique(representative, return_inverse=True)[1].astype(np.int32)
 
 
-def _parts(observations: Observations, earlier: JointPrior | None) -> tuple[Part, ...]:
+def _find_parts(observations: Observations, earlier: JointPrior | None) -> tuple[Part, ...]:
     """Return the connected parts, those with most images first; every image belongs to one."""
     rows = np.flatnonzero(observations.contributes)
     shape = (len(observations.points), observations.cameras)
@@ -296,24 +300,31 @@ def _parts(observations: Observations, earlier: JointPrior | None) -> tuple[Part
     return tuple(sorted(parts, key=lambda part: -len(part.images)))
 
 
-def _part_warnings(observations: Observations, parts: Sequence[Part], options: AdjustOptions) -> list[str]:
-    """Name the images that hang together with no others, and those that nothing holds but their RPC."""
-    names = [image.id for image in observations.images]
-    warnings = []
+def _collect_warnings(
+    observations: Observations, parts: Sequence[Part], options: AdjustOptions, lost: np.ndarray, weak: Sequence[str]
+) -> list[str]:
+    """Return what is said of the block before it is adjusted, the warnings of ``weak`` geometry among it.
+
+    Named are points that were ``lost`` (ids), images without a point in common with others, and parts of the block
+    that only their RPCs hold.
+    """
     located = [part.gcps or part.ties or part.places for part in parts]
+    rest = [part for part, any_ in zip(parts, located, strict=True) if any_]
+    free = [part for part in rest if not part.gcps and not part.places]
+    reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
+    names = [image.id for image in observations.images]
+    warnings = [f"{len(lost)} points could not be intersected and are left out: {list_ids(lost)}"] if len(lost) else []
+    warnings += weak
     alone = [
         names[part.images[0]] for part, any_ in zip(parts, located, strict=True) if len(part.images) == 1 and not any_
     ]
     if alone:
         warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
-    rest = [part for part, any_ in zip(parts, located, strict=True) if any_]
     if len(rest) > 1:
         listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:IDS_NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
-    free = [part for part in rest if not part.gcps and not part.places]
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
-        reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
         believed = " | ".join([*reasons][:SENSORS_NAMED])
         held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         what = "position in plan" if held else "position"
@@ -323,7 +334,7 @@ def _part_warnings(observations: Observations, parts: Sequence[Part], options: A
     return warnings
 
 
-def _start_values(
+def _set_start_values(
     observations: Observations, model: RefinementModel, values: np.ndarray | None, earlier: JointPrior | None
 ) -> np.ndarray:
     start = np.zeros((observations.cameras, len(model.parameters)))
@@ -334,21 +345,24 @@ def _start_values(
     return start
 
 
-def _starting_points(
-    block: Block, observations: Observations, equations: NormalEquations, values: np.ndarray
-) -> tuple[Observations, np.ndarray, list[str]]:
-    """Intersect all points with the cameras of the start; points that cannot be computed leave the adjustment."""
-    state = State(values, start_positions(observations))
-    ground = equations.intersect(state, 1.0 / observations.sigma_px**2, PointPriors.of(observations, state.ground))
+def _intersect_start(
+    observations: Observations, equations: NormalEquations, values: np.ndarray
+) -> tuple[Observations, np.ndarray, np.ndarray]:
+    """Intersect all points with the cameras of the start.
+
+    Points that cannot be computed leave the adjustment: returned are the observations without them, the positions
+    ``(m, 3)``, and the indices of the lost points in the block.
+    """
+    state = State(values, estimate_start_positions(observations))
+    weight, priors = 1.0 / observations.sigma_px**2, PointPriors.from_surveys(observations, state.ground)
+    ground = equations.intersect(state, weight, priors)
     lost = ~finite_rows(ground)
     if not lost.any():
-        return observations, ground, []
-    ids = list_ids(block.points.ids[observations.points[lost]])
-    message = f"{lost.sum()} points could not be intersected and are left out: {ids}"
-    return observations.without(lost), ground[~lost], [message]
+        return observations, ground, np.zeros(0, dtype=np.int64)
+    return observations.drop_points(lost), ground[~lost], observations.points[lost]
 
 
-def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
+def _add_drift(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
     """Return the model with the drift that it does not follow; without parameters, or such drift, the model itself."""
     if not model.parameters or options.sigma_drift == 0.0 or not isinstance(model, ImagePolynomial):
         return model
@@ -356,42 +370,36 @@ def _camera(model: RefinementModel, options: AdjustOptions) -> RefinementModel:
     return camera if len(camera.parameters) > len(model.parameters) else model
 
 
-def _image_priors(options: AdjustOptions, image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image's corrections: those of the options, else what its RPC and control tell."""
-    chosen = select_priors(image, controlled)
-    if options.sigma_shift_px is None and options.sigma_drift is None:
-        return chosen  # its own sigmas of position and attitude too
-    return Priors(
-        chosen.shift_px if options.sigma_shift_px is None else options.sigma_shift_px,
-        chosen.drift if options.sigma_drift is None else options.sigma_drift,
-    )
-
-
-def _guessed_drift(options: AdjustOptions, image: Image, priors: Priors) -> float:
-    """Return the usual sigma (px/px) of a drift; estimated in any case, it starts as any drift does."""
-    if options.sigma_drift is not None:
-        return options.sigma_drift
-    return priors.drift if options.variance_components else estimate_priors(image).drift
-
-
-def _prior_weight(
+def _weigh_priors(
     observations: Observations,
     model: RefinementModel,
     guessed: np.ndarray,
     parts: Sequence[Part],
     options: AdjustOptions,
-) -> np.ndarray:
-    """Return the weights ``(cameras, p)`` of the parameters' priors, infinite for fixed images."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights ``(cameras, p)`` of the parameters' priors, and standard deviations of their drifts.
+
+    Weights of fixed images are infinite. The standard deviations ``(cameras, p)`` are those that sensors are known to
+    have, where the prior says nothing else; a drift that is estimated from the block starts there.
+    """
     p = len(model.parameters)
     over_rpcs = options.reference is not None and options.reference.over_rpcs
-    sigma = np.empty((observations.cameras, len(guessed)))
+    sigma, of_sensor = np.empty((2, observations.cameras, len(guessed)))
     for part in parts:
         for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
-            image = observations.images[index]
-            priors = _image_priors(options, image, part.gcps > 0 or (part.places > 0 and over_rpcs))
-            number = observations.camera_of_image[index]
+            image, number = observations.images[index], observations.camera_of_image[index]
+            usual = estimate_priors(image)
+            of_sensor[number, :p], of_sensor[number, p:] = model.prior_sigmas(image, usual), usual.drift
+            priors = select_priors(image, part.gcps > 0 or (part.places > 0 and over_rpcs))
+            # with nothing given, the image's own sigmas of position and attitude hold too
+            if options.sigma_shift_px is not None or options.sigma_drift is not None:
+                priors = Priors(
+                    priors.shift_px if options.sigma_shift_px is None else options.sigma_shift_px,
+                    priors.drift if options.sigma_drift is None else options.sigma_drift,
+                )
             sigma[number, :p] = model.prior_sigmas(image, priors)
-            sigma[number, guessed] = _guessed_drift(options, image, priors)
+            is_given = options.sigma_drift is not None or options.variance_components
+            sigma[number, guessed] = priors.drift if is_given else usual.drift
     with np.errstate(divide="ignore"):
         weight = 1.0 / sigma**2
     place = {image.id: index for index, image in enumerate(observations.images)}
@@ -399,18 +407,7 @@ def _prior_weight(
     if unknown:
         raise InputError(f"fixed image {list_ids(unknown)} is not in the block (images: {list_ids(place)})")
     weight[[observations.camera_of_image[place[name]] for name in options.fixed_images]] = np.inf
-    return weight
-
-
-def _believed_drift(observations: Observations, model: RefinementModel, camera: RefinementModel) -> np.ndarray:
-    """Return the standard deviations ``(cameras, p)`` of drifts by what is believed of the sensors."""
-    p = len(model.parameters)
-    sigma = np.empty((observations.cameras, len(camera.parameters)))
-    for index, image in reversed(list(enumerate(observations.images))):
-        believed = estimate_priors(image)
-        number = observations.camera_of_image[index]
-        sigma[number, :p], sigma[number, p:] = model.prior_sigmas(image, believed), believed.drift
-    return sigma
+    return weight, of_sensor
 
 
 def _require_solvable(
@@ -423,7 +420,7 @@ def _require_solvable(
     p = min(len(model.parameters), 2 * model.least_points)  # what the priors of a model are not made to give
     per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
     free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0) & ~known
-    observed, unknowns = count(observations, observations.contributing_points, p * int(free.sum()))
+    observed, unknowns = count_observations(observations, observations.contributing_points, p * int(free.sum()))
     if not observations.located.any() or not free.all():
         observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
     if observed >= unknowns:
@@ -440,7 +437,7 @@ def _require_solvable(
     )
 
 
-def count(observations: Observations, contributes: np.ndarray, parameters: int) -> tuple[int, int]:
+def count_observations(observations: Observations, contributes: np.ndarray, parameters: int) -> tuple[int, int]:
     """Return the numbers of observations and of unknowns of the points that have a say in the cameras."""
     rows = np.diff(observations.first)
     surveyed = (observations.survey_weight > 0.0).sum(axis=1)

@@ -12,11 +12,20 @@ from ..block.block import Block
 from ..block.laser import LaserPoints
 from ..block.points import Role
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice
 from .joint_prior import JointCameras
 
-STATED_ALIKE = 0.01  # variances that differ by less were stated as the same
+
+@thresholds
+class SurveyThresholds:
+    """Which surveys have the same sigma."""
+
+    alike: float = threshold(0.01, "", "relative difference of two variances that were stated as the same")
+
+
+SURVEYS_ALIKE = SurveyThresholds()
 
 
 @dataclass(frozen=True)
@@ -212,7 +221,7 @@ class CrossValidation:
 
 
 @dataclass(frozen=True, eq=False)
-class EstimatedCameras:
+class CameraEstimates:
     """The cameras as they were estimated, with the drift that the delivered model does not follow.
 
     Parameters
@@ -239,7 +248,7 @@ class Adjustment:
         The delivered model.
     values, values_sigma : (images, p) ndarray
         Parameters of the model and their standard deviations.
-    cameras : EstimatedCameras
+    cameras : CameraEstimates
         What was estimated, with covariances; the delivered ``model`` with ``values`` unless there is a drift.
     ground, ground_sigma_m : (points, 3) ndarray
         Adjusted positions (lon, lat, height) and sigmas (east, north, up); NaN where not adjusted.
@@ -313,7 +322,7 @@ class Adjustment:
     model: RefinementModel
     values: np.ndarray
     values_sigma: np.ndarray
-    cameras: EstimatedCameras
+    cameras: CameraEstimates
     ground: np.ndarray
     ground_sigma_m: np.ndarray
     ground_covariance_m2: np.ndarray
@@ -381,15 +390,15 @@ class Adjustment:
         with np.errstate(invalid="ignore"):
             mixed = (covariance[:, row, column] != 0.0).any(axis=1)
             scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
-            scale = np.where(self._stated_like_gcps(covariance), scale, 1.0)
+            scale = np.where(self._has_sigmas_of_gcps(covariance), scale, 1.0)
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
 
-    def _stated_like_gcps(self, covariance: np.ndarray) -> np.ndarray:
+    def _has_sigmas_of_gcps(self, covariance: np.ndarray) -> np.ndarray:
         """Return where stated variances ``(k, 3)`` lie within those of the GCPs."""
         gcps = np.flatnonzero(self.block.points.role == Role.GCP)
         stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
-        low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - STATED_ALIKE)
-        high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + STATED_ALIKE)
+        low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - SURVEYS_ALIKE.alike)
+        high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + SURVEYS_ALIKE.alike)
         variance = covariance.diagonal(axis1=1, axis2=2)
         return np.asarray((variance >= low) & (variance <= high))
 

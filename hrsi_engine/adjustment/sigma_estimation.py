@@ -28,37 +28,57 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special
 
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import estimate_priors
 from ..refinement.selection import can_estimate_drift
 from .blunders.discrepancies import IMAGE, Discrepancies
 from .drift_prior import DriftPrior
-from .equations.camera_system import Factored
+from .equations.camera_system import DirectSystem
 from .gauss_newton import GaussNewton, Solution
-from .outcome import Found, redundancy_of
+from .outcome import RoundFindings, compute_redundancy
 from .problem import Problem
 from .result import ModelTest
-from .statistics.precision import Precision, camera_cofactors, precision
+from .statistics.precision import Precision, compute_camera_cofactors, compute_precision
 from .statistics.variance_components import (
-    LEAST_GROUP_FREEDOM,
     SURVEY_GROUPS,
     SURVEYS,
-    UNINFORMED,
+    VARIANCE,
     Groups,
     Sigmas,
-    components,
-    summary,
-    survey_groups,
-    wrong_sigmas,
+    compute_group_sums,
+    describe_wrong_sigmas,
+    list_components,
+    number_survey_groups,
 )
 
 ROUNDS = 25
-SETTLED_SHARE = 0.01  # relative change of a sigma
-SIGNIFICANCE_OF_SIGMA = 0.01  # where it fails by chance, what is estimated is nearly what was given
-MATERIAL = 1.25  # a sigma that is wrong by less does no harm
-HIDDEN_BY_DRIFT = 25  # GCPs, whose errors the drift of a few images can follow
-STATED = 4.0  # observations that the sigmas as given count for, where all are tested at once
-LEAST_SHARE = 0.04  # of a survey's variance, that a step leaves of it
-MOST_PLAUSIBLE = 2.0  # image points that fit worse have other faults than their sigma, which sigma0 must go on telling
+
+
+@thresholds
+class SigmaThresholds:
+    """When sigmas are tested, estimated and settled."""
+
+    settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
+    significance: float = threshold(
+        0.01, "",
+        "of the two-sided chi² test of a sigma; where it fails by chance, the estimate is nearly what was"
+        " given",
+    )  # fmt: skip
+    material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
+    hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
+    of_stated_sigmas: float = threshold(
+        4.0, "observations",
+        "what the sigmas as given count for, where all are tested at once",
+    )  # fmt: skip
+    least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
+    most_plausible: float = threshold(
+        2.0, "",
+        "image points that fit worse by this ratio have other faults than their sigma, which sigma0 must "
+        "go on telling",
+    )  # fmt: skip
+
+
+SIGMA = SigmaThresholds()
 
 
 @dataclass(eq=False)
@@ -71,35 +91,37 @@ class SigmaEstimation:
 
     def __post_init__(self) -> None:
         problem, options = self.problem, self.problem.options
-        self.groups = Groups.of(problem.block, problem.observations, options.variance_groups, options.sensor_images)
+        self.groups = Groups.assign_groups(
+            problem.block, problem.observations, options.variance_groups, options.sensor_images
+        )
         count = len(self.groups.names)
-        self.sigmas = Sigmas.of(self.groups, problem.observations)
+        self.sigmas = Sigmas.start_groups(self.groups, problem.observations)
         drifts = [estimate_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
-        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.believed_drift, per_px)
+        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.usual_drift, per_px)
         self.sums = np.zeros((count, 3))
         self.drifts = False
         self._last: tuple[Solution, np.ndarray, Precision] | None = None
 
-    def begin(self, loop: GaussNewton, solution: Solution) -> bool:
+    def start_estimation(self, loop: GaussNewton, solution: Solution) -> bool:
         """Return whether anything is to be estimated at a solution: drifts, or what `test` finds wrong."""
         options, observations = self.problem.options, self.problem.observations
-        if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, Factored):
+        if not (options.test_sigmas or options.variance_components) or not isinstance(loop.system, DirectSystem):
             return False
         asked = options.variance_components or can_estimate_drift(observations.count, len(observations.images))
         self.drifts = bool(options.sigma_drift is None and self.drift.free.any() and asked)
         if options.variance_components:
             self.sigmas.free[:] = True
         if self.drifts:
-            self.drift.start(loop)
-        self.tried = self.drifts or options.variance_components or self.test(loop, solution)
+            self.drift.set_initial_drift_prior(loop)
+        self.tried = self.drifts or options.variance_components or self.test_sigmas(loop, solution)
         return self.tried
 
     def precision_at(self, loop: GaussNewton, solution: Solution) -> Precision:
         """Return all cofactors at a solution; those that were computed last are kept."""
         if self._last is None or self._last[0] is not solution or self._last[1] is not loop.prior_weight:
             self._last = None  # one is large enough
-            self._last = solution, loop.prior_weight, precision(loop, solution)
+            self._last = solution, loop.prior_weight, compute_precision(loop, solution)
         return self._last[2]
 
     def test_few_surveys(self, loop: GaussNewton, solution: Solution) -> None:
@@ -108,73 +130,75 @@ class SigmaEstimation:
         What is found then, poor surveys or a large drift, tells the estimate of both.
         """
         gcps = int((solution.weighting.contributes & self.problem.observations.surveyed).sum())
-        if gcps <= HIDDEN_BY_DRIFT:
-            self.test(loop, solution, SURVEY_GROUPS)
+        if gcps <= SIGMA.hidden_by_drift:
+            self.test_sigmas(loop, solution, SURVEY_GROUPS)
 
-    def test(self, loop: GaussNewton, solution: Solution, groups: Sequence[str] = ()) -> bool:
+    def test_sigmas(self, loop: GaussNewton, solution: Solution, groups: Sequence[str] = ()) -> bool:
         """Test the sigmas of some groups, or all; return whether sigmas are to be estimated from now on."""
         if self.sigmas.free.any():
             return False
         precise = self.precision_at(loop, solution)
-        self.sums = components(self.groups, self.problem.observations, solution, precise)
+        self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
         self.tests = [
-            self._test(name, float(squares), float(freedom))
+            self._test_group(name, float(squares), float(freedom))
             for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
-            if freedom >= LEAST_GROUP_FREEDOM
+            if freedom >= VARIANCE.least_redundancy
         ]
         images = len(self.groups.names) - SURVEYS
-        spoilt = any(test.ratio > MOST_PLAUSIBLE for test in self.tests if test.group in self.groups.names[:images])
+        of_images = self.groups.names[:images]
+        spoilt = any(test.ratio > SIGMA.most_plausible for test in self.tests if test.group in of_images)
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
         return failed
 
-    def _test(self, name: str, squares: float, freedom: float) -> ModelTest:
+    def _test_group(self, name: str, squares: float, freedom: float) -> ModelTest:
         larger, smaller = special.chdtrc(freedom, squares), special.chdtr(freedom, squares)
         ratio = float(np.sqrt(squares / freedom))
-        failed = 2.0 * min(larger, smaller) < SIGNIFICANCE_OF_SIGMA and not 1.0 / MATERIAL < ratio < MATERIAL
+        failed = 2.0 * min(larger, smaller) < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
         return ModelTest(name, ratio, freedom, bool(failed))
 
-    def update(
+    def correct_sigmas(
         self, loop: GaussNewton, solution: Solution, control: Callable[[Solution, np.ndarray], Discrepancies]
     ) -> float:
         """Correct the sigmas; return the largest relative change.
 
-        One below `SETTLED_SHARE` is not worth another solution: all stays as it is. ``control`` returns the
+        One below `SIGMA.settled` is not worth another solution: all stays as it is. ``control`` returns the
         discrepancies of some GCPs at a solution.
         """
         change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
             precise = self.precision_at(loop, solution)
             own = precise.own_cameras(loop)
-            self.sums = components(self.groups, self.problem.observations, solution, precise)
+            self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
             before = self.sigmas.factor
-            self.sigmas.update(self.sums)
-            self._settle_surveys(solution, before, control)
+            self.sigmas.correct_factors(self.sums)
+            self._iterate_surveys(solution, before, control)
             change = float(np.abs(self.sigmas.factor / before - 1.0).max())
-            if change < SETTLED_SHARE:
+            if change < SIGMA.settled:
                 self.sigmas.factor = before
         else:
-            own, cofactors = camera_cofactors(loop, solution)
+            own, cofactors = compute_camera_cofactors(loop, solution)
             variances = own.diagonal(axis1=1, axis2=2)
-            freedom = max(redundancy_of(self.problem, loop, solution, variances, cofactors), 0.0)
-            unit_variance = max((STATED + loop.sum_of_squares(solution)) / (STATED + freedom), 1.0)
+            freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
+            stated = SIGMA.of_stated_sigmas
+            unit_variance = max((stated + loop.sum_of_squares(solution)) / (stated + freedom), 1.0)
         if self.drifts:
-            change = max(change, self.drift.update(loop, solution, own, unit_variance))
-        if change >= SETTLED_SHARE:  # another solution follows
+            change = max(change, self.drift.correct_sigmas(loop, solution, own, unit_variance))
+        if change >= SIGMA.settled:  # another solution follows
             self._last = None
         return change
 
-    def _settle_surveys(
+    def _iterate_surveys(
         self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
     ) -> None:
         """Repeat the update of the surveys' sigmas until it settles; ``before`` are the factors of the solution."""
         observations, weighting = self.problem.observations, solution.weighting
         points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
-        if len(points) < (HIDDEN_BY_DRIFT if self.drifts else 2) or observations.correlated[points].any():
+        if len(points) < (SIGMA.hidden_by_drift if self.drifts else 2) or observations.correlated[points].any():
             return
         control = control_at(solution, points)
         surveys = np.flatnonzero(control.kind != IMAGE)
-        group = survey_groups(observations)[points][control.point[surveys], control.axis[surveys]]
+        group = number_survey_groups(observations)[points][control.point[surveys], control.axis[surveys]]
         u, s = control.u[surveys], control.s[np.ix_(surveys, surveys)]
         sums = self.sums.copy()
         sums[:-SURVEYS, 0] = sums[:-SURVEYS, 1]  # those of the image points wait for the next solution
@@ -183,14 +207,15 @@ class SigmaEstimation:
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             own = left[:, 1:].diagonal()
-            kind = np.where(variance * own < 1.0 - UNINFORMED, group, SURVEYS)[:, None] == np.arange(SURVEYS)
+            telling = variance * own < 1.0 - VARIANCE.least_survey_share
+            kind = np.where(telling, group, SURVEYS)[:, None] == np.arange(SURVEYS)
             squares, freedom = left[:, 0] ** 2 @ kind, own @ kind
             curvature = kind.T @ left[:, 1:] ** 2 @ kind
             ratio = (self.sigmas.factor / before)[-SURVEYS:] ** 2
             step = np.linalg.pinv(curvature, hermitian=True) @ (squares - freedom)
             sums[-SURVEYS:, 1] = ratio * freedom
-            sums[-SURVEYS:, 0] = np.maximum(ratio + step, LEAST_SHARE * ratio) * freedom
-            if self.sigmas.update(sums) < SETTLED_SHARE * SETTLED_SHARE:
+            sums[-SURVEYS:, 0] = np.maximum(ratio + step, SIGMA.least_share * ratio) * freedom
+            if self.sigmas.correct_factors(sums) < SIGMA.settled * SIGMA.settled:
                 break
 
     def image_weight(self) -> np.ndarray:
@@ -202,16 +227,16 @@ class SigmaEstimation:
         observations = self.problem.observations
         return self.sigmas.survey_weight(observations, observations.survey_weight)
 
-    def report(self, found: Found) -> None:
+    def report_to(self, found: RoundFindings) -> None:
         """Add what was tested and estimated to what the adjustment found."""
         found.tests = tuple(self.tests)
-        horizontal, height, correlated = self.sigmas.predictive_survey_factors(self.sums).tolist()
+        horizontal, height, correlated = self.sigmas.predict_survey_factors(self.sums).tolist()
         found.survey_factors = horizontal, height, correlated
         found.sigma_px = self.problem.observations.sigma_px * self.sigmas.factor[self.groups.of_image_point]
         if not self.tried:
             return
         if self.sigmas.free.any():
-            found.components = summary(self.groups, self.problem.observations, self.sigmas, self.sums)
-            found.warnings += wrong_sigmas(found.components, self.groups.cautious)
+            found.components = list_components(self.groups, self.problem.observations, self.sigmas, self.sums)
+            found.warnings += describe_wrong_sigmas(found.components, self.groups.cautious)
         if self.drifts:
-            found.components += self.drift.summary()
+            found.components += self.drift.list_components()

@@ -12,11 +12,11 @@ from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
 from .gauss_newton import Solution
 from .options import AdjustOptions
-from .outcome import outcome
-from .problem import Problem, prepare
+from .outcome import assemble_adjustment
+from .problem import Problem, prepare_problem
 from .result import Adjustment
-from .sigma_estimation import ROUNDS, SETTLED_SHARE, SigmaEstimation
-from .statistics.precision import Precision, precision
+from .sigma_estimation import ROUNDS, SIGMA, SigmaEstimation
+from .statistics.precision import Precision, compute_precision
 
 
 def adjust(
@@ -64,7 +64,8 @@ def run_adjuster(
     """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
     try:
         with one_thread_calls():  # fronts are small, and two threads wait for each other longer than they work
-            adjuster = Adjuster(prepare(block, options or AdjustOptions(), start))
+            problem = prepare_problem(block, options or AdjustOptions(), start)
+            adjuster = Adjuster(problem)
             return adjuster.run(progress), adjuster
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
@@ -89,57 +90,59 @@ class Adjuster(Snooping):
         options = self.problem.options
         rejecting = options.reject_sigma > 0.0
         if rejecting:
-            self.solution = self.without_wrong_ties(stage(progress, 0.0, 0.6))
-            self.solution = self.without_wrong_control(self.solution, stage(progress, 0.6, 0.7))
+            self.solution = self.leave_out_wrong_ties(stage(progress, 0.0, 0.6))
+            self.solution = self.leave_out_wrong_control(self.solution, stage(progress, 0.6, 0.7))
         else:
             self.solution = self.solve(None, progress)
-        precise = self.with_fitting_sigmas(stage(progress, 0.7, 0.8))
+        precise = self.estimate_sigmas(stage(progress, 0.7, 0.8))
         if self.sigmas.tried and rejecting:  # once more: by drifts and sigmas as they are
             solves = self.loop.solves
-            self.solution = self.settled(self.solution, silent)
+            self.solution = self.judge_ties_again(self.solution, silent)
             if self.loop.solves > solves:
-                precise = self.in_rounds(stage(progress, 0.8, 0.9))
+                precise = self.iterate_sigmas(stage(progress, 0.8, 0.9))
             solves = self.loop.solves
-            self.solution = self.without_wrong_control(self.solution, stage(progress, 0.9, 1.0))
+            self.solution = self.leave_out_wrong_control(self.solution, stage(progress, 0.9, 1.0))
             if self.loop.solves > solves:
-                precise = precision(self.loop, self.solution)
+                precise = compute_precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
             self.judge_tie_variance(self.solution)
-        self.say()
+        self.collect_warnings()
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
             loop = self.problem.loop()
-            loop.hold(self.loop.prior_weight)
+            loop.set_prior_weight(self.loop.prior_weight)
             validated = cross_validate(self.problem, loop, self.solution, self.survey_weight, progress)
             self.found.cross_validation = validated
-        self.sigmas.report(self.found)
-        return outcome(self.problem, self.loop, self.found, self.solution, precise)
+        self.sigmas.report_to(self.found)
+        return assemble_adjustment(self.problem, self.loop, self.found, self.solution, precise)
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------
 
-    def with_fitting_sigmas(self, progress: Progress) -> Precision:
+    def estimate_sigmas(self, progress: Progress) -> Precision:
         """Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show."""
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
-        if sigmas.begin(self.loop, self.solution) and sigmas.drifts:
-            self.solution = self.loop.run_on(self.solution, *how)
+        if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
+            self.solution = self.loop.continue_from(self.solution, *how)
             sigmas.test_few_surveys(self.loop, self.solution)
-        return self.in_rounds(progress)
+        return self.iterate_sigmas(progress)
 
-    def in_rounds(self, progress: Progress) -> Precision:
+    def iterate_sigmas(self, progress: Progress) -> Precision:
         """Estimate sigmas and adjust with them in turn until they settle; return the precision then."""
         sigmas = self.sigmas
         how = self.problem.options.robust, self.problem.options.tolerance, silent
-        for number in range(ROUNDS if sigmas.tried else 0):
+        for number in range(ROUNDS):
+            if not sigmas.tried:
+                break
             advance(progress, number / ROUNDS, "sigmas from the residuals")
-            change = sigmas.update(self.loop, self.solution, self.discrepancies_at)
-            if change < SETTLED_SHARE:
-                if not sigmas.test(self.loop, self.solution):
+            change = sigmas.correct_sigmas(self.loop, self.solution, self.compute_control)
+            if change < SIGMA.settled:
+                if not sigmas.test_sigmas(self.loop, self.solution):
                     break
             elif sigmas.sigmas.free.any():
                 self.image_weight = sigmas.image_weight()
                 self.survey_weight = np.where(self.survey_weight > 0.0, sigmas.survey_weight(), 0.0)
                 self.solution = self.solve(self.solution, silent)
             else:
-                self.solution = self.loop.run_on(self.solution, *how)
+                self.solution = self.loop.continue_from(self.solution, *how)
         return sigmas.precision_at(self.loop, self.solution)

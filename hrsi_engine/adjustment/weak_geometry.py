@@ -10,20 +10,35 @@ import numpy as np
 
 from ..block.stack import stack_of
 from ..foundation.errors import list_ids
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.ground_area import px_per_m
 from ..surface.dem import HeightSurface, surface_heights
 from .equations import PointPriors
 from .observations import Observations
 
-WEAK_ANGLE_DEG = 3.0  # rays that converge by less know the height twenty times worse than the position, or more so
+
+@thresholds
+class GeometryThresholds:
+    """Which rays tell heights."""
+
+    weak_angle_deg: float = threshold(
+        3.0, "°",
+        "rays that converge by less know the height at least twenty times worse than the position",
+        "1 / tan 3° = 19",
+    )  # fmt: skip
+
+
+GEOMETRY = GeometryThresholds()
+
 OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
 
 
-def point_priors(
+def set_point_priors(
     observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float | None
 ) -> tuple[PointPriors, list[str]]:
     """Return the points' priors and warnings; ``ground (m, 3)`` is where the points are at the start."""
-    priors = PointPriors.of(observations, ground)
+    image, pixels_per_m = observations.image[observations.first[:-1]], px_per_m(observations.images)
+    priors = PointPriors.from_surveys(observations, ground)
     unknown = observations.survey_weight[:, 2] == 0.0
     if dem is not None and sigma_dem_m is not None:
         heights = np.full(len(ground), np.nan)
@@ -32,29 +47,31 @@ def point_priors(
         priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / sigma_dem_m**2
         priors.observed[found, 2] = True
         unknown &= ~found
-    converging = _convergence_deg(observations, ground)
-    weak = unknown & (converging < WEAK_ANGLE_DEG) & (np.diff(observations.first) > 1)
+    converging = _compute_convergence_deg(observations, ground)
+    weak = unknown & (converging < GEOMETRY.weak_angle_deg) & (np.diff(observations.first) > 1)
     if not weak.any():
         return priors, []
-    image = observations.image[observations.first[:-1]]
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
-    pixels = px_per_m(observations.images)[image] * np.radians(converging) * reach
+    pixels = pixels_per_m[image] * np.radians(converging) * reach
     open_height = weak & (pixels < 1.0)
     middle = np.array([one.middle_height_m for one in observations.images])[image]
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
     priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
     priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
-    return priors, _weak_warnings(observations, weak, open_height)
+    return priors, _warn_of_images(observations, weak, open_height)
 
 
-def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
+def _warn_of_images(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
     """Name the images most of whose points have weak or no heights."""
     found = []
     for points, consequence in (
         (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
-        (weak & ~open_height, f"less than {WEAK_ANGLE_DEG:g} degrees: the heights of these points are uncertain"),
+        (
+            weak & ~open_height,
+            f"less than {GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain",
+        ),
     ):
-        images = _weak_images(observations, points)
+        images = _list_weak_images(observations, points)
         if images:
             found.append(
                 f"most rays of image {list_ids(images)} converge by {consequence}; give a DEM to hold them better"
@@ -62,7 +79,7 @@ def _weak_warnings(observations: Observations, weak: np.ndarray, open_height: np
     return found
 
 
-def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
+def _list_weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
     """Return the images most of whose points are weak."""
     count = len(observations.images)
     all_points = np.bincount(observations.image, minlength=count)
@@ -70,7 +87,7 @@ def _weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
     return [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
 
 
-def _convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
+def _compute_convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
     """Return the largest angle between rays of each point, twice the largest from their mean, ``(m,)``.
 
     The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.

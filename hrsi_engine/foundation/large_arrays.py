@@ -8,7 +8,7 @@ from functools import reduce
 import numpy as np
 
 
-def zeros(shape: Sequence[int]) -> np.ndarray:
+def allocate_zeros(shape: Sequence[int]) -> np.ndarray:
     """Return zeros as `numpy.zeros` does, in pages of 2 MB where the system has them.
 
     NumPy asks for these from 4 MB on, but up to 1.26 only for arrays that are not to be zero. Sums over 10 000 images

@@ -1,4 +1,4 @@
-"""Linearised equations of many image points, compiled, for all models whose formula is written for it (needs numba).
+"""Linearisation equations of many image points, compiled, for all models whose formula is written for it (needs numba).
 
 A loop per family of models goes over points and their image points, with the family's formula (`correct_in_image`
 and its like), the RPC (`compiled_rpc.project_compiled`) and the ellipsoid inside. A new family is its formula, a loop

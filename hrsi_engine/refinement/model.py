@@ -26,7 +26,7 @@ from ..camera.rpc import RPC
 
 
 class Equations(NamedTuple):
-    """Linearised observation equations of one image's points.
+    """Linearisation observation equations of one image's points.
 
     Parameters
     ----------

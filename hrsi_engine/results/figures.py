@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment, DatumPart, Decision
-from ..adjustment.statistics.precision import errors_90, predicted_accuracy
+from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import GroundPoints, Role
 from ..block.pointing import estimate_pointing
 from ..refinement.model import RefitRPC
@@ -175,7 +175,7 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     entry = _survey_entry(result, left, Role.CHECK)
     points = result.block.points.role == Role.CHECK
     entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
-    entry["predicted"] = predicted_accuracy(
+    entry["predicted"] = predict_accuracy(
         result.ground_covariance_m2[points], result.survey_covariance_m2(np.flatnonzero(points))
     )
     return entry

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment.intersection import image_residuals, intersect
-from ..adjustment.observations import subset
+from ..adjustment.intersection import compute_image_residuals, intersect_points
+from ..adjustment.observations import select_points
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
@@ -258,10 +258,10 @@ def _tie_residuals_before(result: Adjustment) -> np.ndarray:
     if not used.any():
         return residual
     ties = block.with_measurements(used)
-    observations = subset(ties, ties.rays_per_point() >= 2)
+    observations = select_points(ties, ties.rays_per_point() >= 2)
     vendor, no_values = MODELS["none"], np.zeros((len(block.images), 0))
-    ground = intersect(observations, vendor, no_values, result.ground[observations.points])
-    before = image_residuals(observations, vendor, no_values, ground)
+    ground = intersect_points(observations, vendor, no_values, result.ground[observations.points])
+    before = compute_image_residuals(observations, vendor, no_values, ground)
     residual[np.flatnonzero(used)[observations.rows]] = before
     return residual
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment.intersection import intersect
-from ..adjustment.observations import subset
-from ..adjustment.result import Adjustment, Decision, EstimatedCameras
+from ..adjustment.intersection import intersect_points
+from ..adjustment.observations import select_points
+from ..adjustment.result import Adjustment, CameraEstimates, Decision
 from ..block.block import Block, Image
 from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
 from ..refinement.refine import Refinement
@@ -84,7 +84,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     converged = all(found.estimate.converged for found in refinements)
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
-        cameras=EstimatedCameras(model, values, _pad_covariances(refinements, values.shape[1])),
+        cameras=CameraEstimates(model, values, _pad_covariances(refinements, values.shape[1])),
         ground=_intersect_points(block, model, values),
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
@@ -143,6 +143,8 @@ def _intersect_points(block: Block, model: RefinementModel, values: np.ndarray) 
     ground = np.full((len(block.points), 3), np.nan)
     several = block.known & (block.rays_per_point() >= 2)
     if several.any():
-        observations = subset(block, several)
-        ground[observations.points] = intersect(observations, model, values, block.points.ground[observations.points])
+        observations = select_points(block, several)
+        ground[observations.points] = intersect_points(
+            observations, model, values, block.points.ground[observations.points]
+        )
     return ground

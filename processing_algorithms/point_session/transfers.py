@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.intersection import intersect
-from ...hrsi_engine.adjustment.observations import subset
+from ...hrsi_engine.adjustment.intersection import intersect_points
+from ...hrsi_engine.adjustment.observations import select_points
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
@@ -52,13 +52,13 @@ def place_tie(session: PointSession, name: str) -> SurveyPoint:
     point = session.points[name]
     known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
     block = assemble(list(session.images.values()), [known], [image_points(session, {name})])
-    observations = subset(block, block.rays_per_point() >= 2)
+    observations = select_points(block, block.rays_per_point() >= 2)
     if not observations.count:
         return point
     shown = session.shown
     model = MODELS["none"] if shown is None else shown.model
     values = np.array([() if shown is None else shown.corrections[image.id] for image in block.images])
-    lon, lat, height = intersect(observations, model, values, block.points.ground)[0].tolist()
+    lon, lat, height = intersect_points(observations, model, values, block.points.ground)[0].tolist()
     return SurveyPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
 
 

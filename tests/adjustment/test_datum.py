@@ -200,9 +200,9 @@ def test_warm_start_needs_fewer_passes():
 def test_predicted_accuracy_and_ellipses():
     from hrsi.hrsi_engine.adjustment.statistics.precision import (
         error_ellipses,
+        external_reliability,
         minimal_detectable_error,
-        predicted_accuracy,
-        undetected_influence,
+        predict_accuracy,
     )
 
     rotation = np.radians(30.0)
@@ -213,14 +213,14 @@ def test_predicted_accuracy_and_ellipses():
     assert (ellipse.major_m[0], ellipse.minor_m[0], ellipse.azimuth_deg[0]) == pytest.approx((3.0, 1.0, 30.0))
     rng = np.random.default_rng(1)
     sample = rng.normal(size=(400_000, 2))
-    predicted = predicted_accuracy(np.eye(3)[None], np.zeros((1, 3, 3)))
+    predicted = predict_accuracy(np.eye(3)[None], np.zeros((1, 3, 3)))
     assert predicted["ce90_m"] == pytest.approx(np.quantile(np.linalg.norm(sample, axis=1), 0.9), rel=0.01)
     assert predicted["le90_m"] == pytest.approx(np.quantile(np.abs(sample[:, 0]), 0.9), rel=0.01)
     # a survey adds its own variance; a coordinate without survey is not compared
-    partly = predicted_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
+    partly = predict_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
     assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
     assert minimal_detectable_error(np.array([0.25]), np.array([0.3]))[0] == pytest.approx(4.13 * 0.6)
-    assert undetected_influence(np.array([0.5]))[0] == pytest.approx(4.13)
+    assert external_reliability(np.array([0.5]))[0] == pytest.approx(4.13)
 
 
 def test_redundancy_numbers_sum_to_the_redundancy():

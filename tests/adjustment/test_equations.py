@@ -12,12 +12,12 @@ import simulated_blocks as blocks
 from scipy import sparse
 
 from hrsi.hrsi_engine.adjustment.equations import NormalEquations
-from hrsi.hrsi_engine.adjustment.equations.camera_system import Factored, Iterative
-from hrsi.hrsi_engine.adjustment.equations.linearisation import CamerasByImage, whole_block
+from hrsi.hrsi_engine.adjustment.equations.camera_system import DirectSystem, IterativeSystem
+from hrsi.hrsi_engine.adjustment.equations.linearisation import CamerasByImage, take_whole_block
 from hrsi.hrsi_engine.adjustment.equations.nested_dissection import SparseFactor
 from hrsi.hrsi_engine.adjustment.equations.pattern import Pattern, find_pattern
 from hrsi.hrsi_engine.adjustment.equations.states import PointPriors, State
-from hrsi.hrsi_engine.adjustment.observations import select
+from hrsi.hrsi_engine.adjustment.observations import select_observations
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.refinement import MODELS
 
@@ -57,10 +57,10 @@ def equals_dense_algebra(width: int, size: int) -> None:
     np.testing.assert_allclose(factor.solve(right), np.linalg.solve(dense, right), rtol=1e-9, atol=1e-12)
     inverse = np.linalg.inv(dense).reshape(pattern.cameras, size, pattern.cameras, size)
     expected = inverse[pattern.rows, :, pattern.columns, :]
-    np.testing.assert_allclose(factor.inverse_blocks(), expected, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(factor.invert_on_pattern(), expected, rtol=1e-8, atol=1e-13)
     rows = sparse.random(40, len(dense), 0.01, "csr", random_state=2)  # some of them empty
     expected = rows @ np.linalg.inv(dense) @ rows.T
-    np.testing.assert_allclose(factor.quadratic(rows), expected, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(factor.project_cofactors(rows), expected, rtol=1e-8, atol=1e-13)
 
 
 def test_dissection_handles_unconnected_cameras():
@@ -83,10 +83,10 @@ def test_conjugate_gradients_equal_the_factors():
     right = np.random.default_rng(2).normal(size=prior.shape)
     rows = sparse.random(5, prior.size, 0.02, "csr", random_state=2)
     found, cofactors = [], []
-    for system in (Factored(pattern), Iterative(pattern)):
+    for system in (DirectSystem(pattern), IterativeSystem(pattern)):
         system.factorise(upper, prior)
         found.append(system.solve(right))
-        cofactors.append(system.quadratic(rows))
+        cofactors.append(system.project_cofactors(rows))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7, atol=1e-10)
     np.testing.assert_allclose(cofactors[0], cofactors[1], rtol=1e-7, atol=1e-10)
     assert not found[0][3].any()
@@ -99,7 +99,7 @@ def test_a_matrix_near_the_last_one_needs_no_new_factors(change, factors, monkey
     factorise = SparseFactor.factorise
     monkeypatch.setattr(SparseFactor, "factorise", lambda *given: (made.append(1), factorise(*given)))
     pattern, upper, dense = grid_matrix(14, 6)
-    system, prior = Factored(pattern), np.full((pattern.cameras, 6), 0.1)
+    system, prior = DirectSystem(pattern), np.full((pattern.cameras, 6), 0.1)
     prior[3] = np.inf
     right = np.random.default_rng(2).normal(size=prior.shape)
     system.factorise(upper, prior)
@@ -107,7 +107,7 @@ def test_a_matrix_near_the_last_one_needs_no_new_factors(change, factors, monkey
     free = np.isfinite(prior.ravel())
     factor = 1.0 + change * np.random.default_rng(4).random(pattern.cameras)  # D S D, positive definite as well
     other = upper * factor[pattern.rows][:, None, None] * factor[pattern.columns][:, None, None]
-    found = system.solve_near(other, prior, 0.0, right)
+    found = system.solve_nearby(other, prior, 0.0, right)
     scaled = np.repeat(factor, 6)
     whole = dense * scaled[:, None] * scaled + 0.1 * np.eye(len(dense))
     expected = np.zeros(prior.size)
@@ -120,7 +120,7 @@ def test_a_matrix_near_the_last_one_needs_no_new_factors(change, factors, monkey
 def linearised(name: str):
     """Return observations, model, pattern, a state away from the solution, weights and priors of a small block."""
     block, _, _ = blocks.block(gcps=6, checks=5, ties=40, count=4, seed=3)
-    observations, model = select(block), MODELS[name]
+    observations, model = select_observations(block), MODELS[name]
     rng = np.random.default_rng(4)
     reach = np.array([1.0 / model.prior_sigmas(image, blocks_priors()) for image in block.images])
     values = rng.normal(0, 1e-3, reach.shape) / np.maximum(reach, 1e-12)
@@ -146,18 +146,18 @@ def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
     if shared:
         observations = replace(observations, camera_of_image=np.array([0, 1, 1, 0], dtype=np.int32))
         pattern, state = find_pattern(observations, len(model.parameters)), state._replace(values=state.values[:2])
-    priors, contributes = PointPriors.of(observations, state.ground), observations.contributing_points
+    priors, contributes = PointPriors.from_surveys(observations, state.ground), observations.contributing_points
     results = []
     for compiled in "01":
         monkeypatch.setenv("HRSI_COMPILED", compiled)
         equations = NormalEquations(observations, model, pattern)
-        normals = equations.normals(state, weight, priors, contributes)
-        cofactors = equations.cofactors(state, weight, normals, np.abs(normals.blocks))
-        local = equations.point_jacobians(state, np.array([3, 8, 20]))
+        normals = equations.form_normals(state, weight, priors, contributes)
+        cofactors = equations.compute_cofactors(state, weight, normals, np.abs(normals.blocks))
+        local = equations.compute_point_jacobians(state, np.array([3, 8, 20]))
         results.append(
             (
                 normals.residual, normals.blocks, normals.right, normals.inverse, normals.point_right,
-                equations.point_steps(state, weight, normals, state.values), equations.residuals(state),
+                equations.compute_point_steps(state, weight, normals, state.values), equations.compute_residuals(state),
                 cofactors.points, cofactors.computed, local.residual, local.by_ground,
                 equations.intersect(state, weight, priors),
             )
@@ -178,9 +178,9 @@ def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
     """Elimination, back substitution and all cofactors against one dense matrix over all unknowns."""
     observations, model, pattern, state, weight = linearised(name)
     p, cameras, points = pattern.parameters, pattern.cameras, len(observations.points)
-    priors, contributes = PointPriors.of(observations, state.ground), np.ones(points, dtype=bool)
+    priors, contributes = PointPriors.from_surveys(observations, state.ground), np.ones(points, dtype=bool)
     equations = NormalEquations(observations, model, pattern)
-    linear = CamerasByImage(observations, model).at(state)(whole_block(observations))
+    linear = CamerasByImage(observations, model).linearise_at(state)(take_whole_block(observations))
     design = np.zeros((2 * observations.count, cameras * p + 3 * points))
     for row in range(observations.count):
         image, point = observations.image[row], observations.point[row]
@@ -192,18 +192,18 @@ def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
     scale = 1.0 / np.sqrt(np.diag(normal))
     inverse = np.linalg.inv(normal * scale[:, None] * scale) * scale[:, None] * scale
     right = design.T @ (np.repeat(weight, 2) * linear.residual.ravel())
-    right[cameras * p :] += (priors.weight * priors.miss_m(state.ground)).ravel()
+    right[cameras * p :] += (priors.weight * priors.compute_misclosures_m(state.ground)).ravel()
 
-    normals = equations.normals(state, weight, priors, contributes)
-    system = Factored(pattern)
+    normals = equations.form_normals(state, weight, priors, contributes)
+    system = DirectSystem(pattern)
     system.factorise(normals.blocks, prior_weight)
     step = system.solve(normals.right)
-    moved = equations.point_steps(state, weight, normals, step)
+    moved = equations.compute_point_steps(state, weight, normals, step)
     found_steps = np.concatenate([step.ravel(), moved.ravel()])
     sigma = np.sqrt(np.diag(inverse))
     # in standard deviations: position and attitude of a sensor are nearly collinear, their sum is what counts
     assert np.abs((found_steps - inverse @ right) / sigma).max() < 1e-4
-    found = equations.cofactors(state, weight, normals, system.cofactors())
+    found = equations.compute_cofactors(state, weight, normals, system.compute_cofactors())
     n, every = observations.count, np.arange(points)
     ground = inverse[step.size :, step.size :].reshape(points, 3, points, 3)[every, :, every, :]
     sigma_ground = sigma[step.size :].reshape(points, 3)
@@ -213,6 +213,6 @@ def test_reduced_system_equals_the_dense_normal_matrix(name, tolerance):
     assert relative(found.computed, computed, sigma_px, sigma_px) < tolerance
     own = inverse[: step.size, : step.size].reshape(cameras, p, cameras, p)[pattern.rows, :, pattern.columns, :]
     sigma_values = sigma[: step.size].reshape(cameras, p)
-    difference = relative(system.cofactors(), own, sigma_values[pattern.rows], sigma_values[pattern.columns])
+    difference = relative(system.compute_cofactors(), own, sigma_values[pattern.rows], sigma_values[pattern.columns])
     print(f"{name}: cofactors differ from the dense inverse by {difference:.1e}")
     assert difference < tolerance

@@ -10,11 +10,11 @@ import simulated_blocks as blocks
 from scipy.optimize import least_squares
 
 from hrsi.hrsi_engine.adjustment.evaluation import (
+    compute_survey_differences_m,
+    compute_survey_residuals_px,
     find_wrong_tracks,
     fit_pairs,
     fit_tracks,
-    known_differences_m,
-    known_residuals_px,
 )
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
@@ -127,10 +127,10 @@ def test_known_points_in_pixels_and_metres():
     keep = (block.points.ids[rows.point] != single) | (rows.image == 0)
     survey[0] = moved_ground(truth[:1], np.array([[1.5, -0.5, 0.0]]))[0]  # in plan: one ray tells no height
     block = replace(block, points=replace(block.points, ground=survey)).with_measurements(keep)
-    difference = known_differences_m(block)
+    difference = compute_survey_differences_m(block)
     np.testing.assert_allclose(difference[1:], np.tile(moved_m, (len(truth) - 1, 1)), atol=EXACT_M)
     np.testing.assert_allclose(difference[0], [1.5, -0.5, np.nan], atol=EXACT_M)
-    residual = known_residuals_px(block)
+    residual = compute_survey_residuals_px(block)
     image = block.images[0]
     row = int(np.flatnonzero(block.measurements.image == 0)[3])
     ground = block.points.ground[block.measurements.point[row]]

@@ -10,7 +10,13 @@ from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.held.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
-from hrsi.hrsi_engine.adjustment.held.shared_errors import MOST_RETURNS, Memory, Opinion, SharedError, agree_on
+from hrsi.hrsi_engine.adjustment.held.shared_errors import (
+    MOST_RETURNS,
+    CommonError,
+    GroupHistory,
+    GroupOffset,
+    find_outlying_groups,
+)
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
@@ -147,39 +153,39 @@ def test_the_verdict_doubts_heights_of_something_else(scene):
     assert "heights-scatter" in codes(adjusted(scene, with_heights(scene.points, other)))
 
 
-LASER, DEM = SharedError(0.05, wrong_together=False), SharedError(1.2, wrong_together=True)
+LASER, DEM = CommonError(0.05, can_be_biased_as_a_whole=False), CommonError(1.2, can_be_biased_as_a_whole=True)
 
 
-def said(laser: list[float], dem: list[float] = []) -> list[Opinion]:  # noqa: B006  # it is not changed
+def said(laser: list[float], dem: list[float] = []) -> list[GroupOffset]:  # noqa: B006  # it is not changed
     """Return opinions of laser tracks (0.14 m) and of parts of a DEM (1.2 m)."""
     return [
-        *(Opinion(0, k, offset, 0.02, 50) for k, offset in enumerate(laser)),
-        *(Opinion(1, k, offset, 1.44, 50) for k, offset in enumerate(dem)),
+        *(GroupOffset(0, k, offset, 0.02, 50) for k, offset in enumerate(laser)),
+        *(GroupOffset(1, k, offset, 1.44, 50) for k, offset in enumerate(dem)),
     ]
 
 
 def test_opinions_are_joined_robustly():
-    off, decided, middle = agree_on(said([0.0, 0.1, 8.0]), [LASER])
+    off, decided, middle = find_outlying_groups(said([0.0, 0.1, 8.0]), [LASER])
     assert off.tolist() == decided.tolist() == [False, False, True] and middle == pytest.approx(0.05)
-    off, decided, _ = agree_on(said([0.0, 8.0]), [LASER])
+    off, decided, _ = find_outlying_groups(said([0.0, 8.0]), [LASER])
     assert off.any() and not decided.any()
-    off, decided, _ = agree_on(said([0.0, 8.0], [0.5, -0.5]), [LASER, DEM])  # a DEM's two parts tell which
+    off, decided, _ = find_outlying_groups(said([0.0, 8.0], [0.5, -0.5]), [LASER, DEM])  # a DEM's two parts tell which
     assert off.tolist() == decided.tolist() == [False, True, False, False]
     # which of the first two is right is not decided; that the third is not, is
-    off, decided, _ = agree_on(said([0.0, 0.8, 48.0], [0.5, -0.5]), [LASER, DEM])
+    off, decided, _ = find_outlying_groups(said([0.0, 0.8, 48.0], [0.5, -0.5]), [LASER, DEM])
     assert off.sum() == 2 and decided.tolist() == [False, False, True, False, False]
-    assert agree_on([], [])[2] == 0.0
+    assert find_outlying_groups([], [])[2] == 0.0
 
 
 def test_a_dem_on_trees_is_one_fault_against_two_tracks():
-    off, decided, middle = agree_on(said([0.0, 0.1], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
+    off, decided, middle = find_outlying_groups(said([0.0, 0.1], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
     assert off.tolist() == decided.tolist() == [False, False, *16 * [True]] and middle == pytest.approx(0.05)
-    off, decided, _ = agree_on(said([0.0], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
+    off, decided, _ = find_outlying_groups(said([0.0], [10.0 + 0.1 * k for k in range(16)]), [LASER, DEM])
     assert off.any() and not decided.any()  # one track and a DEM
 
 
 def test_parts_of_a_dem_are_told_from_its_common_error():
-    off, decided, _ = agree_on(said([0.0, 0.1], [*13 * [-2.0], *3 * [6.0]]), [LASER, DEM])
+    off, decided, _ = find_outlying_groups(said([0.0, 0.1], [*13 * [-2.0], *3 * [6.0]]), [LASER, DEM])
     assert off.tolist() == decided.tolist() == [*15 * [False], *3 * [True]]
 
 
@@ -198,9 +204,11 @@ def test_planes_follow_slopes_and_leave_roofs_out():
 
 def test_a_group_that_comes_back_again_and_again_stays_out():
     """Left out, it fits; taken back, it does not: without an end to that the adjustment has none either."""
-    memory, group = Memory(), ("laser", 4)
-    seen = [memory.leaves_out(group, decided=number % 2 == 0) for number in range(40)]
+    memory, group = GroupHistory(), ("laser", 4)
+    seen = [memory.decide_exclusion(group, decided=number % 2 == 0) for number in range(40)]
     assert not all(seen[: 2 * MOST_RETURNS - 1])
     assert all(seen[2 * MOST_RETURNS - 1 :])
-    assert not memory.leaves_out(("laser", 5), decided=False)
-    assert memory.leaves_out(("laser", 5), decided=True) and not memory.leaves_out(("laser", 5), decided=False)
+    assert not memory.decide_exclusion(("laser", 5), decided=False)
+    assert memory.decide_exclusion(("laser", 5), decided=True) and not memory.decide_exclusion(
+        ("laser", 5), decided=False
+    )

@@ -10,9 +10,14 @@ import simulated_blocks as blocks
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
-from hrsi.hrsi_engine.adjustment.blunders.consensus import _nearest_planes, _parallaxes, _planes, _search
-from hrsi.hrsi_engine.adjustment.blunders.discrepancies import discrepancies
-from hrsi.hrsi_engine.adjustment.problem import prepare
+from hrsi.hrsi_engine.adjustment.blunders.consensus import (
+    _choose_search,
+    _compute_parallaxes,
+    _find_nearest_planes,
+    _fit_planes,
+)
+from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
+from hrsi.hrsi_engine.adjustment.problem import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
@@ -117,12 +122,12 @@ def test_height_control_is_tested_as_such():
 def test_leaving_out_by_cofactors_is_leaving_out():
     """What `Discrepancies` says of a group equals the fall of the cost of a new solution without it."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=60, drift=2e-5)
-    rounds = Adjuster(prepare(moved(block, [1, 4], [0.3, -0.2, 0.5]), AdjustOptions()))
+    rounds = Adjuster(prepare_problem(moved(block, [1, 4], [0.3, -0.2, 0.5]), AdjustOptions()))
     solution = rounds.solve(None, silent)
     gcps = np.flatnonzero(rounds.problem.observations.surveyed)
-    control = discrepancies(rounds.problem, rounds.loop, solution, gcps)
+    control = compute_discrepancies(rounds.problem, rounds.loop, solution, gcps)
     heights = np.flatnonzero(np.isin(control.point, [1, 4]) & (control.axis == 2))
-    squares, dimensions = control.test(heights)
+    squares, dimensions = control.test_subset(heights)
     assert dimensions == 2
     rounds.survey_weight[gcps[[1, 4]], 2] = 0.0
     without = rounds.solve(solution, silent)
@@ -131,9 +136,9 @@ def test_leaving_out_by_cofactors_is_leaving_out():
     errors = ground_difference_m(
         rounds.problem.observations.survey[gcps[[1, 4]]], without.state.ground[gcps[[1, 4]]]
     )[:, 2]  # fmt: skip
-    np.testing.assert_allclose(control.errors(heights), errors, atol=1e-3)
-    one_by_one = control.test(heights[:1])[0] + control.without(heights[:1]).test(
-        np.flatnonzero((control.without(heights[:1]).point == 4) & (control.without(heights[:1]).axis == 2))
+    np.testing.assert_allclose(control.estimate_errors(heights), errors, atol=1e-3)
+    one_by_one = control.test_subset(heights[:1])[0] + control.exclude(heights[:1]).test_subset(
+        np.flatnonzero((control.exclude(heights[:1]).point == 4) & (control.exclude(heights[:1]).axis == 2))
     )[0]  # fmt: skip
     assert one_by_one == pytest.approx(squares, rel=1e-9)
 
@@ -153,7 +158,7 @@ def test_many_wrong_gcps_cost_no_solution_each():
     assert result.solves <= clean.solves + 6  # one more run of the loop, and one that tells drifts from mistakes
 
 
-def test_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
+def test_compute_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
     """Features in the corners of cells lie on diagonals; a plane through such three is not determined at all."""
     rng = np.random.default_rng(3)
     along = np.linspace(-0.9, 0.9, 30)
@@ -162,7 +167,7 @@ def test_parallaxes_on_one_diagonal_carry_a_level_and_no_plane():
     y[::4] += rng.uniform(20.0, 60.0, 8)
     three = np.random.default_rng(1).integers(0, 30, (1, 80, 3))
     surest = np.array([8])  # three tenths of thirty, counted from zero
-    (plane,) = _planes(_nearest_planes, three, terms[None], y[None], np.full((1, 30), 0.1), surest)
+    (plane,) = _fit_planes(_find_nearest_planes, three, terms[None], y[None], np.full((1, 30), 0.1), surest)
     right = np.arange(30) % 4 > 0
     assert np.abs(y - terms @ plane)[right].max() < 0.5  # five sigmas of 0.1
 
@@ -180,8 +185,8 @@ def test_the_compiled_search_finds_the_planes_that_numpy_finds(terms):
     )
     kept = rng.integers(5, 39, 300)
     pytest.importorskip("numba")
-    assert _search(300) is not _nearest_planes
-    np.testing.assert_array_equal(_search(300)(*sample, kept), _nearest_planes(*sample, kept))
+    assert _choose_search(300) is not _find_nearest_planes
+    np.testing.assert_array_equal(_choose_search(300)(*sample, kept), _find_nearest_planes(*sample, kept))
 
 
 def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
@@ -196,9 +201,9 @@ def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
     ]
     role = np.repeat([Role.GCP, Role.CHECK], [6, 10])
     control = GroundPoints.create(ids[:16], truth[:16], role, 0.1)
-    problem = prepare(assemble(cameras, [control], measured), TESTED)
+    problem = prepare_problem(assemble(cameras, [control], measured), TESTED)
     observations = problem.observations
-    pairs = _parallaxes(
+    pairs = _compute_parallaxes(
         problem.equations, observations, problem.start, np.flatnonzero(observations.contributing_points)
     )
     assert np.isfinite(pairs.y).all() and len(pairs.y) == 140  # with the other image only: twice 70 points

@@ -11,7 +11,7 @@ from dense_adjustment import dense_solution
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, LEAST_MATCHED_PX, sensors
+from hrsi.hrsi_engine.adjustment.statistics.variance_components import GROUPINGS, VARIANCE, group_by_sensor
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
@@ -141,13 +141,13 @@ def test_pixel_sizes_are_the_cameras():
 
 def test_sensors_of_a_mixed_block():
     cameras = list(two_sensors(0).images)
-    number, names = sensors(cameras)
+    number, names = group_by_sensor(cameras)
     assert number.tolist() == [0, 1, 0, 1]
     assert names == ["1 m", "2 m"]
-    number, names = sensors(cameras, [("I3",)])
+    number, names = group_by_sensor(cameras, [("I3",)])
     assert number.tolist() == [1, 2, 1, 0]
     assert names == ["I3", "1 m", "2 m"]
-    assert sensors(cameras[:1])[1] == [""]
+    assert group_by_sensor(cameras[:1])[1] == [""]
 
 
 def test_unknown_names_are_refused():
@@ -252,5 +252,5 @@ def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():
     assert (result.weight > 0.0).mean() > 0.99
     found = {part.group: part.sigma for part in result.variance_components}
     # matching is not believed to be better than a fiftieth of a pixel, nor is it news that laser ties' sigmas are large
-    assert found["image points: laser"] == pytest.approx(LEAST_MATCHED_PX)
+    assert found["image points: laser"] == pytest.approx(VARIANCE.least_matched_px)
     assert not [text for text in result.warnings if "sigma given" in text]

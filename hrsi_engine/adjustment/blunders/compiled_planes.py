@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True)
-def nearest_planes(
+def find_nearest_planes(
     terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
     """Return the plane ``(p,)`` of each image pair whose distance number ``kept`` (the smallest is 0) is the least.

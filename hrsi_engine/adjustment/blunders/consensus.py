@@ -25,25 +25,49 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
+from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.threads import thread_count
 from ..equations import NormalEquations, State
 from ..observations import Observations
 
 POINTS_AT_ONCE = 50_000
-NEIGHBOURS = 4  # rays of a long track that each is compared with
-QUANTILE = 0.3  # of the parallaxes of an image pair that are right for sure
-SAMPLE = 64  # parallaxes of an image pair that choose its plane
-PLANES_TRIED = 80  # besides level ones; 98 % of them hit three right parallaxes where 36 % are right
-LEAST_FOR_PLANE = 20  # parallaxes; fewer only carry a constant
-LEAST_FOR_SCALE = 12
+
+
+@thresholds
+class ParallaxThresholds:
+    """Which measurements agree before anything is adjusted."""
+
+    neighbours: int = threshold(4, "rays", "rays of a long track that each ray is compared with, to either side")
+    quantile: float = threshold(
+        0.3, "",
+        "share of an image pair's parallaxes that are right for sure: (1 - 0.4)² = 0.36 with 40 % wrong "
+        "measurements",
+        "least quantile of squares (Rousseeuw and Leroy 1987)",
+    )  # fmt: skip
+    sample: int = threshold(64, "parallaxes", "parallaxes of an image pair that choose its plane")
+    planes_tried: int = threshold(
+        80, "planes",
+        "planes tried besides level ones: 98 % of the samples hit three right parallaxes where 36 % are "
+        "right",
+        "probability: 1 - (1 - 0.36³)^80",
+    )  # fmt: skip
+    least_for_plane: int = threshold(20, "parallaxes", "fewer carry a constant only")
+    least_for_scale: int = threshold(12, "parallaxes", "fewer judge nothing")
+    agreeing: float = threshold(3.0, "sigma", "a parallax off its plane by less agrees")
+    levelling: float = threshold(
+        1e-3, "",
+        "relative weight that keeps the slopes of badly distributed parallaxes at zero",
+    )  # fmt: skip
+    worth_compiling: int = threshold(200, "image pairs", "from here on planes are tried by a compiled loop")
+
+
+PARALLAX = ParallaxThresholds()
+
 PARALLEL = 1e-9  # sine of the angle below which rays are
 LEAST_AREA = 1e-6  # of a triangle that carries a plane, twice; the image's is 2 to a side
 PLANE_STEPS = 6
-LEVELLING = 1e-3  # relative weight that keeps the slopes of badly spread parallaxes at zero
-AGREEING = 3.0  # sigmas of the parallaxes
 CYCLES = 60
 PAIRS_AT_ONCE = 200
-PAIRS_WORTH_COMPILING = 200
 
 
 #: Returns which of the planes ``tried (p, t, c)`` has the least distance number ``kept (p,)``, ``(p,)``.
@@ -59,7 +83,9 @@ class Parallaxes(NamedTuple):
     sigma: np.ndarray
 
 
-def consensus(equations: NormalEquations, observations: Observations, state: State, used: np.ndarray) -> np.ndarray:
+def find_agreeing_measurements(
+    equations: NormalEquations, observations: Observations, state: State, used: np.ndarray
+) -> np.ndarray:
     """Return which measurements agree with the others of their points, ``(n,)``.
 
     Parameters
@@ -69,14 +95,16 @@ def consensus(equations: NormalEquations, observations: Observations, state: Sta
     """
     agreeing = np.ones(observations.count, dtype=bool)
     with ThreadPoolExecutor(thread_count(0)) as pool:
-        found = list(pool.map(partial(_parallaxes, equations, observations, state), _portions(observations, used)))
+        found = list(
+            pool.map(partial(_compute_parallaxes, equations, observations, state), _split_by_length(observations, used))
+        )
     if not found:
         return agreeing
     pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
-    departure, judged = _departures(observations, pairs)
-    if judged.sum() < LEAST_FOR_SCALE:
+    departure, judged = _measure_departures(observations, pairs)
+    if judged.sum() < PARALLAX.least_for_scale:
         return agreeing
-    near = ~judged | (np.abs(departure) <= AGREEING * _scale(departure[judged]))
+    near = ~judged | (np.abs(departure) <= PARALLAX.agreeing * _estimate_scale(departure[judged]))
     compared, agreed = np.zeros(observations.count), np.zeros(observations.count)
     for rows in (pairs.first, pairs.second):
         compared += np.bincount(rows, minlength=len(compared))
@@ -84,7 +112,7 @@ def consensus(equations: NormalEquations, observations: Observations, state: Sta
     return np.asarray(2.0 * agreed >= compared)
 
 
-def _portions(observations: Observations, used: np.ndarray) -> Iterator[np.ndarray]:
+def _split_by_length(observations: Observations, used: np.ndarray) -> Iterator[np.ndarray]:
     """Yield points with equal numbers of measurements, two or more."""
     for length, points in observations.by_length.items():
         chosen = points[used[points]]
@@ -92,18 +120,20 @@ def _portions(observations: Observations, used: np.ndarray) -> Iterator[np.ndarr
             yield from np.array_split(chosen, 1 + len(chosen) * length // (2 * POINTS_AT_ONCE))
 
 
-def _parallaxes(equations: NormalEquations, observations: Observations, state: State, points: np.ndarray) -> Parallaxes:
+def _compute_parallaxes(
+    equations: NormalEquations, observations: Observations, state: State, points: np.ndarray
+) -> Parallaxes:
     """Return the parallaxes between the measurements of points with k image points each."""
     length = int(observations.first[points[0] + 1] - observations.first[points[0]])
-    local = equations.point_jacobians(state, points)
+    local = equations.compute_point_jacobians(state, points)
     rows = local.rows.reshape(-1, length)
     residual, by_ground = local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3)
-    ray = _cross(by_ground[:, :, 0], by_ground[:, :, 1])
+    ray = _multiply_as_vectors(by_ground[:, :, 0], by_ground[:, :, 1])
     scale_of_one, scale_of_other = np.linalg.norm(by_ground, axis=(2, 3)), np.linalg.norm(ray, axis=2)
     swapped = by_ground[:, :, ::-1] * np.array([[1.0], [-1.0]])
     sigma = observations.sigma_px[rows]
     columns: list[tuple[np.ndarray, ...]] = []
-    for one, other in pairs_of(length):
+    for one, other in list_ray_pairs(length):
         # n: the 3 x 3 minors of (B_1; B_2), a row left out each
         on_one = np.einsum("mci,mi->mc", swapped[:, one], ray[:, other])
         on_other = np.einsum("mci,mi->mc", swapped[:, other], ray[:, one])
@@ -119,9 +149,9 @@ def _parallaxes(equations: NormalEquations, observations: Observations, state: S
     return Parallaxes(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-def pairs_of(length: int) -> list[tuple[int, int]]:
+def list_ray_pairs(length: int) -> list[tuple[int, int]]:
     """Return the pairs of the rays of a point that are compared: all, or neighbours of a long track."""
-    reach = length - 1 if length <= 2 * NEIGHBOURS else NEIGHBOURS
+    reach = length - 1 if length <= 2 * PARALLAX.neighbours else PARALLAX.neighbours
     every = {tuple(sorted((i, (i + step) % length))) for i in range(length) for step in range(1, reach + 1)}
     return sorted((i, j) for i, j in every if i != j)
 
@@ -129,18 +159,18 @@ def pairs_of(length: int) -> list[tuple[int, int]]:
 # ---- planes --------------------------------------------------------------------------------------------------------
 
 
-def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray]:
+def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray]:
     """Return how far each parallax is from its image pair's plane, in stated sigmas, and whether that judges it.
 
     An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
     """
-    order, rows, bounds = _by_image_pair(observations, pairs)
+    order, rows, bounds = _sort_by_image_pair(observations, pairs)
     middle = np.array([image.centre_px for image in observations.images])
     half = np.array([image.half_size_px for image in observations.images])
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
-    nearest = _search(len(large))
+    nearest = _choose_search(len(large))
 
     def fit(part: np.ndarray, three: np.ndarray) -> None:
         """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample of a plane at a time."""
@@ -150,27 +180,30 @@ def _departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarr
         terms = np.column_stack([np.ones(len(place)), place])
         y, sigma = pairs.y[order[span]], pairs.sigma[order[span]]
         # evenly over the parallaxes of each image pair; those of a small one more than once
-        step = np.maximum(size / SAMPLE, 1.0)[:, None] * np.arange(SAMPLE)
+        step = np.maximum(size / PARALLAX.sample, 1.0)[:, None] * np.arange(PARALLAX.sample)
         picked = begin[:, None] + step.astype(np.int64) % size[:, None]
-        planes, tilted = np.zeros((len(part), 3)), size >= LEAST_FOR_PLANE
-        kept = (SAMPLE * np.clip(3.0 / size, QUANTILE, 1.0)).astype(np.int64) - 1
+        planes, tilted = np.zeros((len(part), 3)), size >= PARALLAX.least_for_plane
+        kept = (PARALLAX.sample * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
         samples = terms[picked], y[picked], sigma[picked], kept
-        planes[~tilted, :1] = _level(nearest, *(sample[~tilted] for sample in samples))
-        planes[tilted] = _planes(nearest, three, *(sample[tilted] for sample in samples))
+        planes[~tilted, :1] = _fit_constants(nearest, *(sample[~tilted] for sample in samples))
+        planes[tilted] = _fit_planes(nearest, three, *(sample[tilted] for sample in samples))
         here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
-        judged[order[span][here]] = np.repeat(size >= LEAST_FOR_SCALE, size)
+        judged[order[span][here]] = np.repeat(size >= PARALLAX.least_for_scale, size)
 
     rng = np.random.default_rng(1)  # the same planes every time
     parts = [part for part in np.array_split(large, 1 + len(large) // PAIRS_AT_ONCE) if len(part)]
-    three = [rng.integers(0, SAMPLE, (int((count[p] >= LEAST_FOR_PLANE).sum()), PLANES_TRIED, 3)) for p in parts]
+    three = [
+        rng.integers(0, PARALLAX.sample, (int((count[p] >= PARALLAX.least_for_plane).sum()), PARALLAX.planes_tried, 3))
+        for p in parts
+    ]
     with ThreadPoolExecutor(thread_count(0)) as pool:
         list(pool.map(fit, parts, three))
     return departure, judged
 
 
-def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sort_by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the order of the parallaxes by image pairs, their rows on the first image, and where pairs begin and end.
 
     The last is one longer than there are pairs.
@@ -185,7 +218,7 @@ def _by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.nd
     return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
 
 
-def _planes(
+def _fit_planes(
     nearest: Nearest, three: np.ndarray, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
     """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
@@ -196,41 +229,46 @@ def _planes(
     level = np.zeros((*y.shape, 3))
     level[:, :, 0] = y
     pair = np.arange(len(y))[:, None, None]
-    tried = np.concatenate([level, _planes_through(terms[pair, three], y[pair, three])], axis=1)
+    tried = np.concatenate([level, _lay_planes_through(terms[pair, three], y[pair, three])], axis=1)
     plane = tried[np.arange(len(y)), nearest(terms, y, sigma, tried, kept)]
-    flat = LEVELLING * np.array([0.0, 1.0, 1.0])
+    flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])
     for _ in range(PLANE_STEPS):
-        weight = _weight_of_nearest(y - (terms @ plane[:, :, None])[:, :, 0], sigma, kept)
+        weight = _weigh_nearest(y - (terms @ plane[:, :, None])[:, :, 0], sigma, kept)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
     return plane
 
 
-def _level(nearest: Nearest, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return the constant ``(p, 1)`` of image pairs with too few parallaxes for a plane, found as `_planes` are."""
+def _fit_constants(
+    nearest: Nearest, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
+    """Return the constant ``(p, 1)`` of image pairs with too few parallaxes for a plane, found as `_fit_planes` are."""
     constant, one = y[:, :, None], terms[:, :, :1]
     level = constant[np.arange(len(y)), nearest(one, y, sigma, constant, kept)]
     for _ in range(PLANE_STEPS):
-        weight = _weight_of_nearest(y - level, sigma, kept)
+        weight = _weigh_nearest(y - level, sigma, kept)
         level = ((weight * y).sum(axis=1) / weight.sum(axis=1))[:, None]
     return level
 
 
-def _weight_of_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def _weigh_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Return the weights of parallaxes ``(p, s)``, zero of those that are farther than number ``kept`` of a pair."""
     apart = np.abs(residual) / sigma
     limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
     return np.where(apart <= limit, 1.0 / sigma**2, 0.0)
 
 
-def _planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _lay_planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the planes ``(…, 3)`` through three parallaxes each, by Cramer's rule; level ones of three on a line.
 
     Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
     """
     first, second, third = (terms[..., k, :] for k in range(3))
-    minors = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=-2)
+    minors = np.stack(
+        [_multiply_as_vectors(second, third), _multiply_as_vectors(third, first), _multiply_as_vectors(first, second)],
+        axis=-2,
+    )
     area = (minors[..., 0, :] * first).sum(axis=-1)
     spread = np.abs(area) > LEAST_AREA
     plane = (minors * y[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
@@ -239,38 +277,38 @@ def _planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
     return plane
 
 
-def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the vector products ``(…, 3)``; `numpy.cross` takes three times as long for many small arrays."""
     (a, b, c), (d, e, f) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
-def _search(pairs: int) -> Nearest:
+def _choose_search(pairs: int) -> Nearest:
     """Return what finds the planes of that many image pairs."""
-    if is_wanted(pairs >= PAIRS_WORTH_COMPILING):
-        from .compiled_planes import nearest_planes
+    if is_wanted(pairs >= PARALLAX.worth_compiling):
+        from .compiled_planes import find_nearest_planes
 
-        return nearest_planes
-    return _nearest_planes
+        return find_nearest_planes
+    return _find_nearest_planes
 
 
-def _nearest_planes(
+def _find_nearest_planes(
     terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
-    """As `compiled_planes.nearest_planes`."""
+    """As `compiled_planes.find_nearest_planes`."""
     apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
     apart.partition(np.unique(kept), axis=2)
     reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]
     return np.asarray(reach.argmin(axis=1))
 
 
-def _scale(departure: np.ndarray) -> float:
+def _estimate_scale(departure: np.ndarray) -> float:
     """Return the standard deviation of the right ones among the departures, by a normal on a uniform background."""
     step = 1 + len(departure) // 50_000
     size = np.abs(departure[::step])
     reach = max(float(np.quantile(size, 0.99)), 1e-12)
     size = size[size <= reach]
-    sigma = max(float(np.quantile(size, 0.5 * QUANTILE)) / 0.3, 1e-6 * reach)
+    sigma = max(float(np.quantile(size, 0.5 * PARALLAX.quantile)) / 0.3, 1e-6 * reach)
     right = 0.5
     for _ in range(CYCLES):
         normal = right * np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (size / sigma) ** 2)

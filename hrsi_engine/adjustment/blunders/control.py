@@ -14,7 +14,7 @@ unknowns. Where a survey and a measurement explain it equally well, or neither d
 does not follow comes on top. The variance factor is that of the control without the group under test; plan, heights and
 measurements count apart where one kind is significantly worse, so that surveys with overstated sigmas (1000 m in plan,
 because a point serves for its height only) lend the others no credit. It is never below one, and stated sigmas count as
-much as `EXPERIENCE` observations. A coordinate without weight has no test.
+much as `CONTROL.of_stated_sigmas` observations. A coordinate without weight has no test.
 
 **Of many GCPs**, all over a large block, each is compared with its neighbourhood: the GCPs whose discrepancies depend
 most on its own. The most suspicious one comes first, and whoever is left out is left out for all that follow, by the
@@ -33,20 +33,54 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
+from ...foundation.thresholds import threshold, thresholds
 from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
-EXPERIENCE = 2.0  # observations that the stated sigmas are worth
-WORSE = 0.1  # significance at which a kind of observations has a variance factor of its own
-ALL_SUBSETS = 1000  # tried one by one; more GCPs are searched
-STARTS = 12
-GROUP_STEPS = 8
-UNEXPLAINED = 15.0  # squares in units of the variance factor that an equally good explanation may leave
-LIKE = 0.02  # … or share of what the best one explains: equations are only nearly linear
-SIMPLICITY = 9.0  # squares that another unknown must explain
-UNDECIDED = 6.0  # by which one explanation of a GCP must be better than another
+
+@thresholds
+class ControlThresholds:
+    """Which GCPs are wrong, what of them, and whether that is clear."""
+
+    of_stated_sigmas: float = threshold(2.0, "observations", "what the stated sigmas count for in a variance factor")
+    worse_significance: float = threshold(
+        0.1, "",
+        "significance at which a kind of observations has a variance factor of its own (F test)",
+    )  # fmt: skip
+    all_subsets: int = threshold(1000, "subsets", "so many are tried one by one; more GCPs are searched")
+    starts: int = threshold(
+        12, "starts",
+        "random starts of the search",
+        "concentration steps (Rousseeuw and Van Driessen 1999)",
+    )  # fmt: skip
+    group_steps: int = threshold(
+        8, "steps",
+        "concentration steps from each start",
+        "concentration steps (Rousseeuw and Van Driessen 1999)",
+    )  # fmt: skip
+    unexplained: float = threshold(
+        15.0, "variance factors",
+        "sum of squares that an equally good explanation may leave",
+    )  # fmt: skip
+    like: float = threshold(
+        0.02, "",
+        "share of what the best explanation explains by which another may fall short: equations are only "
+        "nearly linear",
+    )  # fmt: skip
+    simplicity: float = threshold(9.0, "variance factors", "squares that another unknown must explain: three sigma")
+    undecided: float = threshold(
+        6.0, "variance factors",
+        "by which one explanation of a GCP must be better than another",
+    )  # fmt: skip
+    most_together: int = threshold(40, "GCPs", "so many are searched as one; of more, each with its neighbourhood")
+    neighbourhood: int = threshold(
+        20, "GCPs",
+        "size of a neighbourhood; its nearer half is judged, with the other half around it",
+    )  # fmt: skip
+
+
+CONTROL = ControlThresholds()
+
 MOST_LOG = 1e4
-MOST_TOGETHER = 40  # GCPs that are searched as one; of more, each with its neighbourhood
-GCPS_AROUND = 20  # GCPs; the nearer half of them is judged, with the other half around it
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +112,7 @@ class Suspect:
     rivals: tuple[int, ...] = ()
 
     @property
-    def clear(self) -> bool:
+    def is_clear(self) -> bool:
         """Whether it is this one for sure."""
         return not self.rivals
 
@@ -97,21 +131,24 @@ class VarianceFactor:
     worse: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
+    def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
         """Return it for what is left, and its squares and their degrees of freedom."""
-        pooled = max((max(squares, 0.0) + EXPERIENCE) / (freedom + EXPERIENCE), 1.0)
+        pooled = max((max(squares, 0.0) + CONTROL.of_stated_sigmas) / (freedom + CONTROL.of_stated_sigmas), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
             own = rest.kind == kind
             shares, total = rest.s.diagonal()[own].sum(), float(np.sum(rest.u[own] ** 2))
             if shares < 0.5:
                 continue
-            ratio = (total + EXPERIENCE) / (shares + EXPERIENCE)
-            if special.fdtrc(shares + EXPERIENCE, freedom + EXPERIENCE, ratio / pooled) < WORSE:
-                worse.append((ratio, shares + EXPERIENCE))
-        return cls(pooled, freedom + EXPERIENCE, tuple(worse))
+            ratio = (total + CONTROL.of_stated_sigmas) / (shares + CONTROL.of_stated_sigmas)
+            if (
+                special.fdtrc(shares + CONTROL.of_stated_sigmas, freedom + CONTROL.of_stated_sigmas, ratio / pooled)
+                < CONTROL.worse_significance
+            ):
+                worse.append((ratio, shares + CONTROL.of_stated_sigmas))
+        return cls(pooled, freedom + CONTROL.of_stated_sigmas, tuple(worse))
 
-    def surprise(self, test: float, dimensions: int) -> float:
+    def compute_surprise(self, test: float, dimensions: int) -> float:
         """Return -log of the probability of a test value by chance."""
         if dimensions == 0:
             return 0.0
@@ -127,17 +164,17 @@ class VarianceFactor:
         return max(self.pooled, *(variance for variance, _ in self.worse), 1.0)
 
 
-def suspects(control: Discrepancies, sigmas: float) -> list[Suspect]:
+def find_suspects(control: Discrepancies, sigmas: float) -> list[Suspect]:
     """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block."""
     gcps = len(control.points)
     if gcps < 2:
         return []
-    if gcps <= MOST_TOGETHER:
-        return _Search(control, sigmas, gcps).suspects()
-    return list(_suspects_of_many(control, sigmas))
+    if gcps <= CONTROL.most_together:
+        return _SuspectSearch(control, sigmas, gcps).find_suspects()
+    return list(_search_neighbourhoods(control, sigmas))
 
 
-def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect]:
+def _search_neighbourhoods(control: Discrepancies, sigmas: float) -> Iterator[Suspect]:
     """Yield the suspects of many GCPs, neighbourhood by neighbourhood."""
     gcps = len(control.points)
     first = np.flatnonzero(np.r_[True, control.point[1:] != control.point[:-1]])
@@ -145,123 +182,123 @@ def _suspects_of_many(control: Discrepancies, sigmas: float) -> Iterator[Suspect
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
     waiting, present = np.ones(gcps, dtype=bool), np.ones(gcps, dtype=bool)
     out, inverse = np.zeros(0, dtype=np.int64), np.zeros((0, 0))  # measurements of those that are wrong for sure
-    suspicion = _suspicion(control, out, inverse)
+    suspicion = _compute_suspicion(control, out, inverse)
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
         order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
-        near = order[: min(GCPS_AROUND, int(present.sum()))]
-        judged, near = near[: GCPS_AROUND // 2], np.sort(near)
+        near = order[: min(CONTROL.neighbourhood, int(present.sum()))]
+        judged, near = near[: CONTROL.neighbourhood // 2], np.sort(near)
         waiting[judged] = False
         wrong = []
-        for one in _Search(control.of_some(near, out, inverse), sigmas, gcps).suspects():
+        for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspects():
             group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
             said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
             if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
                 continue
             yield said
             waiting[list(said.concerned)] = False
-            wrong += [said.gcp] if said.clear else []
+            wrong += [said.gcp] if said.is_clear else []
         if wrong:
             present[wrong] = False
-            out = control.measurements_of(np.flatnonzero(~present).tolist())
-            inverse = control.inverse(out)
-            suspicion = _suspicion(control, out, inverse)
+            out = control.find_measurements(np.flatnonzero(~present).tolist())
+            inverse = control.invert_subset(out)
+            suspicion = _compute_suspicion(control, out, inverse)
 
 
-def _suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+def _compute_suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the largest -log probability of what may be wrong with each GCP alone, ``(g,)``, some left ``out``.
 
     Only the GCP's own part of S is looked at, so that nothing of the size of the whole is made.
     """
     factor, surprise = VarianceFactor(1.0, 1e9, ()), np.zeros(len(control.points))
     for gcp in range(len(control.points)):
-        own = control.of_some(np.array([gcp]), out, inverse)
-        tests = (factor.surprise(*own.test(one.out)) for one in _explanations(own, 0))
+        own = control.select_gcps(np.array([gcp]), out, inverse)
+        tests = (factor.compute_surprise(*own.test_subset(one.out)) for one in _list_explanations(own, 0))
         surprise[gcp] = max(tests, default=0.0)
     return surprise
 
 
-class _Search:
+class _SuspectSearch:
     """The search for wrong GCPs in one block."""
 
     def __init__(self, control: Discrepancies, sigmas: float, tests: int) -> None:
         self.control, self.gcps = control, len(control.points)
-        self.squares, self.freedom = control.test(np.arange(len(control.u)))
-        explanations = sum(len(_explanations(control, gcp)) for gcp in range(self.gcps)) / max(self.gcps, 1)
+        self.squares, self.freedom = control.test_subset(np.arange(len(control.u)))
+        explanations = sum(len(_list_explanations(control, gcp)) for gcp in range(self.gcps)) / max(self.gcps, 1)
         self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
 
-    def suspects(self) -> list[Suspect]:
+    def find_suspects(self) -> list[Suspect]:
         """Return who is wrong, or may be."""
-        if self.consistent():
+        if self.is_consistent():
             return []
-        group = self.wrong(self.core(self.gcps // 2))
+        group = self.drop_sound_gcps(self.find_core(self.gcps // 2))
         return self.decide(group) if group else []
 
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Return whether the control as a whole, and each observation, agrees with its stated sigma."""
         whole = special.chdtrc(max(self.freedom, 1), self.squares) > 0.01
         factor = VarianceFactor(1.0, 1e9, ())
         return bool(whole) and all(
-            factor.surprise(*self.control.test(one.out)) < self.limit
+            factor.compute_surprise(*self.control.test_subset(one.out)) < self.limit
             for gcp in range(self.gcps)
-            for one in _explanations(self.control, gcp)
+            for one in _list_explanations(self.control, gcp)
         )
 
-    def explain(self, group: tuple[int, ...]) -> tuple[float, int]:
+    def test_group(self, group: tuple[int, ...]) -> tuple[float, int]:
         """Return the squares and dimensions that go with a group of GCPs."""
-        return self.control.test(self.control.measurements_of(group))
+        return self.control.test_subset(self.control.find_measurements(group))
 
-    def factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
+    def estimate_variance_factor(self, group: tuple[int, ...], rest: Discrepancies) -> VarianceFactor:
         """Return the variance factor of the control without a group, ``rest``."""
-        squares, dimensions = self.explain(group)
-        return VarianceFactor.of(rest, self.squares - squares, self.freedom - dimensions)
+        squares, dimensions = self.test_group(group)
+        return VarianceFactor.estimate(rest, self.squares - squares, self.freedom - dimensions)
 
     # ---- which -----------------------------------------------------------------------------------------------------
 
-    def core(self, size: int) -> tuple[int, ...]:
+    def find_core(self, size: int) -> tuple[int, ...]:
         """Return the group of ``size`` GCPs without which the others agree best."""
-        if special.binom(self.gcps, size) <= ALL_SUBSETS:
-            return max(combinations(range(self.gcps), size), key=lambda group: self.explain(group)[0])
+        if special.binom(self.gcps, size) <= CONTROL.all_subsets:
+            return max(combinations(range(self.gcps), size), key=lambda group: self.test_group(group)[0])
         rng = np.random.default_rng(1)  # the same starts every time
-        alone = np.array([self.explain((gcp,))[0] for gcp in range(self.gcps)])
-        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(STARTS))]
+        alone = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
+        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(CONTROL.starts))]
         after: dict[tuple[int, ...], tuple[int, ...]] = {}  # what starts come through in common
-        ended = {self._concentrated(tuple(sorted(start.tolist())), after): None for start in starts}
-        return max(ended, key=lambda group: self.explain(group)[0])
+        ended = {self._concentrate(tuple(sorted(start.tolist())), after): None for start in starts}
+        return max(ended, key=lambda group: self.test_group(group)[0])
 
-    def _concentrated(self, group: tuple[int, ...], after: dict[tuple[int, ...], tuple[int, ...]]) -> tuple[int, ...]:
+    def _concentrate(self, group: tuple[int, ...], after: dict[tuple[int, ...], tuple[int, ...]]) -> tuple[int, ...]:
         """Return a group whose members are those that disagree most with the rest, beginning at ``group``.
 
         ``after`` keeps which group follows which.
         """
-        for _ in range(GROUP_STEPS):
+        for _ in range(CONTROL.group_steps):
             if group not in after:
-                after[group] = self._following(group)
+                after[group] = self._take_worst(group)
             if after[group] == group:
                 break
             group = after[group]
         return group
 
-    def _following(self, group: tuple[int, ...]) -> tuple[int, ...]:
+    def _take_worst(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return as many GCPs as a group has: those that disagree most with the rest."""
-        out = self.control.measurements_of(group)
-        inverse, own = self.control.inverse(out), np.zeros(self.gcps)
-        rest = self.control.without(out, inverse)
+        out = self.control.find_measurements(group)
+        inverse, own = self.control.invert_subset(out), np.zeros(self.gcps)
+        rest = self.control.exclude(out, inverse)
         parts = [np.flatnonzero(self.control.point[out] == gcp) for gcp in group]
-        own[list(group)] = self.control.tests_beyond(out, parts, inverse)
+        own[list(group)] = self.control.test_parts(out, parts, inverse)
         for gcp in set(range(self.gcps)) - set(group):
-            own[gcp], _ = rest.test(rest.measurements_of((gcp,)))
+            own[gcp], _ = rest.test_subset(rest.find_measurements((gcp,)))
         return tuple(sorted(np.argsort(own)[-len(group) :].tolist()))
 
-    def wrong(self, group: tuple[int, ...]) -> tuple[int, ...]:
+    def drop_sound_gcps(self, group: tuple[int, ...]) -> tuple[int, ...]:
         """Return a group without those of its GCPs that are not significantly wrong; they return one by one."""
         surprise = dict.fromkeys(group, 0.0)
         while group:
-            everything = self.control.without(self.control.measurements_of(group))
-            factor = self.factor(group, everything)
+            everything = self.control.exclude(self.control.find_measurements(group))
+            factor = self.estimate_variance_factor(group, everything)
             lowest, least = np.inf, -1
             for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # by the last one's, so that few are told in full
-                surprise[gcp] = self._surprise(group, gcp, factor, lowest)
+                surprise[gcp] = self._test_gcp(group, gcp, factor, lowest)
                 if (surprise[gcp], gcp) < (lowest, least) or least < 0:
                     lowest, least = surprise[gcp], gcp
             if lowest > self.limit:
@@ -269,75 +306,75 @@ class _Search:
             group = tuple(gcp for gcp in group if gcp != least)
         return group
 
-    def _surprise(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor, enough: float) -> float:
+    def _test_gcp(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor, enough: float) -> float:
         """Return the largest -log probability of what may be wrong with a GCP, the rest of the group left out.
 
         Once it is above ``enough`` it is told as it is, whatever else may be wrong.
         """
-        rest, most = self._without_others(group, gcp), 0.0
-        for one in _explanations(rest, gcp):
-            most = max(most, factor.surprise(*rest.test(one.out)))
+        rest, most = self._leave_out_others(group, gcp), 0.0
+        for one in _list_explanations(rest, gcp):
+            most = max(most, factor.compute_surprise(*rest.test_subset(one.out)))
             if most > enough:
                 break
         return most
 
-    def _without_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
+    def _leave_out_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
         """Return the discrepancies of a GCP with the others of its group left out."""
         others = tuple(one for one in group if one != gcp)
-        return self.control.among(self.control.of((gcp,)), self.control.measurements_of(others))
+        return self.control.reduce_to(self.control.find_observations((gcp,)), self.control.find_measurements(others))
 
     # ---- what, and whether it is clear -----------------------------------------------------------------------------
 
     def decide(self, group: tuple[int, ...]) -> list[Suspect]:
         """Return the GCPs of a group with what is wrong with each, and those that others may be wrong instead of."""
-        factor = self.factor(group, self.control.without(self.control.measurements_of(group)))
-        alternatives = list(self._alternatives(group, factor))
+        factor = self.estimate_variance_factor(group, self.control.exclude(self.control.find_measurements(group)))
+        alternatives = list(self._list_alternatives(group, factor))
         if 2 * len(group) == self.gcps:  # two halves: whichever agrees better, it has no majority
             alternatives = [tuple(sorted(set(range(self.gcps)) - set(group)))]
         certain = set(group).intersection(*alternatives) if alternatives else set(group)
-        found = [self._explained(group, gcp, factor) for gcp in sorted(certain)]
+        found = [self._explain_gcp(group, gcp, factor) for gcp in sorted(certain)]
         undecided = tuple(sorted(set(group) - certain))
         if undecided:
             rivals = tuple(sorted(set().union(*alternatives) - set(group)))
-            worst = max((self._explained(group, gcp, factor) for gcp in undecided), key=lambda one: one.statistic)
+            worst = max((self._explain_gcp(group, gcp, factor) for gcp in undecided), key=lambda one: one.statistic)
             found.append(Suspect(worst.gcp, worst.what, worst.row, worst.statistic, worst.error, undecided, rivals))
         return found
 
-    def _alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
+    def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
-        best, _ = self.explain(group)
-        needed = best - max(UNEXPLAINED * factor.largest, LIKE * best)
+        best, _ = self.test_group(group)
+        needed = best - max(CONTROL.unexplained * factor.largest, CONTROL.like * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
-        if special.binom(self.gcps, len(group)) > ALL_SUBSETS:  # one exchanged for another
+        if special.binom(self.gcps, len(group)) > CONTROL.all_subsets:  # one exchanged for another
             outside = sorted(set(range(self.gcps)) - set(group))
             others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
         for other in others:
-            if other != group and self.explain(other)[0] >= needed:
+            if other != group and self.test_group(other)[0] >= needed:
                 yield other
 
-    def _explained(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:
+    def _explain_gcp(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor) -> Suspect:
         """Return what is wrong with a GCP, the rest of its group left out: all of it where that cannot be told."""
-        rest = self._without_others(group, gcp)
-        most, _ = rest.test(rest.measurements_of((gcp,)))
-        tests = {one: rest.test(one.out) for one in _explanations(rest, gcp)}
-        score = {one: test / factor.largest - SIMPLICITY * rank for one, (test, rank) in tests.items()}
+        rest = self._leave_out_others(group, gcp)
+        most, _ = rest.test_subset(rest.find_measurements((gcp,)))
+        tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
+        score = {one: test / factor.largest - CONTROL.simplicity * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
-        alike = score[best] - max(UNDECIDED, LIKE * score[best])
+        alike = score[best] - max(CONTROL.undecided, CONTROL.like * score[best])
         # height and ground position differ in size only; a measurement is something else than either
         others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
-        unexplained = most - tests[best][0] > max(UNEXPLAINED * factor.largest, LIKE * most)
+        unexplained = most - tests[best][0] > max(CONTROL.unexplained * factor.largest, CONTROL.like * most)
         shown = best.out
         if others or unexplained:
-            best = Explanation("all", rest.of((gcp,)))
+            best = Explanation("all", rest.find_observations((gcp,)))
             shown = np.flatnonzero((rest.point == gcp) & (rest.kind != IMAGE))
         row = int(rest.row[shown[0]]) if best.what == "image" else -1
         error = np.zeros(2 if row >= 0 else 3)
-        error[rest.axis[shown]] = rest.errors(shown)
+        error[rest.axis[shown]] = rest.estimate_errors(shown)
         test = most if best.what == "all" else tests[best][0]
         return Suspect(gcp, best.what, row, float(np.sqrt(test / factor.pooled)), error)
 
 
-def _explanations(control: Discrepancies, gcp: int) -> list[Explanation]:
+def _list_explanations(control: Discrepancies, gcp: int) -> list[Explanation]:
     """Return what may be wrong with a GCP; its height alone only where it has a surveyed position as well."""
     own = control.point == gcp
     survey = np.flatnonzero(own & (control.kind != IMAGE))

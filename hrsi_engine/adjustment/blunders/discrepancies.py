@@ -25,11 +25,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
 from ..problem import Problem
 
-LEAST_INVERSE_SHARE = 1e-9  # of a direction in the inverse that counts
-LEAST_DISCREPANCY_SHARE = 1e-3  # of an error that shows; less is not tested
+
+@thresholds
+class DiscrepancyThresholds:
+    """Which directions of the GCPs' errors can be tested."""
+
+    least_inverse_share: float = threshold(
+        1e-9, "",
+        "share of the largest eigenvalue of an inverse below which a direction does not count",
+        "rounding of float64",
+    )  # fmt: skip
+    least_share: float = threshold(
+        1e-3, "",
+        "share of an error that shows in the residuals; a direction with less is not tested",
+    )  # fmt: skip
+
+
+DISCREPANCY = DiscrepancyThresholds()
+
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
 
 
@@ -54,14 +71,14 @@ class Discrepancies:
     s: np.ndarray
     sigma: np.ndarray
 
-    def test(self, chosen: np.ndarray) -> tuple[float, int]:
+    def test_subset(self, chosen: np.ndarray) -> tuple[float, int]:
         """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
         values, vectors = np.linalg.eigh(self.s[chosen[:, None], chosen])
-        seen = values > LEAST_DISCREPANCY_SHARE
+        seen = values > DISCREPANCY.least_share
         along = vectors[:, seen].T @ self.u[chosen]
         return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
-    def tests_beyond(self, out: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
+    def test_parts(self, out: np.ndarray, parts: Sequence[np.ndarray], inverse: np.ndarray) -> list[float]:
         """Return by how much the squares fall by each of some ``parts`` (indices into ``out``) beyond the rest of it.
 
         One ``inverse`` of ``S_EE`` serves all: its block of a part is the inverse of that part's S without the rest.
@@ -70,72 +87,75 @@ class Discrepancies:
         tests = []
         for part in parts:
             values, vectors = np.linalg.eigh(inverse[part[:, None], part])
-            seen = np.abs(values) > LEAST_INVERSE_SHARE * np.abs(values).max(initial=0.0)
+            seen = np.abs(values) > DISCREPANCY.least_inverse_share * np.abs(values).max(initial=0.0)
             tests.append(float(np.sum((vectors[:, seen].T @ errors[part]) ** 2 / values[seen])))
         return tests
 
-    def inverse(self, chosen: np.ndarray) -> np.ndarray:
+    def invert_subset(self, chosen: np.ndarray) -> np.ndarray:
         """Return S_EE^-1 of some observations, without the directions that do not show."""
         block = self.s[chosen[:, None], chosen]
         try:  # norms that say that all directions show: eight times as fast as eigenvalues that do
             inverse = np.linalg.inv(block)
-            if np.linalg.norm(block) * np.linalg.norm(inverse) * LEAST_DISCREPANCY_SHARE < 1.0:
+            if np.linalg.norm(block) * np.linalg.norm(inverse) * DISCREPANCY.least_share < 1.0:
                 return np.asarray(inverse)
         except np.linalg.LinAlgError:
             pass
-        return np.asarray(np.linalg.pinv(block, rcond=LEAST_DISCREPANCY_SHARE, hermitian=True))
+        return np.asarray(np.linalg.pinv(block, rcond=DISCREPANCY.least_share, hermitian=True))
 
-    def errors(self, chosen: np.ndarray) -> np.ndarray:
+    def estimate_errors(self, chosen: np.ndarray) -> np.ndarray:
         """Return the errors (m, px) of some observations, observed - true, as the rest sees them."""
-        return np.asarray(self.sigma[chosen] * (self.inverse(chosen) @ self.u[chosen]))
+        return np.asarray(self.sigma[chosen] * (self.invert_subset(chosen) @ self.u[chosen]))
 
-    def without(self, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
+    def exclude(self, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
         """Return the discrepancies of all others when some observations (indices) are left out."""
-        return self.among(np.delete(np.arange(len(self.u)), out), out, inverse)
+        return self.reduce_to(np.delete(np.arange(len(self.u)), out), out, inverse)
 
-    def among(self, chosen: np.ndarray, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
+    def reduce_to(self, chosen: np.ndarray, out: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
         """Return the discrepancies of ``chosen`` observations when those ``out`` are left out; all others stay in.
 
         ``inverse`` is that of ``out``, where it is known.
         """
-        gain = self.s[np.ix_(chosen, out)] @ (self.inverse(out) if inverse is None else inverse)
+        gain = self.s[np.ix_(chosen, out)] @ (self.invert_subset(out) if inverse is None else inverse)
         return Discrepancies(
             self.points, self.point[chosen], self.kind[chosen], self.row[chosen], self.axis[chosen],
             self.u[chosen] - gain @ self.u[out], self.s[np.ix_(chosen, chosen)] - gain @ self.s[np.ix_(out, chosen)],
             self.sigma[chosen],
         )  # fmt: skip
 
-    def of_some(self, gcps: np.ndarray, out: np.ndarray, inverse: np.ndarray) -> Discrepancies:
+    def select_gcps(self, gcps: np.ndarray, out: np.ndarray, inverse: np.ndarray) -> Discrepancies:
         """Return those of some GCPs (numbers into ``points``, ascending), which are numbered from 0 in it.
 
         Observations ``out`` with their ``inverse`` are left out, and no part of it; all others stay in.
         """
-        chosen = np.setdiff1d(self.of(gcps.tolist()), out)
-        some = self.among(chosen, out, inverse)
+        chosen = np.setdiff1d(self.find_observations(gcps.tolist()), out)
+        some = self.reduce_to(chosen, out, inverse)
         return replace(some, points=self.points[gcps], point=np.searchsorted(gcps, some.point))
 
-    def of(self, gcps: Sequence[int]) -> np.ndarray:
+    def find_observations(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of all observations of some GCPs (numbers into ``points``)."""
-        return np.flatnonzero(self._belong(gcps))
+        return np.flatnonzero(self._belongs_to(gcps))
 
-    def measurements_of(self, gcps: Sequence[int]) -> np.ndarray:
+    def find_measurements(self, gcps: Sequence[int]) -> np.ndarray:
         """Return the indices of the image observations; without them a GCP has no say at all."""
-        return np.flatnonzero(self._belong(gcps) & (self.kind == IMAGE))
+        return np.flatnonzero(self._belongs_to(gcps) & (self.kind == IMAGE))
 
-    def _belong(self, gcps: Sequence[int]) -> np.ndarray:
+    def _belongs_to(self, gcps: Sequence[int]) -> np.ndarray:
         wanted = np.zeros(len(self.points), dtype=bool)
         wanted[list(gcps)] = True
         return wanted[self.point]
 
 
-def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
+def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
     """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are no part of them."""
     observations, priors = problem.observations, solution.weighting.points
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
     given = solution.weight  # of all image points, computed each time that it is asked for
-    derivatives = _derivatives(problem, solution, points)
-    surveys, miss = priors.matrices(points, observed=True), priors.miss_m(solution.state.ground[points], points)
+    derivatives = _compute_derivatives(problem, solution, points)
+    surveys, miss = (
+        priors.build_weight_matrices(points, observed=True),
+        priors.compute_misclosures_m(solution.state.ground[points], points),
+    )
     columns: list[list[np.ndarray]] = [[] for _ in range(6)]
     own, by_cameras, unknowns = [], [], []
     for number, point in enumerate(points.tolist()):
@@ -177,7 +197,7 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
         ):  # fmt: skip
             column.append(values)
     point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
-    s = system.quadratic(_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
+    s = system.project_cofactors(_stack_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
     np.negative(s, out=s)
     begin = 0
     for block in own:
@@ -186,7 +206,7 @@ def discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, point
     return Discrepancies(points, point, kind, row, axis, u, s, sigma)
 
 
-def _by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
+def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
     """Return the sparse matrix of blocks of rows that stand below each other, each with the unknowns of its columns."""
     starts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
     columns = np.concatenate([np.tile(own, len(block)) for block, own in zip(blocks, unknowns, strict=True)])
@@ -194,10 +214,12 @@ def _by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int
     return sparse.csr_matrix((values, columns, np.r_[0, np.cumsum(starts)]), shape=(len(starts), count))
 
 
-def _derivatives(problem: Problem, solution: Solution, points: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def _compute_derivatives(
+    problem: Problem, solution: Solution, points: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return the derivatives by the camera's values (k, 2, p) and by the position (k, 2, 3) of each point's rows."""
     observations = problem.observations
-    rows, _ = observations.rows_of(points)
+    rows, _ = observations.find_rows(points)
     rows = rows[solution.weight[rows] > 0.0]
     by_values = np.empty((len(rows), 2, problem.prior_weight.shape[1]))
     by_ground = np.empty((len(rows), 2, 3))

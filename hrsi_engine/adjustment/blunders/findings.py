@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...foundation.errors import list_ids
-from ..outcome import Found
+from ..outcome import RoundFindings
 from ..problem import Problem
 from ..result import Decision, Finding
 from .control import Suspect
@@ -15,7 +15,7 @@ HORIZONTAL, VERTICAL = slice(0, 2), 2
 
 
 def leave_out(
-    problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, found: Found
+    problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, found: RoundFindings
 ) -> None:
     """Take what is wrong with a GCP out of the surveys' weights ``(m, 3)`` and the measurements, in place."""
     point = int(control.points[suspect.gcp])
@@ -34,7 +34,7 @@ def leave_out(
     found.failed[rows] = suspect.statistic
 
 
-def finding(problem: Problem, control: Discrepancies, suspect: Suspect) -> Finding:
+def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect) -> Finding:
     """Return what is to be said of a GCP, or of two groups of which one is wrong."""
     observations = problem.observations
     ids = problem.block.points.ids[observations.points[control.points]]
@@ -42,7 +42,7 @@ def finding(problem: Problem, control: Discrepancies, suspect: Suspect) -> Findi
     image = observations.images[observations.image[suspect.row]].id if suspect.what == "image" else None
     unit = "m" if image is None else "px"
     sigmas = f"({suspect.statistic:.0f} sigma)"
-    if suspect.clear:
+    if suspect.is_clear:
         east, north, up = suspect.error if image is None else (0.0, 0.0, 0.0)
         wrong = {
             "height": f"its height is {size:.1f} m too {'high' if up > 0.0 else 'low'} {sigmas}",
@@ -63,7 +63,7 @@ def finding(problem: Problem, control: Discrepancies, suspect: Suspect) -> Findi
         id=name,
         what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),
         statistic=suspect.statistic,
-        left_out=suspect.clear,
+        left_out=suspect.is_clear,
         message=message,
         size=size,
         unit=unit,

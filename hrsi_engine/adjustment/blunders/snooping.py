@@ -1,7 +1,7 @@
-"""The rounds in which blunders are found and left out, each a run of the loop from where the last one ended.
+"""The rounds in which blunders are found and left out; each continues the iterations from the last solution.
 
 1. A start without measurements that disagree with the others of their points (`consensus`), GCPs among them. Surveys
-   hold the block leniently here, so that a wrong one does not bend what the ties say of each other.
+   have a thousandth of their weights here, so that a wrong one does not bend what the ties say of each other.
 2. Cameras and decisions on measurements (`ties`) alternate until they settle; then the surveys get their own weights.
 3. GCPs are tested in groups (`control`) with the cofactors of that solution. One more solution without what is wrong;
    in it the measurements are judged again, since wrong control may have bent the cameras after all.
@@ -17,22 +17,41 @@ import numpy as np
 
 from ...foundation.large_arrays import any_of_rows
 from ...foundation.progress import Progress, silent, stage
+from ...foundation.thresholds import threshold, thresholds
 from ..equations import PointPriors
-from ..equations.camera_system import Factored
-from ..gauss_newton import LOOSE_TOLERANCE, GaussNewton, Solution, Weighting
-from ..outcome import Found
+from ..equations.camera_system import DirectSystem
+from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
+from ..outcome import RoundFindings
 from ..problem import Problem
 from ..result import Decision, Finding
-from .consensus import consensus
-from .control import suspects
-from .discrepancies import Discrepancies, discrepancies
-from .findings import finding, leave_out
-from .ties import point_squares, tie_decisions, tie_variance
+from .consensus import find_agreeing_measurements
+from .control import find_suspects
+from .discrepancies import Discrepancies, compute_discrepancies
+from .findings import describe_suspect, leave_out
+from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 
-TIE_ROUNDS, CONTROL_ROUNDS = 6, 3
-RARE = 2e-4  # share of the measurements whose change of decision is not worth another round
-STRONG_DRIFT = 10.0  # times the drift that is taken for usual; what no sensor exceeds
-LENIENT = 1e-3  # factor of the surveys' weights while measurements are judged: sigmas thirty times as large
+
+@thresholds
+class SnoopingThresholds:
+    """How long rounds of data snooping go on, and with what weights."""
+
+    tie_rounds: int = threshold(
+        6, "rounds",
+        "most rounds in which cameras and decisions on tie measurements alternate",
+    )  # fmt: skip
+    control_rounds: int = threshold(3, "rounds", "most rounds in which GCPs are tested")
+    rare: float = threshold(2e-4, "", "share of the measurements whose change of decision is not worth another round")
+    strong_drift: float = threshold(
+        10.0, "",
+        "times the usual drift, which no sensor exceeds: a GCP that such a drift explains is not accused",
+    )  # fmt: skip
+    survey_weight: float = threshold(
+        1e-3, "",
+        "factor of the surveys' weights while tie measurements are judged: sigmas thirty times as large",
+    )  # fmt: skip
+
+
+SNOOPING = SnoopingThresholds()
 
 
 class Snooping:
@@ -50,11 +69,11 @@ class Snooping:
         self.image_weight = problem.weighting.image
         self.survey_weight = observations.survey_weight.copy()
         self.ties = observations.contributing_points & ~observations.located
-        self.found = Found(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
+        self.found = RoundFindings(np.full(observations.count, int(Decision.KEPT), dtype=np.int8))
         self._undecided: list[Finding] = []
         self._control: tuple[ref[Solution], np.ndarray, Discrepancies] | None = None
 
-    def weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
+    def build_weighting(self, last: Solution | None, survey_weight: np.ndarray | None = None) -> Weighting:
         """Return the weights without what was left out; ``survey_weight`` instead of the surveys' own.
 
         Heights that hold points are as they were judged at the ``last`` solution.
@@ -68,44 +87,46 @@ class Snooping:
         """Run the loop from the last solution, or from the start."""
         options = self.problem.options
         state = self.problem.start if last is None else last.state
-        return self.loop.run(state, self.weighting(last), options.robust, options.tolerance, progress)
+        return self.loop.iterate(state, self.build_weighting(last), options.robust, options.tolerance, progress)
 
     # ---- measurements ----------------------------------------------------------------------------------------------
 
-    def without_wrong_ties(self, progress: Progress) -> Solution:
+    def leave_out_wrong_ties(self, progress: Progress) -> Solution:
         """Return the solution without the measurements that do not fit their points."""
         problem, observations = self.problem, self.problem.observations
         if not self.ties.any():
             return self.solve(None, progress)
         robust = "huber" if problem.options.robust == "none" else problem.options.robust
-        lenient, everything = self.survey_weight * LENIENT, observations.contributing_points
-        agreeing = consensus(problem.equations, observations, problem.start, everything)
+        lenient, everything = self.survey_weight * SNOOPING.survey_weight, observations.contributing_points
+        agreeing = find_agreeing_measurements(problem.equations, observations, problem.start, everything)
         start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
-        solution = self.loop.run(problem.start, start, robust, LOOSE_TOLERANCE, progress)
-        for _ in range(TIE_ROUNDS):
-            if not self._judged(solution, solution.weighting, everything):
+        solution = self.loop.iterate(problem.start, start, robust, CONVERGENCE.before_snooping, progress)
+        for _ in range(SNOOPING.tie_rounds):
+            if not self._judge_measurements(solution, solution.weighting, everything):
                 break
-            present = self.weighting(solution, lenient)
-            solution = self.loop.run(solution.state, present, problem.options.robust, LOOSE_TOLERANCE, progress)
+            present = self.build_weighting(solution, lenient)
+            solution = self.loop.iterate(
+                solution.state, present, problem.options.robust, CONVERGENCE.before_snooping, progress
+            )
         of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
-        return self.settled(self.solve(solution, progress), progress)
+        return self.judge_ties_again(self.solve(solution, progress), progress)
 
-    def settled(self, solution: Solution, progress: Progress) -> Solution:
+    def judge_ties_again(self, solution: Solution, progress: Progress) -> Solution:
         """Judge the ties by a solution with all surveys, and repeat it if that changes anything."""
-        if self.ties.any() and self._judged(solution, solution.weighting, self.ties):
+        if self.ties.any() and self._judge_measurements(solution, solution.weighting, self.ties):
             return self.solve(solution, progress)
         return solution
 
-    def _judged(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
+    def _judge_measurements(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
         """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
-        present = self._by_rays(solution, present)
+        present = self._weigh_rays_alone(solution, present)
         squares, freedom = self._find_tie_variance(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
-            squares = point_squares(problem.equations, solution, everything, observations)
-        decision, failed = tie_decisions(
+            squares = compute_point_squares(problem.equations, solution, everything, observations)
+        decision, failed = judge_ties(
             problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
             self.found.tie_variance, freedom, squares,
         )  # fmt: skip
@@ -114,67 +135,68 @@ class Snooping:
         decision = np.where(judged, decision, self.found.decision)
         changed = int((decision != self.found.decision).sum())
         self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
-        return changed > RARE * len(decision)
+        return changed > SNOOPING.rare * len(decision)
 
     def judge_tie_variance(self, solution: Solution) -> None:
         """Find the ties' variance factor for the weights of a solution."""
-        self._find_tie_variance(solution, self._by_rays(solution, solution.weighting))
+        self._find_tie_variance(solution, self._weigh_rays_alone(solution, solution.weighting))
 
     def _find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
         """Find the ties' variance factor for weights by rays; return the points' squares, and the factor's freedom."""
         observations = self.problem.observations
-        squares = point_squares(self.problem.equations, solution, present, observations)
+        squares = compute_point_squares(self.problem.equations, solution, present, observations)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
-        self.found.tie_variance, freedom = tie_variance(observations, squares, rays, self.ties)
+        self.found.tie_variance, freedom = estimate_tie_variance(observations, squares, rays, self.ties)
         return squares, freedom
 
-    def _by_rays(self, solution: Solution, present: Weighting) -> Weighting:
+    def _weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
         """Return weights by which rays are judged by rays, not by heights that may be wrong where they meet."""
         if not self.problem.held:
             return present
         return replace(
-            present, points=PointPriors.of(self.problem.observations, solution.state.ground, self.survey_weight)
+            present,
+            points=PointPriors.from_surveys(self.problem.observations, solution.state.ground, self.survey_weight),
         )
 
     # ---- control ---------------------------------------------------------------------------------------------------
 
-    def without_wrong_control(self, solution: Solution, progress: Progress) -> Solution:
+    def leave_out_wrong_control(self, solution: Solution, progress: Progress) -> Solution:
         """Return the solution without the GCPs, or what of them, that disagree with the rest of the block."""
-        if not isinstance(self.loop.system, Factored):  # a block too large for its cofactors
+        if not isinstance(self.loop.system, DirectSystem):  # a block too large for its cofactors
             return solution
         if self._undecided:  # sigmas that were estimated over a contradiction decide nothing
             return solution
         problem = self.problem
-        for number in range(CONTROL_ROUNDS):
-            gcps = self._gcps(solution)
+        for number in range(SNOOPING.control_rounds):
+            gcps = self._find_testable_gcps(solution)
             if len(gcps) < 2:
                 break
-            control = self.discrepancies_at(solution, gcps)
-            found = suspects(control, problem.options.reject_sigma)
+            control = self.compute_control(solution, gcps)
+            found = find_suspects(control, problem.options.reject_sigma)
             if found and self._may_drift():
-                drifting = suspects(self._drifting(solution, gcps), problem.options.reject_sigma)
+                drifting = find_suspects(self._loosen_drift(solution, gcps), problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 found = [one for one in found if suspected.intersection(one.concerned)]
-            said = [finding(problem, control, one) for one in found]
+            said = [describe_suspect(problem, control, one) for one in found]
             self._undecided = [one for one in said if not one.left_out]
             self.found.findings += [one for one in said if one.left_out]
             for one in found:
-                if one.clear:
+                if one.is_clear:
                     leave_out(problem, control, one, self.survey_weight, self.found)
-            if not any(one.clear for one in found):
+            if not any(one.is_clear for one in found):
                 break
-            part = stage(progress, number / CONTROL_ROUNDS, (number + 1) / CONTROL_ROUNDS)
-            solution = self.settled(self.solve(solution, part), part)
+            part = stage(progress, number / SNOOPING.control_rounds, (number + 1) / SNOOPING.control_rounds)
+            solution = self.judge_ties_again(self.solve(solution, part), part)
         return solution
 
-    def discrepancies_at(self, solution: Solution, points: np.ndarray) -> Discrepancies:
+    def compute_control(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return the discrepancies of some GCPs at a solution; those that were computed last are kept."""
         last = self._control
         if last is None or not (
             last[0]() is solution and last[1] is self.loop.prior_weight and np.array_equal(last[2].points, points)
         ):
             self._control = last = None  # one is large enough
-            control = discrepancies(self.problem, self.loop, solution, points)
+            control = compute_discrepancies(self.problem, self.loop, solution, points)
             self._control = last = ref(solution), self.loop.prior_weight, control
         return last[2]
 
@@ -184,22 +206,22 @@ class Snooping:
         guessed = problem.options.sigma_drift is None and np.array_equal(self.loop.prior_weight, problem.prior_weight)
         return guessed and bool(problem.guessed.any())
 
-    def _drifting(self, solution: Solution, points: np.ndarray) -> Discrepancies:
+    def _loosen_drift(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
         loop = copy(self.loop)  # its equations and its system, but a history of its own
         loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
         prior_weight = self.loop.prior_weight.copy()
-        prior_weight[:, self.problem.guessed] /= STRONG_DRIFT**2
-        loop.hold(prior_weight)
-        free = loop.run_on(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
-        return discrepancies(self.problem, loop, free, points)
+        prior_weight[:, self.problem.guessed] /= SNOOPING.strong_drift**2
+        loop.set_prior_weight(prior_weight)
+        free = loop.continue_from(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
+        return compute_discrepancies(self.problem, loop, free, points)
 
-    def say(self) -> None:
+    def collect_warnings(self) -> None:
         """Enter the findings on control that nobody can decide, and the warnings of all."""
         self.found.findings += self._undecided
         self.found.warnings += [one.message for one in self.found.findings]
 
-    def _gcps(self, solution: Solution) -> np.ndarray:
+    def _find_testable_gcps(self, solution: Solution) -> np.ndarray:
         """Return the GCPs that have a survey and a measurement with a say."""
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0

@@ -13,7 +13,7 @@ that the other k - 2 are wrong, is
 
     odds = (k e (1 - e) + e²) / (1 - e)² · chance / phi(y)        chance = 1 / (2 a), phi: the normal density
 
-(Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `CREDIT` are doubtful too.
+(Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `TIES.credit` are doubtful too.
 """
 
 from __future__ import annotations
@@ -21,20 +21,37 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
+from ...foundation.thresholds import threshold, thresholds
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
 from ..result import Decision
-from ..statistics.precision import deletion_tests
-from .consensus import pairs_of
-from .limits import critical_value, error_probability, shared_sigmas
+from ..statistics.precision import compute_deletion_tests
+from .consensus import list_ray_pairs
+from .limits import compute_shared_limit, critical_value, error_probability
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
-CREDIT = 0.05  # odds of agreeing by chance up to which two rays that are left are believed
-GROSS = 1.5  # times the user's limit: beyond it a point has a blunder, and not just bad luck
 
 
-def tie_variance(
+@thresholds
+class TieThresholds:
+    """Which measurements of a tie point are blunders."""
+
+    credit: float = threshold(
+        0.05, "",
+        "odds of agreeing by chance up to which two rays that are left are believed (Bayes, see the "
+        "module)",
+    )  # fmt: skip
+    gross: float = threshold(
+        1.5, "",
+        "times the user's limit: beyond it a point has a blunder, and not just bad luck",
+    )  # fmt: skip
+
+
+TIES = TieThresholds()
+
+
+def estimate_tie_variance(
     observations: Observations, squares: np.ndarray, rays: np.ndarray, ties: np.ndarray
 ) -> tuple[float, float]:
     """Return the variance factor of the tie points, and the degrees of freedom with which it is known; 1 without any.
@@ -50,25 +67,25 @@ def tie_variance(
     return float(np.median(squares[chosen] / expected)), float(MEDIAN_EFFICIENCY * freedom.sum())
 
 
-def least_suspicious(sigmas: float, rays: int) -> float:
+def tie_test_limit(sigmas: float, rays: int) -> float:
     """Return the test value beyond which one of a point's measurements is wrong; two rays have one condition."""
     return critical_value(sigmas, 1) if rays == 2 else critical_value(sigmas, 2, max(rays, 1))
 
 
-def point_squares(
+def compute_point_squares(
     equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
 ) -> np.ndarray:
     """Return each point's smallest weighted sum of squares for the cameras as they are, ``(m,)``."""
     normals = solution.normals  # what they say of points does not depend on who has a say in the cameras
     if weighting is not solution.weighting or not (solution.factor == 1.0).all():
         nobody = np.zeros(len(observations.points), dtype=bool)
-        normals = equations.normals(solution.state, weighting.image, weighting.points, nobody)
+        normals = equations.form_normals(solution.state, weighting.image, weighting.points, nobody)
     lengths = np.einsum("nc,nc->n", normals.residual, normals.residual) * weighting.image
     gain = np.einsum("mi,mij,mj->m", normals.point_right, normals.inverse, normals.point_right)
     return np.add.reduceat(lengths, observations.first[:-1]) - gain
 
 
-def tie_decisions(
+def judge_ties(
     equations: NormalEquations,
     observations: Observations,
     solution: Solution,
@@ -88,13 +105,13 @@ def tie_decisions(
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
     lengths = np.diff(observations.first)
-    least = np.array([least_suspicious(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
+    least = np.array([tie_test_limit(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
     suspicious = np.flatnonzero(ties & (squares > least[lengths] * variance))
     rays = lengths[suspicious]
     groups = []
     for length in np.unique(rays):
         points = suspicious[rays == length]
-        local = equations.point_jacobians(solution.state, points)
+        local = equations.compute_point_jacobians(solution.state, points)
         rows = local.rows.reshape(-1, length)
         groups.append((rows, PointRays(
             local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
@@ -102,8 +119,8 @@ def tie_decisions(
         )))  # fmt: skip
     if not groups:
         return decision, failed
-    probability = np.concatenate([group.judge_worst(freedom) for _, group in groups])
-    limit = shared_sigmas(probability, int(ties.sum()), sigmas)
+    probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
+    limit = compute_shared_limit(probability, int(ties.sum()), sigmas)
     touched = probability < error_probability(limit)
     wrong = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())
     worst = np.concatenate([group.worst for _, group in groups])
@@ -133,13 +150,13 @@ class PointRays:
         self.worst = np.zeros(len(weight))
         self.probability = np.ones(len(weight))
 
-    def judge_worst(self, freedom: float) -> np.ndarray:
+    def test_worst_rays(self, freedom: float) -> np.ndarray:
         """Return the probability that a point's worst measurement is right, ``(m,)``; its rays share the tests.
 
         That of Fisher's F distribution, for the variance factor is known with a ``freedom`` only. Two rays have one
         condition, and one test together.
         """
-        tests, _ = self._tests(np.arange(len(self.weight)))
+        tests, _ = self._compute_tests(np.arange(len(self.weight)))
         worst, rays = tests.max(axis=1), (self.weight > 0.0).sum(axis=1)
         freedom = max(freedom, 1.0)
         of_two = special.fdtrc(1.0, freedom, worst)
@@ -153,18 +170,18 @@ class PointRays:
         A point whose worst measurement stays below ``limit`` (sigmas) has none that is wrong; in the others ``sigmas``
         decide. ``wrong`` is the share of wrong measurements, ``size`` what is usual of their errors, in sigmas.
         """
-        limits = np.array([least_suspicious(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
+        limits = np.array([tie_test_limit(sigmas, rays) for rays in range(self.weight.shape[1] + 1)])
         pending = np.flatnonzero(self.probability < error_probability(limit))
         if not len(pending):
             return self.decision, self.failed
-        touched = pending[self.worst[pending] > critical_value(GROSS * sigmas, 2)]
+        touched = pending[self.worst[pending] > critical_value(TIES.gross * sigmas, 2)]
         if self.weight.shape[1] >= 4:
-            tests, squares = self._tests(pending)
+            tests, squares = self._compute_tests(pending)
             rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
             several = squares - tests.max(axis=1) > special.chdtri(np.maximum(rest, 1), error_probability(sigmas))
             self._begin_with_consensus(pending[several], sigmas)
         while len(pending):
-            tests, squares = self._tests(pending)
+            tests, squares = self._compute_tests(pending)
             rays = (self.weight[pending] > 0.0).sum(axis=1)
             bad = (tests.max(axis=1) > limits[rays]) & (rays >= 2)
             pending, tests, squares, rays = pending[bad], tests[bad], squares[bad], rays[bad]
@@ -173,15 +190,15 @@ class PointRays:
         alone = touched[(self.weight[touched] > 0.0).sum(axis=1) == 2]
         if not len(alone):
             return self.decision, self.failed
-        _, squares = self._tests(alone)
+        _, squares = self._compute_tests(alone)
         agreeing = np.exp(-0.5 * squares) / np.sqrt(2.0 * np.pi)
         rays = self.weight.shape[1]
         odds = (rays * wrong * (1.0 - wrong) + wrong**2) / (1.0 - wrong) ** 2 * (0.5 / size) / agreeing
-        alone = alone[odds > CREDIT]
-        self._doubt(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
+        alone = alone[odds > TIES.credit]
+        self._mark_doubtful(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
         return self.decision, self.failed
 
-    def _doubt(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
+    def _mark_doubtful(self, points: np.ndarray, out: np.ndarray, failed: np.ndarray) -> None:
         """Take measurements ``out (l, k)`` out as doubtful, and with them what they had judged."""
         guessed = out | (self.decision[points] == int(Decision.BLUNDER))
         self.decision[points] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[points])
@@ -201,7 +218,7 @@ class PointRays:
         best = np.zeros(count, dtype=np.int64)
         every, common = np.zeros((count, length), dtype=bool), np.ones((count, length), dtype=bool)
         worst = np.zeros((count, length))
-        for pair in pairs_of(length):
+        for pair in list_ray_pairs(length):
             chosen = list(pair)
             at = by_ground[:, chosen].reshape(count, 4, 3)
             weight = np.repeat(1.0 / prior[:, chosen], 2, axis=1)
@@ -235,7 +252,7 @@ class PointRays:
         out = np.where((lonely & doubtful)[:, None], every, unclear)[doubtful]
         largest = statistic[doubtful].max(axis=1, initial=0.0)
         blunders = self.decision[points[doubtful]].copy()
-        self._doubt(points[doubtful], out, largest)
+        self._mark_doubtful(points[doubtful], out, largest)
         # what no set of rays supports stays a blunder where the common rays suffice to say so
         sure = (common[doubtful].sum(axis=1) >= 3)[:, None] & (blunders == int(Decision.BLUNDER))
         self.decision[points[doubtful]] = np.where(sure, int(Decision.BLUNDER), self.decision[points[doubtful]])
@@ -265,7 +282,7 @@ class PointRays:
         guessed = self.decision[collapsed] == int(Decision.BLUNDER)
         self.decision[collapsed] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[collapsed])
 
-    def _tests(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_tests(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the test values ``(m, k)`` and sums of squares ``(m,)`` of least-squares points."""
         jacobian, weight, residual = self.by_ground[points], self.weight[points], self.residual[points]
         count, length = weight.shape
@@ -280,5 +297,5 @@ class PointRays:
         with np.errstate(divide="ignore"):
             prior = np.where(weight > 0.0, 1.0 / weight, 0.0)
         cofactor = prior[:, :, None, None] * np.eye(2) - seen
-        tests = deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
+        tests = compute_deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
         return tests.reshape(count, length), np.einsum("akc,akc,ak->a", left, left, weight)

@@ -12,9 +12,9 @@
 | camera_system        | solution of the reduced system, direct or iterative                            |
 """
 
-from .camera_system import CameraSystem, camera_system
+from .camera_system import CameraSystem, choose_camera_system
 from .normal_equations import NormalEquations
-from .pattern import Pattern, find_pattern, trivial_pattern
+from .pattern import Pattern, find_pattern, make_diagonal_pattern
 from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointJacobians, PointPriors, State
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
     "PointJacobians",
     "PointPriors",
     "State",
-    "camera_system",
+    "choose_camera_system",
     "find_pattern",
-    "trivial_pattern",
+    "make_diagonal_pattern",
 ]

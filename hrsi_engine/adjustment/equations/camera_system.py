@@ -1,8 +1,8 @@
 """Solution of the reduced camera system: symmetric, positive definite, scaled to a unit diagonal.
 
-`Factored` has the Cholesky factors (`nested_dissection`), which also give the precision. Above `ITERATIVE_LIMIT`
-cameras the factors would not fit in memory; `Iterative` then uses conjugate gradients, preconditioned by the
-Cholesky factors of neighbourhoods of cameras, and knows no precision.
+`DirectSystem` has the Cholesky factors (`nested_dissection`), which also give the precision. Above
+`SOLUTION.most_factored` cameras the factors would not fit in memory; `IterativeSystem` then uses conjugate gradients,
+preconditioned by the Cholesky factors of neighbourhoods of cameras, and knows no precision.
 """
 
 from __future__ import annotations
@@ -15,16 +15,40 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ...foundation.errors import SolveError
+from ...foundation.thresholds import threshold, thresholds
 from .nested_dissection import SparseFactor
 from .pattern import Pattern
 
-ITERATIVE_LIMIT = 300_000  # cameras; the factors of an affine block that large take some 12 GB
+
+@thresholds
+class SolutionThresholds:
+    """By which method the camera system is solved."""
+
+    most_factored: int = threshold(
+        300_000, "cameras",
+        "more are solved by conjugate gradients: the factors of an affine block that large take some 12 "
+        "GB",
+    )  # fmt: skip
+    nearby: float = threshold(
+        1e-7, "",
+        "relative error of a step by the factors of a nearby matrix; a pass of Gauss-Newton mends what is"
+        " left",
+    )  # fmt: skip
+    nearby_unknowns: int = threshold(
+        500, "unknowns",
+        "of fewer, new factors cost nothing, and are exact where the matrix is badly conditioned",
+    )  # fmt: skip
+    nearby_iterations: int = threshold(
+        10, "iterations",
+        "most with the factors of a nearby matrix, each a twentieth of new factors in a large block",
+    )  # fmt: skip
+
+
+SOLUTION = SolutionThresholds()
+
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
 CG_ITERATIONS = 20_000
-NEAR_TOLERANCE = 1e-7  # of a step, by the factors of a matrix near it; a pass of Gauss-Newton mends what is left
-NEAR_UNKNOWNS = 500  # of fewer new factors cost nothing, and are exact where the matrix is badly conditioned
-NEAR_ITERATIONS = 10  # each a twentieth of new factors in a large block
 NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
 
@@ -37,22 +61,24 @@ class CameraSystem(Protocol):
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for a right-hand side ``(cameras, p)`` or several ``(cameras, p, k)``."""
 
-    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+    def solve_nearby(
+        self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
+    ) -> np.ndarray:
         """Return the solution ``(cameras, p)`` of a matrix near the last one; arguments of `factorise` and `solve`."""
 
-    def braked(self, step: np.ndarray) -> float:
+    def compute_damping_cost(self, step: np.ndarray) -> float:
         """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
 
-    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
         """Return the cofactors ``(k, k)`` of functions of the unknowns with sparse derivatives ``rows (k, c p)``."""
 
-    def cofactors(self) -> np.ndarray | None:
+    def compute_cofactors(self) -> np.ndarray | None:
         """Return the blocks of the inverse on the pattern, None where they are not known."""
 
 
-def camera_system(pattern: Pattern) -> CameraSystem:
+def choose_camera_system(pattern: Pattern) -> CameraSystem:
     """Return the solver that suits the number of cameras."""
-    return Factored(pattern) if pattern.cameras <= ITERATIVE_LIMIT else Iterative(pattern)
+    return DirectSystem(pattern) if pattern.cameras <= SOLUTION.most_factored else IterativeSystem(pattern)
 
 
 def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
@@ -64,7 +90,7 @@ def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
     return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
 
 
-class _Scaled:
+class _UnitDiagonal:
     """Scales a matrix to a unit diagonal; fixed unknowns get a scale of zero, and with it a solution of zero."""
 
     def __init__(self, pattern: Pattern) -> None:
@@ -72,14 +98,14 @@ class _Scaled:
         self.scale = np.ones((pattern.cameras, pattern.parameters))
         self.damping = 0.0
 
-    def braked(self, step: np.ndarray) -> float:
+    def compute_damping_cost(self, step: np.ndarray) -> float:
         """See `CameraSystem`."""
         if self.damping == 0.0:
             return 0.0
         in_units = np.divide(step, self.scale, out=np.zeros_like(step), where=self.scale > 0.0)
         return self.damping * float(np.sum(in_units**2))
 
-    def scaled(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
+    def scale_blocks(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
         pattern, own = self.pattern, np.arange(self.pattern.parameters)
         self.scale = unit_scales(np.einsum("cpp->cp", blocks[pattern.diagonal]), prior_weight)
         self.damping = damping
@@ -89,7 +115,7 @@ class _Scaled:
         return np.asarray(result)
 
 
-class Factored(_Scaled):
+class DirectSystem(_UnitDiagonal):
     """Direct solution."""
 
     def __init__(self, pattern: Pattern) -> None:
@@ -104,23 +130,25 @@ class Factored(_Scaled):
         if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
             return
         self._factorised = self._cofactors = None
-        self._factor.factorise(self.scaled(blocks, prior_weight, damping))
+        self._factor.factorise(self.scale_blocks(blocks, prior_weight, damping))
         self._factorised = blocks, prior_weight, damping
 
-    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+    def solve_nearby(
+        self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
+    ) -> np.ndarray:
         """See `CameraSystem`: by conjugate gradients with the factors of the last matrix, where these lead there."""
         has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
-        if has_factors and right.size >= NEAR_UNKNOWNS:
-            solution = self._by_gradients(blocks, prior_weight, right)
+        if has_factors and right.size >= SOLUTION.nearby_unknowns:
+            solution = self._solve_by_gradients(blocks, prior_weight, right)
             if solution is not None:
                 return solution
         self.factorise(blocks, prior_weight, damping)
         return self.solve(right)
 
-    def _by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    def _solve_by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
         """Return the solution, None where the factors at hand are too far from the matrix to be of help.
 
-        They are of help where the rest falls so fast, from its first step on, that `NEAR_ITERATIONS` will do.
+        They are of help where the residual falls so fast from its first step on that `SOLUTION.nearby_iterations` do.
         """
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
@@ -136,9 +164,9 @@ class Factored(_Scaled):
         solution, rest = np.zeros_like(right), right.copy()
         ahead = self.solve(rest)
         direction, square = ahead, float(np.sum(rest * ahead))
-        first, pace = square, NEAR_TOLERANCE ** (2.0 / NEAR_ITERATIONS)
-        for passed in range(NEAR_ITERATIONS + 1):
-            if square <= NEAR_TOLERANCE**2 * first:
+        first, pace = square, SOLUTION.nearby ** (2.0 / SOLUTION.nearby_iterations)
+        for passed in range(SOLUTION.nearby_iterations + 1):
+            if square <= SOLUTION.nearby**2 * first:
                 return solution
             if square > pace**passed * first:  # the first steps tell what those that follow will bring
                 return None
@@ -159,21 +187,21 @@ class Factored(_Scaled):
         flat = (scale * right).reshape(self.scale.size, *right.shape[2:])
         return scale * self._factor.solve(flat).reshape(right.shape)
 
-    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
         """See `CameraSystem`."""
-        return self._factor.quadratic(sparse.csr_matrix(rows @ sparse.diags(self.scale.ravel())))
+        return self._factor.project_cofactors(sparse.csr_matrix(rows @ sparse.diags(self.scale.ravel())))
 
-    def cofactors(self) -> np.ndarray:
+    def compute_cofactors(self) -> np.ndarray:
         """See `CameraSystem`."""
         if self._cofactors is None:
-            inverse = self._factor.inverse_blocks()
+            inverse = self._factor.invert_on_pattern()
             inverse *= self.scale[self.pattern.rows][:, :, None]
             inverse *= self.scale[self.pattern.columns][:, None, :]
             self._cofactors = inverse
         return self._cofactors
 
 
-class Iterative(_Scaled):
+class IterativeSystem(_UnitDiagonal):
     """Preconditioned conjugate gradients."""
 
     def __init__(self, pattern: Pattern) -> None:
@@ -184,15 +212,17 @@ class Iterative(_Scaled):
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         """See `CameraSystem`."""
         pattern, p = self.pattern, self.pattern.parameters
-        scaled = self.scaled(blocks, prior_weight, damping)
+        scaled = self.scale_blocks(blocks, prior_weight, damping)
         upper = sparse.bsr_matrix((scaled, pattern.columns, pattern.start), shape=(pattern.cameras * p,) * 2).tocsr()
-        self._matrix = _symmetric(upper, p)
+        self._matrix = _complete_blocks(upper, p)
         self._parts = []
         for group in self._groups:
             chosen = slice(group[0] * p, (group[-1] + 1) * p)
             self._parts.append((chosen, linalg.cho_factor(self._matrix[chosen, chosen].toarray(), lower=True)))
 
-    def solve_near(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
+    def solve_nearby(
+        self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
+    ) -> np.ndarray:
         """See `CameraSystem`."""
         self.factorise(blocks, prior_weight, damping)
         return self.solve(right)
@@ -210,12 +240,12 @@ class Iterative(_Scaled):
             )
         return self.scale * x.reshape(right.shape)
 
-    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
         """See `CameraSystem`."""
         right = rows.toarray().T.reshape(*self.scale.shape, rows.shape[0])
         return np.asarray(rows @ self.solve(right).reshape(self.scale.size, -1))
 
-    def cofactors(self) -> None:
+    def compute_cofactors(self) -> None:
         """See `CameraSystem`."""
         return None
 
@@ -226,7 +256,7 @@ class Iterative(_Scaled):
         return result
 
 
-def _symmetric(upper_blocks: sparse.csr_matrix, p: int) -> sparse.csr_matrix:
+def _complete_blocks(upper_blocks: sparse.csr_matrix, p: int) -> sparse.csr_matrix:
     """Return the full matrix of a block-upper one, whose diagonal blocks are complete."""
     entries = upper_blocks.tocoo()
     off_diagonal = entries.row // p != entries.col // p

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..observations import Observations
 from . import elimination_kernels as kernels
-from .linearisation import Linearised, Portion
+from .linearisation import Linearisation, Portion
 from .pattern import Pattern
 from .states import Cofactors, Normals, PointPriors
 
 ROWS_PER_PART = 4096  # image points whose equations stay in a processor's cache
 
 
-class CompiledElimination:
+class NumbaElimination:
     """See `normal_equations.Elimination`."""
 
     compiled = True
@@ -24,7 +24,7 @@ class CompiledElimination:
         self.observations, self.pattern = observations, pattern
         self._most = max(int(np.diff(observations.first).max(initial=0)), 1)
 
-    def parts(self) -> list[Portion]:
+    def list_parts(self) -> list[Portion]:
         """See `Elimination`."""
         first = self.observations.first
         bounds = np.unique(np.append(np.searchsorted(first, np.arange(0, first[-1], ROWS_PER_PART)), len(first) - 1))
@@ -33,45 +33,51 @@ class CompiledElimination:
             for number, (begin, end) in enumerate(pairwise(bounds.tolist()))
         ]
 
-    def eliminate(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+    def eliminate_points(
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
         """See `Elimination`."""
-        kernels.eliminate(
+        kernels.eliminate_points(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity, ground,
             _arrays_of(priors), contributes, self.pattern.start, self.pattern.columns, sums.blocks, sums.right,
             (sums.residual, sums.inverse, sums.point_right),
         )  # fmt: skip
 
     def solve_points(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
         """See `Elimination`."""
         out = np.empty((len(part.points), 3))
         kernels.solve_points(self._rows(part, weight), _arrays(linear), ground, _arrays_of(priors), out)
         return out
 
-    def substitute(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    def substitute_back(
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        step: np.ndarray,
+        out: np.ndarray,
     ) -> None:
         """See `Elimination`."""
-        kernels.substitute(
+        kernels.substitute_back(
             self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
             normals.point_right, step, out,
         )  # fmt: skip
 
-    def spread(
+    def compute_cofactors(
         self,
         part: Portion,
-        linear: Linearised,
+        linear: Linearisation,
         weight: np.ndarray,
         normals: Normals,
         cameras: np.ndarray,
         out: Cofactors,
     ) -> None:
         """See `Elimination`."""
-        kernels.spread(
+        kernels.compute_cofactors(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,
             normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(out),
         )  # fmt: skip
@@ -80,7 +86,7 @@ class CompiledElimination:
         return part.points, part.place, self.observations.first, weight
 
 
-def _arrays(linear: Linearised) -> tuple[np.ndarray, ...]:
+def _arrays(linear: Linearisation) -> tuple[np.ndarray, ...]:
     return linear.residual, linear.by_ground, linear.terms
 
 

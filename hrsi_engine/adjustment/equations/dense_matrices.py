@@ -53,7 +53,7 @@ _dgemm, _dsymm, _dsyrk, _dtrmm = (_routine(cython_blas, name) for name in ("dgem
 _dpotrf, _dtrtri, _dlauum = (_routine(cython_lapack, name) for name in ("dpotrf", "dtrtri", "dlauum"))
 
 
-def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return ``first (i, j)`` times ``second (j, k)``; either may be a transpose."""
     (rows, inner), columns = first.shape, second.shape[1]
     result = np.zeros((rows, columns))
@@ -76,7 +76,7 @@ def inverse_cholesky(matrix: np.ndarray) -> np.ndarray:
     return lower
 
 
-def own_square(lower: np.ndarray) -> np.ndarray:
+def square_lower(lower: np.ndarray) -> np.ndarray:
     """Return the lower triangle of L'L for a lower triangle L ``(n, n)``."""
     square = lower.copy()
     if square.size:
@@ -84,7 +84,7 @@ def own_square(lower: np.ndarray) -> np.ndarray:
     return square
 
 
-def times_triangle(matrix: np.ndarray, lower: np.ndarray, transposed: bool = False) -> np.ndarray:
+def multiply_by_triangle(matrix: np.ndarray, lower: np.ndarray, transposed: bool = False) -> np.ndarray:
     """Return ``matrix (k, n)`` times a lower triangle L ``(n, n)``, or times L'."""
     result = np.array(matrix, order="C")
     if result.size:
@@ -93,7 +93,7 @@ def times_triangle(matrix: np.ndarray, lower: np.ndarray, transposed: bool = Fal
     return result
 
 
-def inner_square(matrix: np.ndarray) -> np.ndarray:
+def multiply_by_own_transpose(matrix: np.ndarray) -> np.ndarray:
     """Return the lower triangle of A'A for a ``matrix A (k, n)``."""
     rows, columns = matrix.shape
     square = np.zeros((columns, columns))
@@ -108,7 +108,7 @@ def subtract_square(matrix: np.ndarray, factor: np.ndarray) -> None:
         _dsyrk(b"U", b"T", *factor.shape, -1.0, factor, 1.0, matrix)
 
 
-def symmetric_times(lower: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def multiply_symmetric(lower: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Return a symmetric matrix ``(n, n)``, given by its lower triangle, times ``matrix (n, k)``."""
     result = np.zeros(matrix.shape)
     if matrix.size:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from ..observations import Observations
-from .linearisation import Linearised, Portion, whole_block
+from .linearisation import Linearisation, Portion, take_whole_block
 from .pattern import Pattern
 from .states import Cofactors, Normals, PointPriors
 
@@ -31,21 +31,21 @@ class Chunk(NamedTuple):
     group_start: np.ndarray
 
 
-class PlainElimination:
+class NumpyElimination:
     """See `Elimination`; takes the whole block as one part."""
 
     compiled = False
 
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
         self.observations, self.pattern = observations, pattern
-        self._chunks = list(_chunks(observations))
+        self._split_by_length = list(_split_by_length(observations))
 
-    def parts(self) -> list[Portion]:
+    def list_parts(self) -> list[Portion]:
         """See `Elimination`."""
-        return [whole_block(self.observations)]
+        return [take_whole_block(self.observations)]
 
-    def eliminate(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+    def eliminate_points(
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
         """See `Elimination`."""
@@ -54,23 +54,23 @@ class PlainElimination:
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
         sums.inverse[:], sums.point_right[:] = np.linalg.inv(matrix), point_right
         used = weight * contributes[observations.point]
-        by_values, blocks = _by_values(linear), sums.blocks.reshape(pattern.blocks, p, p)
+        by_values, blocks = _compose_derivatives(linear), sums.blocks.reshape(pattern.blocks, p, p)
         for index, rows in enumerate(observations.by_image):
             camera = observations.camera_of_image[index]
             a = by_values[rows].reshape(2 * len(rows), p)
             weighted = a * np.repeat(used[rows], 2)[:, None]
             blocks[pattern.diagonal[camera]] += weighted.T @ a
             sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
-        for chunk in self._chunks if p else ():
+        for chunk in self._split_by_length if p else ():
             self._subtract(chunk, linear, used, sums, blocks)
 
     def _subtract(
-        self, chunk: Chunk, linear: Linearised, weight: np.ndarray, sums: Normals, blocks: np.ndarray
+        self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, sums: Normals, blocks: np.ndarray
     ) -> None:
         """Subtract W V^-1 W' and W V^-1 m of a chunk."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
-        cross = _cross(linear, weight, chunk.rows).transpose(0, 2, 1)  # (m, 3, k p)
+        cross = _multiply_chunks(linear, weight, chunk.rows).transpose(0, 2, 1)  # (m, 3, k p)
         gain = sums.inverse[chunk.points] @ cross
         reduction = np.einsum("mxq,mx->mq", gain, sums.point_right[chunk.points])
         np.subtract.at(sums.right, chunk.camera.ravel(), reduction.reshape(-1, p))
@@ -93,7 +93,7 @@ class PlainElimination:
         upper = camera[:, :, None] <= camera[:, None, :]
         row = np.broadcast_to(camera[:, :, None], upper.shape)[upper]
         column = np.broadcast_to(camera[:, None, :], upper.shape)[upper]
-        where, parts = self.pattern.find(row, column), parts[upper].reshape(-1, p * p)
+        where, parts = self.pattern.find_blocks(row, column), parts[upper].reshape(-1, p * p)
         if count == 1 and len(np.unique(where)) == len(where):
             blocks.reshape(-1, p * p)[where] -= parts
             return
@@ -103,28 +103,34 @@ class PlainElimination:
         blocks -= (summing @ parts).reshape(blocks.shape)
 
     def solve_points(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
         """See `Elimination`."""
         matrix, right = _point_normals(part, linear, weight[self._rows(part)], ground, priors)
         return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
 
     def _rows(self, part: Portion) -> np.ndarray:
-        return self.observations.rows_of(part.points)[0]
+        return self.observations.find_rows(part.points)[0]
 
-    def substitute(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    def substitute_back(
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        step: np.ndarray,
+        out: np.ndarray,
     ) -> None:
         """See `Elimination`."""
-        moved = np.einsum("ncp,np->nc", _by_values(linear), step[self.observations.camera]) * weight[:, None]
+        moved = np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
         pulled = (linear.by_ground * moved[:, :, None]).sum(axis=1)
         right = normals.point_right - np.add.reduceat(pulled, self.observations.first[:-1], axis=0)
         out[:] = np.einsum("mij,mj->mi", normals.inverse, right)
 
-    def spread(
+    def compute_cofactors(
         self,
         part: Portion,
-        linear: Linearised,
+        linear: Linearisation,
         weight: np.ndarray,
         normals: Normals,
         cameras: np.ndarray,
@@ -132,11 +138,11 @@ class PlainElimination:
     ) -> None:
         """See `Elimination`."""
         out.points[:] = normals.inverse
-        by_values = _by_values(linear)
+        by_values = _compose_derivatives(linear)
         size = by_values.shape[2]
         cameras = cameras.reshape(len(cameras), size, size)
-        for chunk in self._chunks:
-            between = self._between(chunk, cameras)
+        for chunk in self._split_by_length:
+            between = self._read_between(chunk, cameras)
             a, b = by_values[chunk.rows], linear.by_ground[chunk.rows]
             pull = b @ normals.inverse[chunk.points][:, None]  # B V^-1 (m, k, 2, 3)
             left = a[:, :, None] @ between  # A Q (m, k, k, 2, p)
@@ -149,15 +155,15 @@ class PlainElimination:
             own += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
             out.computed[chunk.rows] = own
 
-    def _between(self, chunk: Chunk, cameras: np.ndarray) -> np.ndarray:
+    def _read_between(self, chunk: Chunk, cameras: np.ndarray) -> np.ndarray:
         """Return the cofactor blocks between the cameras of each point, ``(m, k, k, p, p)``."""
         row, column = chunk.camera[:, :, None], chunk.camera[:, None, :]
-        blocks = cameras[self.pattern.find(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
+        blocks = cameras[self.pattern.find_blocks(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
         blocks = blocks.reshape(*chunk.camera.shape, chunk.camera.shape[1], *cameras.shape[1:])
         return np.where((row > column)[..., None, None], blocks.swapaxes(-1, -2), blocks)
 
 
-def _by_values(linear: Linearised) -> np.ndarray:
+def _compose_derivatives(linear: Linearisation) -> np.ndarray:
     """Return the derivatives by the parameters, which cameras that are evaluated by image give as they are."""
     if linear.by_quantity is None:
         raise ValueError("cameras that are evaluated by image give derivatives by their parameters: there are none")
@@ -165,7 +171,7 @@ def _by_values(linear: Linearised) -> np.ndarray:
 
 
 def _point_normals(
-    part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+    part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return V and m of the points of a part; ``weight`` of its image points."""
     first = part.place[:-1]
@@ -176,19 +182,22 @@ def _point_normals(
         for j in range(i, 3):
             sums = np.add.reduceat((weighted[:, :, i] * linear.by_ground[:, :, j]).sum(axis=1), first)
             matrix[:, i, j] = matrix[:, j, i] = sums
-    own, miss = priors.matrices(part.points), priors.miss_m(ground[part.points], part.points)
+    own, miss = (
+        priors.build_weight_matrices(part.points),
+        priors.compute_misclosures_m(ground[part.points], part.points),
+    )
     matrix += own
     right += np.einsum("mij,mj->mi", own, miss)
     return matrix, right
 
 
-def _cross(linear: Linearised, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _multiply_chunks(linear: Linearisation, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the blocks W of points with k image points each, ``(m, k p, 3)``."""
     weighted = linear.by_ground[rows] * weight[rows][..., None, None]
-    return (_by_values(linear)[rows].swapaxes(-1, -2) @ weighted).reshape(len(rows), -1, 3)
+    return (_compose_derivatives(linear)[rows].swapaxes(-1, -2) @ weighted).reshape(len(rows), -1, 3)
 
 
-def _chunks(observations: Observations) -> Iterator[Chunk]:
+def _split_by_length(observations: Observations) -> Iterator[Chunk]:
     """Yield the points by their number of image points, those of the same cameras together."""
     for length, points in observations.by_length.items():
         camera = observations.camera[observations.first[points][:, None] + np.arange(length)]

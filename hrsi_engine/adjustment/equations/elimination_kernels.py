@@ -34,7 +34,7 @@ Six = tuple[float, float, float, float, float, float]
 
 
 @njit(**OPTIONS)
-def _find(start: np.ndarray, columns: np.ndarray, row: int, column: int) -> int:
+def _find_block(start: np.ndarray, columns: np.ndarray, row: int, column: int) -> int:
     """Return the index of block (row, column) by bisection."""
     low, high = start[row], start[row + 1] - 1
     while low < high:
@@ -60,7 +60,7 @@ def _invert(n: Six, out: np.ndarray, k: int) -> None:
 
 
 @njit(**OPTIONS)
-def _point_normal(
+def _form_point_normal(
     point: int, begin: int, end: int, row0: int, weight: np.ndarray, linear: Arrays, ground: np.ndarray, prior: Arrays
 ) -> tuple[Six, Three]:
     """Return V (its upper triangle by rows) and m of a point, its prior included."""
@@ -94,7 +94,7 @@ def _point_normal(
 
 
 @njit(**OPTIONS)
-def _couple(
+def _add_pair(
     blocks: np.ndarray, k: int, s: np.ndarray, u: np.ndarray, w: np.ndarray, terms: np.ndarray, begin: int, a: int,
     b: int, q: int,
 ) -> None:  # fmt: skip
@@ -111,7 +111,7 @@ def _couple(
 
 
 @njit(**OPTIONS)
-def eliminate(
+def eliminate_points(
     rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
     prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
     blocks: np.ndarray, right: np.ndarray, out: Arrays,
@@ -130,7 +130,7 @@ def eliminate(
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
-        v, g = _point_normal(point, begin, end, row0, weight, linear, ground, prior)
+        v, g = _form_point_normal(point, begin, end, row0, weight, linear, ground, prior)
         _invert(v, inverse, point)
         point_right[point, 0], point_right[point, 1], point_right[point, 2] = g
         for a in range(count):
@@ -173,18 +173,18 @@ def eliminate(
                     g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
                     for d in range(q):
                         s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
-            _couple(blocks, start[ca], s, u, w, terms, begin, a, a, q)
+            _add_pair(blocks, start[ca], s, u, w, terms, begin, a, a, q)
             for b in range(a + 1, count):
                 if weight[row0 + b] == 0.0:
                     continue
                 cb = camera[row0 + b]
-                k = _find(start, columns, min(ca, cb), max(ca, cb))
+                k = _find_block(start, columns, min(ca, cb), max(ca, cb))
                 if ca <= cb:
                     s[:] = 0.0
-                    _couple(blocks, k, s, u, w, terms, begin, a, b, q)
+                    _add_pair(blocks, k, s, u, w, terms, begin, a, b, q)
                 if ca >= cb:
                     s[:] = 0.0
-                    _couple(blocks, k, s, u, w, terms, begin, b, a, q)
+                    _add_pair(blocks, k, s, u, w, terms, begin, b, a, q)
 
 
 @njit(**OPTIONS)
@@ -194,14 +194,14 @@ def solve_points(rows: Arrays, linear: Arrays, ground: np.ndarray, prior: Arrays
     inverse = np.empty((1, 3, 3))
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
-        v, g = _point_normal(point, begin, end, first[point], weight, linear, ground, prior)
+        v, g = _form_point_normal(point, begin, end, first[point], weight, linear, ground, prior)
         _invert(v, inverse, 0)
         for j in range(3):
             out[number, j] = inverse[0, j, 0] * g[0] + inverse[0, j, 1] * g[1] + inverse[0, j, 2] * g[2]
 
 
 @njit(**OPTIONS)
-def substitute(
+def substitute_back(
     rows: Arrays, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
     point_right: np.ndarray, step: np.ndarray, out: np.ndarray,
 ) -> None:  # fmt: skip
@@ -238,7 +238,7 @@ def substitute(
 
 
 @njit(**OPTIONS)
-def spread(
+def compute_cofactors(
     rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, inverse: np.ndarray,
     start: np.ndarray, columns: np.ndarray, cofactors: np.ndarray, out: Arrays,
 ) -> None:  # fmt: skip
@@ -268,7 +268,7 @@ def spread(
         for x in range(count):
             for y in range(x, count):
                 a, b = (x, y) if camera[row0 + x] <= camera[row0 + y] else (y, x)
-                k = _find(start, columns, camera[row0 + a], camera[row0 + b])
+                k = _find_block(start, columns, camera[row0 + a], camera[row0 + b])
                 s[:] = 0.0
                 for i in range(m):
                     for j in range(m):
@@ -293,15 +293,15 @@ def spread(
                                 total += by_quantity[begin + a, c, e] * seen[e]
                         q[2 * a + c, 2 * b + d] = total
                         q[2 * b + d, 2 * a + c] = total
-        _spread_point(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)
+        _compute_point_cofactors(point, begin, row0, count, weight, inverse, by_ground, q, pull, half, out)
 
 
 @njit(**OPTIONS)
-def _spread_point(
+def _compute_point_cofactors(
     point: int, begin: int, row0: int, count: int, weight: np.ndarray, inverse: np.ndarray, by_ground: np.ndarray,
     q: np.ndarray, pull: np.ndarray, half: np.ndarray, out: Arrays,
 ) -> None:  # fmt: skip
-    """Write the cofactors of one point and its image points; see `spread`."""
+    """Write the cofactors of one point and its image points; see `compute_cofactors`."""
     out_points, out_computed = out
     for a in range(2 * count):
         for j in range(3):

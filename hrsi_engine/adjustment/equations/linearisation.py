@@ -1,4 +1,4 @@
-"""Linearised observation equations of any part of a block, for every model.
+"""Linearisation observation equations of any part of a block, for every model.
 
 Models whose formula is compiled are evaluated when and where they are needed, a few thousand image points at a time,
 and nothing is kept but what is dear (pseudo sensors): it is asked for again when the points are solved for. All
@@ -28,13 +28,13 @@ class Portion(NamedTuple):
     number: int | None = None
 
     @classmethod
-    def of(cls, observations: Observations, points: np.ndarray) -> Portion:
+    def select(cls, observations: Observations, points: np.ndarray) -> Portion:
         """Return the part of some points."""
         lengths = observations.first[points + 1] - observations.first[points]
         return cls(points, np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)]))
 
 
-class Linearised(NamedTuple):
+class Linearisation(NamedTuple):
     """Residuals and derivatives of the image points of a part, in the order of its points.
 
     residual : (r, 2) observed - computed, px
@@ -48,10 +48,10 @@ class Linearised(NamedTuple):
     terms: np.ndarray
 
 
-LinearisePortion = Callable[[Portion], Linearised]
+LinearisePortion = Callable[[Portion], Linearisation]
 
 
-def whole_block(observations: Observations) -> Portion:
+def take_whole_block(observations: Observations) -> Portion:
     """Return all points as one part."""
     return Portion(np.arange(len(observations.points)), observations.first)
 
@@ -68,14 +68,14 @@ class Cameras(Protocol):
     def structure(self) -> Structure:
         """How the derivatives by the parameters are composed."""
 
-    def at(self, state: State, keep: bool = False) -> LinearisePortion:
+    def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
         """Return the function that linearises parts of the block at a state.
 
         With ``keep`` the equations of this state will be asked for again, and may be kept until then.
         """
 
 
-class CompiledCameras:
+class NumbaCameras:
     """Cameras of a family that has a compiled loop (`refinement.compiled_cameras`)."""
 
     by_parts = True
@@ -88,9 +88,9 @@ class CompiledCameras:
             model, observations.images, observations.by_image, observations.image, observations.xy, observations.first
         )
         self.structure = self._cameras.structure
-        self._kept: tuple[State, dict[int | None, Linearised]] | None = None
+        self._kept: tuple[State, dict[int | None, Linearisation]] | None = None
 
-    def at(self, state: State, keep: bool = False) -> LinearisePortion:
+    def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
         """See `Cameras`."""
         if self._kept is not None and self._kept[0].values is state.values and self._kept[0].ground is state.ground:
             kept = self._kept[1]
@@ -101,14 +101,14 @@ class CompiledCameras:
         coefficients = self._cameras.coefficients(state.values)[self._camera_of_image]
         q, t = self.structure.quantities, self.structure.terms
 
-        def linearise(part: Portion) -> Linearised:
+        def linearise(part: Portion) -> Linearisation:
             if part.number in kept:
                 return kept[part.number]
             rows = int(part.place[-1])
             by_quantity = np.empty((0, 2, 0)) if q is None else np.empty((rows, 2, q))
             out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
             self._cameras.write_equations(part.points, part.place, coefficients, state.ground, out)
-            found = Linearised(out[0], out[1], None if q is None else by_quantity, out[3])
+            found = Linearisation(out[0], out[1], None if q is None else by_quantity, out[3])
             if keep and self._cameras.is_costly and part.number is not None:
                 kept[part.number] = found
             return found
@@ -129,28 +129,28 @@ class CamerasByImage:
             model.equations(image, observations.xy[rows])
             for image, rows in zip(observations.images, observations.by_image, strict=True)
         ]
-        self._last: tuple[State, Linearised] | None = None
+        self._last: tuple[State, Linearisation] | None = None
 
-    def at(self, state: State, keep: bool = False) -> LinearisePortion:
+    def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
         """See `Cameras`."""
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
             self._last = None  # before the new one, so that only one is in memory
             self._last = state, self._whole(state)
         whole = self._last[1]
 
-        def linearise(part: Portion) -> Linearised:
+        def linearise(part: Portion) -> Linearisation:
             if len(part.points) == len(self._observations.points):
                 return whole
-            rows, _ = self._observations.rows_of(part.points)
+            rows, _ = self._observations.find_rows(part.points)
             by_quantity = None if whole.by_quantity is None else whole.by_quantity[rows]
-            return Linearised(whole.residual[rows], whole.by_ground[rows], by_quantity, whole.terms[rows])
+            return Linearisation(whole.residual[rows], whole.by_ground[rows], by_quantity, whole.terms[rows])
 
         return linearise
 
-    def _whole(self, state: State) -> Linearised:
+    def _whole(self, state: State) -> Linearisation:
         observations, p = self._observations, self.structure.size
         n = observations.count
-        new = Linearised(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
+        new = Linearisation(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
         for index, (rows, equations) in enumerate(zip(observations.by_image, self._linearisers, strict=True)):
             if len(rows):
                 values = state.values[observations.camera_of_image[index]]
@@ -160,11 +160,11 @@ class CamerasByImage:
         return new
 
 
-def cameras_of(observations: Observations, model: RefinementModel, compiled: bool) -> Cameras:
+def choose_cameras(observations: Observations, model: RefinementModel, compiled: bool) -> Cameras:
     """Return the cameras of a block: compiled ones where they are asked for, and the model is of a compiled family."""
     if compiled:
         from ...refinement.compiled_cameras import FAMILIES
 
         if type(model) in FAMILIES:
-            return CompiledCameras(observations, model)
+            return NumbaCameras(observations, model)
     return CamerasByImage(observations, model)

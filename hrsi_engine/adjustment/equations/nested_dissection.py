@@ -31,17 +31,17 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ...foundation.errors import SolveError
-from ...foundation.large_arrays import zeros
+from ...foundation.large_arrays import allocate_zeros
 from ...foundation.workers.threads import are_one_thread_calls, thread_count
 from .dense_matrices import (
     add_product,
-    inner_square,
     inverse_cholesky,
-    own_square,
-    product,
+    multiply,
+    multiply_by_own_transpose,
+    multiply_by_triangle,
+    multiply_symmetric,
+    square_lower,
     subtract_square,
-    symmetric_times,
-    times_triangle,
 )
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
@@ -85,7 +85,7 @@ class Front:
     coupling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def dissect(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[Front]:
+def dissect_graph(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[Front]:
     """Return the fronts of a symmetric graph in the order of elimination: children before parents.
 
     ``leaf`` is the number of cameras up to which a part is not cut further; ``position (n, 2)`` says where they lie:
@@ -95,7 +95,7 @@ def dissect(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[F
     pending: list[tuple[np.ndarray, Front | None]] = [(np.arange(graph.shape[0]), None)]
     while pending:
         part, parent = pending.pop()
-        separator, halves = (part, []) if len(part) <= leaf else _cut(graph, part, position)
+        separator, halves = (part, []) if len(part) <= leaf else _cut_part(graph, part, position)
         front = Front(np.sort(separator))
         fronts.append(front)
         if parent is not None:
@@ -105,13 +105,13 @@ def dissect(graph: sparse.csr_matrix, leaf: int, position: np.ndarray) -> list[F
     return fronts
 
 
-def _cut(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return a separator of a part and the pieces that it leaves."""
     inside = graph[part][:, part]
     count, label = csgraph.connected_components(inside, directed=False)
     if count > 1:
-        return part[:0], _two_heaps(part, label, count)
-    cuts = [_straight_cut(inside, position[part, axis]) for axis in (0, 1)]
+        return part[:0], _fill_two_heaps(part, label, count)
+    cuts = [_cut_straight(inside, position[part, axis]) for axis in (0, 1)]
     near, far = min(cuts, key=lambda cut: cut[0].sum())
     if near.sum() > 0.5 * len(part):
         return part, []
@@ -119,7 +119,7 @@ def _cut(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) -> tu
     return part[near], [piece for piece in (part[rest], part[far]) if len(piece)]
 
 
-def _straight_cut(graph: sparse.csr_matrix, coordinate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _cut_straight(graph: sparse.csr_matrix, coordinate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return masks of the separator of a cut through the median, on its lower side, and of all on the upper side."""
     far = np.zeros(len(coordinate), dtype=bool)
     far[np.argsort(coordinate, kind="stable")[len(coordinate) // 2 :]] = True
@@ -127,7 +127,7 @@ def _straight_cut(graph: sparse.csr_matrix, coordinate: np.ndarray) -> tuple[np.
     return ~far & touches_far, far
 
 
-def _two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarray]:
+def _fill_two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarray]:
     """Return unconnected components as two heaps of similar size."""
     size = np.bincount(label, minlength=count)
     heap, weight = np.zeros(count, dtype=int), [0, 0]
@@ -148,7 +148,7 @@ def factor_of(matrix: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def for_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
+def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
     """Call ``work`` for all fronts, given children before parents: in that order, or ``from_root`` the other way.
 
     Where calls of BLAS make no threads of their own, fronts that wait for no other are worked on by threads, one for
@@ -201,7 +201,7 @@ def for_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root
             done.result()
 
 
-def runs_of(place: np.ndarray) -> Runs:
+def find_runs(place: np.ndarray) -> Runs:
     """Return the parts of some places that follow one another: where they are, and which places they are."""
     ends = [*(np.flatnonzero(np.diff(place) != 1) + 1).tolist(), len(place)]
     begins = [0, *ends[:-1]]
@@ -210,7 +210,7 @@ def runs_of(place: np.ndarray) -> Runs:
     ]
 
 
-def parts_at(runs: Runs) -> Iterator[tuple[MatrixPart, MatrixPart]]:
+def list_lower_parts(runs: Runs) -> Iterator[tuple[MatrixPart, MatrixPart]]:
     """Yield the parts of a small lower triangle, and those of the large one in which ``runs`` say that it stands.
 
     Runs ascend. A few slices are moved four times as fast as single rows and columns.
@@ -220,7 +220,7 @@ def parts_at(runs: Runs) -> Iterator[tuple[MatrixPart, MatrixPart]]:
             yield (rows, columns), (places, others)
 
 
-def symmetric(lower: np.ndarray) -> np.ndarray:
+def mirror_lower(lower: np.ndarray) -> np.ndarray:
     """Return the matrix of a lower triangle; what is above the diagonal does not matter."""
     result = np.array(lower)
     for begin in range(0, len(lower), MIRRORED_AT_ONCE):  # parts that the processor's cache holds
@@ -252,28 +252,28 @@ class SparseFactor:
     ) -> None:
         self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns
-        self.fronts = dissect(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
+        self.fronts = dissect_graph(graph, max(1, LEAF_UNKNOWNS // max(size, 1)), position)
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
-        index = self._lower_index(graph)
+        index = self._index_lower_blocks(graph)
         for number, front in enumerate(self.fronts):
-            front.border = self._border(graph, front, number)
-            self._prepare(front, index)
+            front.border = self._find_border(graph, front, number)
+            self._place_entries(front, index)
 
-    def _lower_index(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
+    def _index_lower_blocks(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
         """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
         number = np.arange(1, len(self._columns) + 1, dtype=np.int64)
         upper = sparse.csr_matrix((number, self._columns, self._start), shape=graph.shape)
         return sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
 
-    def _border(self, graph: sparse.csr_matrix, front: Front, number: int) -> np.ndarray:
+    def _find_border(self, graph: sparse.csr_matrix, front: Front, number: int) -> np.ndarray:
         neighbours = graph[front.own].indices
         reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
         later = reached[self._order[reached] > number].astype(np.int64)
         return later[np.argsort(self._order[later], kind="stable")]
 
-    def _prepare(self, front: Front, index: sparse.csr_matrix) -> None:
+    def _place_entries(self, front: Front, index: sparse.csr_matrix) -> None:
         """Find where the front's blocks stand in it, and the borders of its children."""
         cameras = np.concatenate([front.own, front.border])
         order = np.argsort(cameras)
@@ -286,8 +286,8 @@ class SparseFactor:
             column[here], row[here], np.abs(number) - 1, (number > 0) & (column[here] > row[here])
         )
         for child in front.children:
-            child.place = self._unknowns(order[np.searchsorted(cameras[order], child.border)])
-            child.runs = runs_of(child.place)
+            child.place = self._number_unknowns(order[np.searchsorted(cameras[order], child.border)])
+            child.runs = find_runs(child.place)
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
@@ -298,16 +298,16 @@ class SparseFactor:
         def eliminate(front: Front) -> None:
             matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
             front.factor = factor_of(matrix[:own, :own])
-            front.coupling = times_triangle(matrix[own:, :own], front.factor, transposed=True)
+            front.coupling = multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
             subtract_square(matrix[own:, own:], front.coupling)
             updates[id(front)] = matrix[own:, own:]
 
-        for_fronts(self.fronts, eliminate)
+        work_through_fronts(self.fronts, eliminate)
 
     def _assemble(self, front: Front, blocks: np.ndarray, updates: dict[int, np.ndarray]) -> np.ndarray:
         """Return a front's matrix, its lower triangle that is."""
         cameras, p = len(front.own) + len(front.border), self.size
-        matrix = zeros((cameras, p, cameras, p))
+        matrix = allocate_zeros((cameras, p, cameras, p))
         entries = front.entries
         values = blocks[entries.number]
         values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
@@ -315,69 +315,69 @@ class SparseFactor:
         matrix = matrix.reshape(cameras * p, cameras * p)
         for child in front.children:
             update = updates.pop(id(child))
-            for part, place in parts_at(child.runs):
+            for part, place in list_lower_parts(child.runs):
                 matrix[place] += update[part]
         return matrix
 
-    def _unknowns(self, cameras: np.ndarray) -> np.ndarray:
+    def _number_unknowns(self, cameras: np.ndarray) -> np.ndarray:
         return (cameras[:, None] * self.size + np.arange(self.size)).ravel()
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Return the solution for right-hand sides ``(u,)`` or ``(u, k)``."""
         x = np.array(right, dtype=np.float64)
         for front in self.fronts:  # forward substitution
-            own, border = self._unknowns(front.own), self._unknowns(front.border)
+            own, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
             x[own] = front.factor @ x[own]
             x[border] -= front.coupling @ x[own]
         for front in reversed(self.fronts):  # back substitution
-            own, border = self._unknowns(front.own), self._unknowns(front.border)
+            own, border = self._number_unknowns(front.own), self._number_unknowns(front.border)
             x[own] = front.factor.T @ (x[own] - front.coupling.T @ x[border])
         return x
 
-    def quadratic(self, rows: sparse.csr_matrix) -> np.ndarray:
+    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
         """Return ``R A^-1 R' (k, k)`` of sparse ``rows R (k, u)``.
 
         With the factors L of A it is Y' Y for L Y = R'. A row takes part only in the fronts from its own unknowns up to
         the root, so that rows from all over a block cost little more than the fronts that they share.
         """
-        result, adding = zeros((rows.shape[0],) * 2), threading.Lock()
+        result, adding = allocate_zeros((rows.shape[0],) * 2), threading.Lock()
         by_unknown = rows.tocsc()
         borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # rows, and what they bring to a front's border
 
         def add(front: Front) -> None:
             own = len(front.own) * self.size
-            here = by_unknown[:, self._unknowns(front.own)].tocoo()
+            here = by_unknown[:, self._number_unknowns(front.own)].tocoo()
             brought = [borders.pop(id(child)) for child in front.children]
             taking_part = np.unique(np.concatenate([here.row, *(numbers for numbers, _ in brought)]))
-            x = zeros((own + len(front.border) * self.size, len(taking_part)))
+            x = allocate_zeros((own + len(front.border) * self.size, len(taking_part)))
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
-            y = product(front.factor, x[:own])
-            borders[id(front)] = taking_part, x[own:] - product(front.coupling, y)
-            square, runs = inner_square(y), runs_of(taking_part)
+            y = multiply(front.factor, x[:own])
+            borders[id(front)] = taking_part, x[own:] - multiply(front.coupling, y)
+            square, runs = multiply_by_own_transpose(y), find_runs(taking_part)
             with adding:
-                for part, place in parts_at(runs):
+                for part, place in list_lower_parts(runs):
                     result[place] += square[part]
 
-        for_fronts(self.fronts, add)
-        return symmetric(result)
+        work_through_fronts(self.fronts, add)
+        return mirror_lower(result)
 
-    def inverse_blocks(self) -> np.ndarray:
+    def invert_on_pattern(self) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern."""
         result = np.empty((len(self._columns), self.size, self.size))
         above: dict[int, np.ndarray] = {}  # by child: the inverse over the cameras of its parent, the lower triangle
 
         def invert(front: Front) -> None:
             cameras, own = len(front.own) + len(front.border), len(front.own) * self.size
-            inverse = zeros((cameras * self.size,) * 2)
+            inverse = allocate_zeros((cameras * self.size,) * 2)
             parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
-            for part, place in parts_at(front.runs):
+            for part, place in list_lower_parts(front.runs):
                 outer[part] = parent[place]
-            gain = times_triangle(front.coupling, front.factor)
-            pulled = symmetric_times(outer, gain)
+            gain = multiply_by_triangle(front.coupling, front.factor)
+            pulled = multiply_symmetric(outer, gain)
             inverse[own:, :own] = -pulled
-            inverse[:own, :own] = own_square(front.factor)
+            inverse[:own, :own] = square_lower(front.factor)
             add_product(inverse[:own, :own], gain, pulled)
             entries = front.entries
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
@@ -386,7 +386,7 @@ class SparseFactor:
             for child in front.children:
                 above[id(child)] = inverse
 
-        for_fronts(self.fronts, invert, from_root=True)
+        work_through_fronts(self.fronts, invert, from_root=True)
         diagonal = result[self._start[:-1]]  # the first block of each row
         above_it = np.triu_indices(self.size, 1)
         diagonal[:, above_it[0], above_it[1]] = diagonal[:, above_it[1], above_it[0]]

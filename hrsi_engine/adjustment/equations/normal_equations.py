@@ -29,20 +29,33 @@ from typing import Protocol
 import numpy as np
 
 from ...foundation.compiled_code import is_wanted
-from ...foundation.large_arrays import zeros
+from ...foundation.large_arrays import allocate_zeros
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import moved_ground
 from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
-from .elimination import PlainElimination
-from .linearisation import Cameras, Linearised, Portion, cameras_of, whole_block
+from .elimination import NumpyElimination
+from .linearisation import Cameras, Linearisation, Portion, choose_cameras, take_whole_block
 from .pattern import Pattern
 from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
-WORTH_COMPILING = 20_000  # image points
+
+@thresholds
+class IntersectionThresholds:
+    """When an intersection of rays is settled."""
+
+    closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
+    most_step_m: float = threshold(
+        5e3, "m",
+        "largest step: weak geometry takes short steps, the equations are nearly linear",
+    )  # fmt: skip
+    worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
+
+
+INTERSECTION = IntersectionThresholds()
+
 MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
 INTERSECT_STEPS = 15
-CLOSURE_M = 1e-4  # a tenth of a millimetre on the ground: far below any measurement
-STEP_LIMIT_M = 5e3  # weak geometry takes short steps; the equations are nearly linear
 
 
 class Elimination(Protocol):
@@ -53,29 +66,35 @@ class Elimination(Protocol):
 
     compiled: bool
 
-    def parts(self) -> list[Portion]:
+    def list_parts(self) -> list[Portion]:
         """Return the parts that together are the block."""
 
-    def eliminate(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
+    def eliminate_points(
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
         """Add the part to the sums, blocks (b, t t, q q) and right (cameras, q t), and write what is per point."""
 
     def solve_points(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
         """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
 
-    def substitute(
-        self, part: Portion, linear: Linearised, weight: np.ndarray, normals: Normals, step: np.ndarray, out: np.ndarray
+    def substitute_back(
+        self,
+        part: Portion,
+        linear: Linearisation,
+        weight: np.ndarray,
+        normals: Normals,
+        step: np.ndarray,
+        out: np.ndarray,
     ) -> None:
         """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
 
-    def spread(
+    def compute_cofactors(
         self,
         part: Portion,
-        linear: Linearised,
+        linear: Linearisation,
         weight: np.ndarray,
         normals: Normals,
         cameras: np.ndarray,
@@ -101,18 +120,18 @@ class NormalEquations:
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
         self._elimination: Elimination
-        if is_wanted(observations.count >= WORTH_COMPILING):
-            from .compiled_elimination import CompiledElimination  # needs numba, and takes a second
+        if is_wanted(observations.count >= INTERSECTION.worth_compiling):
+            from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
-            self._elimination, self.threads = CompiledElimination(observations, pattern), threads or os.cpu_count() or 1
+            self._elimination, self.threads = NumbaElimination(observations, pattern), threads or os.cpu_count() or 1
         else:
-            self._elimination, self.threads = PlainElimination(observations, pattern), 1
-        self.cameras = cameras or cameras_of(observations, model, compiled=self._elimination.compiled)
-        self._parts = self._elimination.parts()
+            self._elimination, self.threads = NumpyElimination(observations, pattern), 1
+        self.cameras = cameras or choose_cameras(observations, model, compiled=self._elimination.compiled)
+        self._parts = self._elimination.list_parts()
 
-    def residuals(self, state: State) -> np.ndarray:
+    def compute_residuals(self, state: State) -> np.ndarray:
         """Return observed - computed of all image points, ``(n, 2)`` px."""
-        linearise, out = self.cameras.at(state), np.empty((self.observations.count, 2))
+        linearise, out = self.cameras.linearise_at(state), np.empty((self.observations.count, 2))
         first = self.observations.first
 
         def write(part: Portion, _: int) -> None:
@@ -121,16 +140,18 @@ class NormalEquations:
         self._for_parts(write)
         return out
 
-    def normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
+    def form_normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
         """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
-        observations, pattern, linearise = self.observations, self.pattern, self.cameras.at(state, keep=True)
+        observations, pattern, linearise = self.observations, self.pattern, self.cameras.linearise_at(state, keep=True)
         structure, points = self.cameras.structure, len(observations.points)
         threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * len(structure.mixing) ** 2, 1)))
         by_point = np.empty((observations.count, 2)), np.empty((points, 3, 3)), np.empty((points, 3))
         sums = [_sums(pattern, structure, *by_point) for _ in range(threads)]
 
         def add(part: Portion, thread: int) -> None:
-            self._elimination.eliminate(part, linearise(part), weight, state.ground, priors, contributes, sums[thread])
+            self._elimination.eliminate_points(
+                part, linearise(part), weight, state.ground, priors, contributes, sums[thread]
+            )
 
         self._for_parts(add, threads)
         total = sums[0]
@@ -140,31 +161,31 @@ class NormalEquations:
         total.blocks, total.right = structure.fold(total.blocks), total.right @ structure.mixing
         return total
 
-    def point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
+    def compute_point_steps(self, state: State, weight: np.ndarray, normals: Normals, step: np.ndarray) -> np.ndarray:
         """Return the points' steps ``(m, 3)`` in metres for the cameras' ``step (cameras, p)``."""
-        linearise, out = self.cameras.at(state), np.empty_like(state.ground)
+        linearise, out = self.cameras.linearise_at(state), np.empty_like(state.ground)
         by_coefficient = np.ascontiguousarray(step @ self.cameras.structure.mixing.T)
 
         def write(part: Portion, _: int) -> None:
-            self._elimination.substitute(part, linearise(part), weight, normals, by_coefficient, out)
+            self._elimination.substitute_back(part, linearise(part), weight, normals, by_coefficient, out)
 
         self._for_parts(write)
         return out
 
-    def point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
+    def compute_point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
         """Return residuals and derivatives by the ground of all image points of some points, in order."""
-        rows, _ = self.observations.rows_of(points)
-        linear = self.cameras.at(state)(Portion.of(self.observations, points))
+        rows, _ = self.observations.find_rows(points)
+        linear = self.cameras.linearise_at(state)(Portion.select(self.observations, points))
         return PointJacobians(rows, linear.residual, linear.by_ground)
 
-    def cofactors(self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray) -> Cofactors:
+    def compute_cofactors(self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray) -> Cofactors:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
-        linearise = self.cameras.at(state)
+        linearise = self.cameras.linearise_at(state)
         out = Cofactors(np.empty_like(normals.inverse), np.empty((self.observations.count, 2, 2)))
         by_coefficient = self.cameras.structure.unfold(cameras)
 
         def write(part: Portion, _: int) -> None:
-            self._elimination.spread(part, linearise(part), weight, normals, by_coefficient, out)
+            self._elimination.compute_cofactors(part, linearise(part), weight, normals, by_coefficient, out)
 
         self._for_parts(write)
         return out
@@ -172,23 +193,23 @@ class NormalEquations:
     def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
         """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""
         ground = state.ground.copy()  # points move in it while others are still computed from it
-        moving = self.cameras.at(State(state.values, ground))
+        moving = self.cameras.linearise_at(State(state.values, ground))
 
         def move(part: Portion, _: int) -> None:
             linearise = moving
             for _step in range(INTERSECT_STEPS):
                 step = self._elimination.solve_points(part, linearise(part), weight, ground, priors)
                 length = np.linalg.norm(step, axis=1, keepdims=True)
-                step *= np.minimum(1.0, STEP_LIMIT_M / np.maximum(length, STEP_LIMIT_M))
+                step *= np.minimum(1.0, INTERSECTION.most_step_m / np.maximum(length, INTERSECTION.most_step_m))
                 ground[part.points] = moved_ground(ground[part.points], step)
-                open_points = part.points[length[:, 0] > CLOSURE_M]
+                open_points = part.points[length[:, 0] > INTERSECTION.closure_m]
                 if not len(open_points):
                     break
-                part = Portion.of(self.observations, open_points)
+                part = Portion.select(self.observations, open_points)
                 if not self.cameras.by_parts:
-                    linearise = self.cameras.at(State(state.values, ground.copy()))
+                    linearise = self.cameras.linearise_at(State(state.values, ground.copy()))
 
-        self._for_parts(move, parts=None if self.cameras.by_parts else [whole_block(self.observations)])
+        self._for_parts(move, parts=None if self.cameras.by_parts else [take_whole_block(self.observations)])
         return ground
 
     def _for_parts(
@@ -219,6 +240,6 @@ def _sums(
     pattern: Pattern, structure: Structure, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray
 ) -> Normals:
     """Return sums of zero of the reduced matrix, beside arrays for what each point and image point has of its own."""
-    blocks = zeros((pattern.blocks, structure.terms**2, structure.size**2))
+    blocks = allocate_zeros((pattern.blocks, structure.terms**2, structure.size**2))
     right = np.zeros((pattern.cameras, len(structure.mixing)))
     return Normals(residual, blocks, right, inverse, point_right)

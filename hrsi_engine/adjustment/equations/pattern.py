@@ -45,7 +45,7 @@ class Pattern:
         """Indices of the diagonal blocks, in the order of the cameras."""
         return self.start[:-1]
 
-    def find(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    def find_blocks(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         """Return the indices of existing blocks, ``row <= column``."""
         keys = self.rows.astype(np.int64) * self.cameras + self.columns
         return np.searchsorted(keys, row.astype(np.int64) * self.cameras + column)
@@ -57,9 +57,9 @@ class Pattern:
         upper = sparse.csr_matrix((np.ones(self.blocks, dtype=np.int8), self.columns, self.start), shape=shape)
         return sparse.csr_matrix(upper + sparse.triu(upper, 1).T)
 
-    def joined_by(self, observations: Observations) -> Pattern:
+    def extend_by(self, observations: Observations) -> Pattern:
         """Return the pattern with the pairs of cameras, too, that measured a common point of other observations."""
-        shared = _shared(observations)
+        shared = _count_common_points(observations)
         wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + shared))
         if wide.nnz == self.blocks:
             return self
@@ -71,7 +71,7 @@ def find_pattern(
     observations: Observations, parameters: int, pairs: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Pattern:
     """Return the pattern of the cameras of all measurements, and of further ``pairs`` (rows <= columns)."""
-    together = _shared(observations)
+    together = _count_common_points(observations)
     if pairs is not None:
         together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
     shared = sparse.triu(together, format="csr")
@@ -81,11 +81,11 @@ def find_pattern(
         parameters,
         shared.indptr.astype(np.int64),
         shared.indices.astype(np.int32),
-        _positions(observations),
+        _locate_cameras(observations),
     )
 
 
-def _shared(observations: Observations) -> sparse.csr_matrix:
+def _count_common_points(observations: Observations) -> sparse.csr_matrix:
     """Return which cameras measured a common point, each with itself."""
     count, points = observations.cameras, len(observations.points)
     incidence = sparse.csr_matrix(
@@ -94,7 +94,7 @@ def _shared(observations: Observations) -> sparse.csr_matrix:
     return sparse.csr_matrix(incidence.T @ incidence + sparse.identity(count, dtype=np.float32))
 
 
-def _positions(observations: Observations) -> np.ndarray:
+def _locate_cameras(observations: Observations) -> np.ndarray:
     """Return east and north of each camera's scene from the first one's, in degrees of latitude."""
     middle = np.array([[image.rpc.long_off, image.rpc.lat_off] for image in observations.images])
     place = np.zeros((observations.cameras, 2))
@@ -104,7 +104,7 @@ def _positions(observations: Observations) -> np.ndarray:
     return place
 
 
-def trivial_pattern(cameras: int, parameters: int) -> Pattern:
+def make_diagonal_pattern(cameras: int, parameters: int) -> Pattern:
     """Return the pattern of cameras that share nothing."""
     number = np.arange(cameras + 1, dtype=np.int64)
     return Pattern(cameras, parameters, number, number[:-1].astype(np.int32), np.zeros((cameras, 2)))

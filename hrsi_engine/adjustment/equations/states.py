@@ -38,7 +38,9 @@ class PointPriors:
     mixed: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
 
     @classmethod
-    def of(cls, observations: Observations, start: np.ndarray, weight: np.ndarray | None = None) -> PointPriors:
+    def from_surveys(
+        cls, observations: Observations, start: np.ndarray, weight: np.ndarray | None = None
+    ) -> PointPriors:
         """Return the surveys where their ``weight (m, 3)`` is above zero; elsewhere the start with its weak prior."""
         weight = observations.survey_weight if weight is None else weight
         given = weight > 0.0
@@ -46,9 +48,9 @@ class PointPriors:
         priors = cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
         if observations.survey_correlation is None:
             return priors
-        return priors._correlated(observations.survey_correlation)
+        return priors._add_correlations(observations.survey_correlation)
 
-    def _correlated(self, correlation: np.ndarray) -> PointPriors:
+    def _add_correlations(self, correlation: np.ndarray) -> PointPriors:
         """Return the priors with surveys whose coordinates have a ``correlation (m, 3)``.
 
         A coordinate that is not observed (any more) drops out of the covariance, so the others keep their sigmas.
@@ -69,7 +71,7 @@ class PointPriors:
         """Whether any weight matrix is more than its diagonal."""
         return len(self.mixed) == len(self.weight)
 
-    def matrices(self, points: np.ndarray | slice = slice(None), observed: bool = False) -> np.ndarray:
+    def build_weight_matrices(self, points: np.ndarray | slice = slice(None), observed: bool = False) -> np.ndarray:
         """Return the weight matrices ``(k, 3, 3)`` of some points; zero for what is not observed, if asked for."""
         diagonal = self.weight[points]
         matrix = np.zeros((len(diagonal), 3, 3))
@@ -84,7 +86,7 @@ class PointPriors:
         """Mask of the points with an observed coordinate."""
         return any_of_rows(self.observed)
 
-    def miss_m(self, ground: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
+    def compute_misclosures_m(self, ground: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return target - ground in metres east, north, up of some points, for their ``ground (k, 3)``."""
         difference = self.target[points] - ground
         difference[:, 0] = wrap_degrees(difference[:, 0])
@@ -93,8 +95,8 @@ class PointPriors:
     def sum_of_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
         """Return the weighted sum of squares of the observed coordinates of the points ``counting (m,)``."""
         points = np.flatnonzero(self.held & counting)
-        miss = self.miss_m(ground[points], points)
-        return float(np.einsum("ki,kij,kj->", miss, self.matrices(points, observed=True), miss))
+        miss = self.compute_misclosures_m(ground[points], points)
+        return float(np.einsum("ki,kij,kj->", miss, self.build_weight_matrices(points, observed=True), miss))
 
 
 @dataclass(eq=False)

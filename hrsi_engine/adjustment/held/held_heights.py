@@ -22,12 +22,24 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ...block.shared_accuracy import DEM, divide_area
+from ...foundation.thresholds import threshold, thresholds
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import HeightAgreement
-from .shared_errors import ErrorSource, Judged, Memory, compare, sigma_factor
+from .shared_errors import ErrorSource, GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
 
-LEAST_BY_RAYS = 1e-4  # share of a height that comes from rays; below, nothing judges what holds it
+
+@thresholds
+class HeightThresholds:
+    """Which heights can be judged."""
+
+    least_by_rays: float = threshold(
+        1e-4, "",
+        "share of a height that comes from rays; below, nothing judges the observed height",
+    )  # fmt: skip
+
+
+HEIGHTS = HeightThresholds()
 
 
 class HeightRows(NamedTuple):
@@ -49,7 +61,7 @@ class HeightRows(NamedTuple):
 class HeightSource(ErrorSource, Protocol):
     """Where heights come from."""
 
-    def rows(self, ground: np.ndarray) -> HeightRows:
+    def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the heights for points at ``ground (m, 3)``."""
 
 
@@ -64,10 +76,10 @@ class DemHeights:
     groups: tuple[str, ...]
     name: str = "DEM"
     holds_points: bool = True
-    wrong_together: bool = True
+    can_be_biased_as_a_whole: bool = True
 
     @classmethod
-    def of(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
+    def select_points(cls, dem: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float) -> DemHeights:
         """Return the heights of a DEM for ``points (k,)`` of ``ground (m, 3)``, in parts of the area."""
         part, names = divide_area(ground[points])
         return cls(dem, points, sigma_m, part, names)
@@ -80,7 +92,7 @@ class DemHeights:
     def overall_m(self) -> float:
         return DEM.by_all * self.sigma_m
 
-    def rows(self, ground: np.ndarray) -> HeightRows:
+    def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the heights of the DEM where the points lie."""
         height = surface_heights(self.dem, ground[self.points, :2])
         known = np.flatnonzero(np.isfinite(height))
@@ -91,20 +103,20 @@ class DemHeights:
         )  # fmt: skip
 
 
-class HeightByRpcs(NamedTuple):
+class RpcHeights(NamedTuple):
     """Where the RPCs as given put points: their indices and heights ``(k,)``, and the standard deviation of all."""
 
     points: np.ndarray
     height: np.ndarray
     sigma_m: float
 
-    def above(self, ground: np.ndarray) -> tuple[float, float]:
+    def compare_with(self, ground: np.ndarray) -> tuple[float, float]:
         """Return by how much, in the median, that is above ``ground (m, 3)``, and the standard deviation."""
         return float(np.median(self.height - ground[self.points, 2])), self.sigma_m
 
 
 @dataclass(frozen=True, eq=False)
-class HeldHeights:
+class HeightObservations:
     """All sources of heights that hold points of a block.
 
     free : (m,) which points may be held: those whose height no survey gives
@@ -115,10 +127,10 @@ class HeldHeights:
     sources: tuple[HeightSource, ...]
     free: np.ndarray
     estimate: bool = True
-    by_rpcs: HeightByRpcs | None = None
-    memory: Memory = field(default_factory=Memory)
+    by_rpcs: RpcHeights | None = None
+    memory: GroupHistory = field(default_factory=GroupHistory)
 
-    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+    def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
         """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
 
         ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``.
@@ -126,7 +138,7 @@ class HeldHeights:
         count = len(ground)
         information, moment = np.zeros(count), np.zeros(count)
         seen, held = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        for one in self.judge(priors, ground, cofactors):
+        for one in self.fit_sources(priors, ground, cofactors):
             rows = one.rows
             weight = rows.share * one.weights[rows.of]
             information += np.bincount(rows.point, weight, count)
@@ -145,46 +157,48 @@ class HeldHeights:
         observed[seen, 2] = held[seen]
         return replace(priors, target=target, weight=weights, observed=observed)
 
-    def judge(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[Judged[HeightRows]]:
+    def fit_sources(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray
+    ) -> list[SourceFit[HeightRows]]:
         """Return what the sources say at positions ``(m, 3)``, and how well each observation fits; as `apply`."""
-        judged: list[Judged[HeightRows]] = []
+        judged: list[SourceFit[HeightRows]] = []
         for source in self.sources:
-            rows = source.rows(ground)
+            rows = source.observe_heights(ground)
             q, w = cofactors[rows.point, 2, 2], priors.weight[rows.point, 2]
-            by_rays = np.maximum(1.0 - q * w, LEAST_BY_RAYS)
+            by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
             held_by = priors.target[rows.point, 2] - ground[rows.point, 2]
             miss = rows.height - ground[rows.point, 2] + held_by * (1.0 / by_rays - 1.0)
             count = len(rows.sigma_m)
-            one = Judged(
+            one = SourceFit(
                 source, rows, np.bincount(rows.of, rows.share * miss, count),
                 np.bincount(rows.of, rows.share**2 * q / by_rays, count),
             )  # fmt: skip
             if self.estimate:
-                one.sigma_factor = sigma_factor(one)
-            one.fit(np.ones(count, dtype=bool))
+                one.sigma_factor = estimate_sigma_factor(one)
+            one.weigh_by_fit(np.ones(count, dtype=bool))
             judged.append(one)
-        compare(judged, self.memory, None if self.by_rpcs is None else self.by_rpcs.above(ground))
+        compare_groups(judged, self.memory, None if self.by_rpcs is None else self.by_rpcs.compare_with(ground))
         for one in judged:
-            one.share_out()
+            one.reduce_shared_weights()
         return judged
 
-    def agreement(
+    def summarise_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
-    ) -> tuple[tuple[HeightAgreement, ...], list[Judged[HeightRows]]]:
+    ) -> tuple[tuple[HeightAgreement, ...], list[SourceFit[HeightRows]]]:
         """Return how each source agrees with the adjusted points, and what was thought of its observations.
 
         ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
         """
-        judged = self.judge(priors, ground, cofactors)
+        judged = self.fit_sources(priors, ground, cofactors)
         total = sum(one.weight for one in judged)
         of_cameras = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0)
         return tuple(
-            _agreement(one, ground, total, cofactors[:, 2, 2], of_cameras) for one in judged if len(one.miss_m)
+            _summarise_source(one, ground, total, cofactors[:, 2, 2], of_cameras) for one in judged if len(one.miss_m)
         ), judged
 
 
-def _agreement(
-    one: Judged[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
+def _summarise_source(
+    one: SourceFit[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
 ) -> HeightAgreement:
     """Return how a source agrees; variances ``(m,)`` of the points by themselves, and by cameras that they share."""
     rows, used = one.rows, one.factor > 0.0

@@ -23,8 +23,8 @@ from ...block.shared_accuracy import ORTHOIMAGE, divide_area
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup
-from .held_heights import LEAST_BY_RAYS
-from .shared_errors import Judged, Memory, compare, sigma_factor
+from .held_heights import HEIGHTS
+from .shared_errors import GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
 
 EAST_NORTH = (0, 1)  # east and north among a point's coordinates
 
@@ -37,7 +37,7 @@ class PlaceRows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldPlan:
+class PlanObservations:
     """A reference that holds points in plan.
 
     places : the places; points : (k,) indices of the adjusted points that they are
@@ -47,9 +47,9 @@ class HeldPlan:
     places: ReferencePlaces
     points: np.ndarray
     estimate: bool = True
-    wrong_together: bool = True
+    can_be_biased_as_a_whole: bool = True
     holds_points: bool = False
-    memory: tuple[Memory, Memory] = field(default_factory=lambda: (Memory(), Memory()))
+    memory: tuple[GroupHistory, GroupHistory] = field(default_factory=lambda: (GroupHistory(), GroupHistory()))
     groups: tuple[str, ...] = field(init=False)
     _part: np.ndarray = field(init=False)
 
@@ -70,7 +70,7 @@ class HeldPlan:
     def overall_m(self) -> float:
         return ORTHOIMAGE.by_all * self.places.sigma_m
 
-    def begin(self, priors: PointPriors) -> None:
+    def enter_start(self, priors: PointPriors) -> None:
         """Enter the places into the priors of the start, before anything judges them."""
         count = len(self.points)
         weight = 1.0 / ((ORTHOIMAGE.independent * self.places.sigma_m) ** 2 + count * self.overall_m**2)
@@ -79,49 +79,49 @@ class HeldPlan:
             priors.weight[self.points, axis] = weight
             priors.observed[self.points, axis] = True
 
-    def apply(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
-        """Return the priors with the places, weighted by how well they fit; as `HeldHeights.apply`."""
+    def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+        """Return the priors with the places, weighted by how well they fit; as `HeightObservations.apply`."""
         target, weight, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
-        for axis, one in zip(EAST_NORTH, self.judge(priors, ground, cofactors), strict=True):
+        for axis, one in zip(EAST_NORTH, self.fit_places(priors, ground, cofactors), strict=True):
             weight[self.points, axis] = np.maximum(one.weights, 1.0 / FREE_POINT_SIGMA_M**2)
             observed[self.points, axis] = used = one.factor > 0.0
             target[self.points, axis] = np.where(used, self.places.ground[:, axis], ground[self.points, axis])
         return replace(priors, target=target, weight=weight, observed=observed)
 
-    def judge(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[Judged[PlaceRows]]:
+    def fit_places(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> list[SourceFit[PlaceRows]]:
         """Return what the places say, east and north, and how well each fits."""
         weight = np.zeros((len(self.points), 3, 3))
         weight[:, EAST_NORTH, EAST_NORTH] = np.where(priors.observed[self.points], priors.weight[self.points], 0.0)[
             :, EAST_NORTH
         ]
         # one ray without a height leaves nothing along it: a little of the place's own weight keeps that regular
-        by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - LEAST_BY_RAYS) * weight)
+        by_rays = np.linalg.inv(np.linalg.inv(cofactors[self.points]) - (1.0 - HEIGHTS.least_by_rays) * weight)
         away = np.zeros((len(self.points), 3))
         away[:, EAST_NORTH] = self._away_m(ground)
         miss = away + np.einsum("kij,kjl,kl->ki", by_rays, weight, away)
         rows = PlaceRows(np.full(len(self.points), ORTHOIMAGE.independent * self.places.sigma_m), self._part)
-        judged = [Judged(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
+        judged = [SourceFit(self, rows, miss[:, axis], np.maximum(by_rays[:, axis, axis], 0.0)) for axis in EAST_NORTH]
         if self.estimate:
-            both = float(np.sqrt(np.mean([sigma_factor(one) ** 2 for one in judged])))
+            both = float(np.sqrt(np.mean([estimate_sigma_factor(one) ** 2 for one in judged])))
             for one in judged:
                 one.sigma_factor = both
         for one, memory in zip(judged, self.memory, strict=True):
-            one.fit(np.ones(len(self.points), dtype=bool))
-            compare([one], memory)
+            one.weigh_by_fit(np.ones(len(self.points), dtype=bool))
+            compare_groups([one], memory)
         factor = np.minimum(*(one.factor for one in judged))
         for one in judged:
             one.factor = factor
-            one.share_out()
+            one.reduce_shared_weights()
         return judged
 
-    def agreement(
+    def summarise_places(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray, rpcs_m: float
     ) -> PlanAgreement:
         """Return how the places agree with the adjusted points; ``rpcs_m`` is how well RPCs alone place the block.
 
         ``precise (m, 3, 3)`` are the cofactors of the positions with those of the cameras.
         """
-        judged = self.judge(priors, ground, cofactors)
+        judged = self.fit_places(priors, ground, cofactors)
         east, north = judged
         used = east.factor > 0.0
         left = self._away_m(ground)[used]

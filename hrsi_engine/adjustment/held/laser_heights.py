@@ -24,21 +24,41 @@ from scipy.spatial import cKDTree
 
 from ...block.laser import LASER_HEIGHT, LaserPoints
 from ...foundation.large_arrays import finite_rows
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
 from ..result import LaserOutcome
 from .held_heights import HeightRows
-from .shared_errors import Judged
+from .shared_errors import SourceFit
 
 NAME = "laser"
-TIES_OF_A_LASER_POINT = 12  # ties of a laser point
-SLOPE_SIGMA = 0.2  # of the ground where no tie tells
-GROUND_ROUGHNESS = 0.02  # height over distance from the plane
-LEAST_ROUGH_M = 0.1
-PLACE_SIGMA_M = 4.0  # of a laser point: 3.5 m for ICESat-2 (Luthcke et al. 2021)
-TRACK_SIGMA_M, OVERALL_SIGMA_M = 0.1, 0.05  # of what a track shares: orbit and pointing; and of all: tides, datum
-UNEVEN_M = 2.0  # scatter of the ties about their plane beyond which the ground has no height there
-MOVED_M = 1.0  # of the block, after which the planes are found again
-PLANE_ROUNDS, CUT = 5, 2.5
+
+
+@thresholds
+class LaserThresholds:
+    """How ground and laser points are related."""
+
+    ties: int = threshold(12, "tie points", "nearest tie points that tell the ground around a laser point")
+    slope_sigma: float = threshold(0.2, "m/m", "a priori standard deviation of the ground's slope")
+    roughness: float = threshold(0.02, "m/m", "standard deviation of the ground about the plane, over the distance")
+    least_scatter_m: float = threshold(0.1, "m", "least scatter of the tie points about their plane")
+    place_sigma_m: float = threshold(
+        4.0, "m",
+        "standard deviation of a laser point in plan",
+        "ICESat-2: 3.5 m (Luthcke et al. 2021)",
+    )  # fmt: skip
+    track_sigma_m: float = threshold(0.1, "m", "standard deviation of what a track shares: orbit and pointing")
+    overall_sigma_m: float = threshold(0.05, "m", "standard deviation of what all laser points share: tides, datum")
+    uneven_m: float = threshold(
+        2.0, "m",
+        "scatter of the tie points about their plane beyond which the ground has no height there",
+    )  # fmt: skip
+    moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are found again")
+    cut: float = threshold(2.5, "sigma", "a tie point farther off the plane loses weight")
+
+
+LASER = LaserThresholds()
+
+PLANE_ROUNDS = 5
 NO_TIES_NEAR, UNEVEN = "no tie points near it", "tie points near it are at different heights"
 MISFIT = "does not fit the block"
 
@@ -55,16 +75,16 @@ class Planes(NamedTuple):
 def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
     """Return the planes through points ``away_m (n, k, 2)`` from places, ``height_m (n, k)`` high, those ``near``.
 
-    Points off the plane by more than `CUT` times their scatter lose their weight.
+    Points off the plane by more than `LASER.cut` times their scatter lose their weight.
     """
     distance = np.linalg.norm(away_m, axis=2)
-    rough = (GROUND_ROUGHNESS * distance) ** 2
+    rough = (LASER.roughness * distance) ** 2
     level = np.nanmedian(np.where(near, height_m, np.nan), axis=1)
-    scatter = np.full(len(level), LEAST_ROUGH_M)
+    scatter = np.full(len(level), LASER.least_scatter_m)
     weight = np.where(near, 1.0, 0.0)
     design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(near[..., None], away_m, 0.0)], axis=2)
     height = np.where(near, height_m - level[:, None], 0.0)
-    prior = np.diag([1e-9, SLOPE_SIGMA**-2, SLOPE_SIGMA**-2])
+    prior = np.diag([1e-9, LASER.slope_sigma**-2, LASER.slope_sigma**-2])
     for _ in range(PLANE_ROUNDS):
         w = weight / (scatter[:, None] ** 2 + rough)
         normal = np.einsum("nki,nk,nkj->nij", design, w, design) + prior
@@ -72,9 +92,9 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Pl
         left = np.abs(height - np.einsum("nki,ni->nk", design, solution))
         middle = np.nanmedian(np.where(near, left, np.nan), axis=1)
         enough = near.sum(axis=1) > 3
-        scatter = np.where(enough, np.maximum(1.4826 * middle, LEAST_ROUGH_M), LEAST_ROUGH_M)
+        scatter = np.where(enough, np.maximum(1.4826 * middle, LASER.least_scatter_m), LASER.least_scatter_m)
         t = left / np.sqrt(scatter[:, None] ** 2 + rough)
-        weight = np.where(near, (CUT / np.maximum(t, CUT)) ** 3, 0.0)
+        weight = np.where(near, (LASER.cut / np.maximum(t, LASER.cut)) ** 3, 0.0)
     covariance = np.linalg.inv(normal)[:, 1:, 1:]
     share = weight / (scatter[:, None] ** 2 + rough)
     return Planes(solution[:, 1:], covariance, share / share.sum(axis=1, keepdims=True), scatter)
@@ -96,23 +116,23 @@ class LaserHeights:
     sigma_m: float
     name: str = NAME
     holds_points: bool = False
-    wrong_together: bool = False
-    common_m: float = TRACK_SIGMA_M
-    overall_m: float = OVERALL_SIGMA_M
+    can_be_biased_as_a_whole: bool = False
+    common_m: float = LASER.track_sigma_m
+    overall_m: float = LASER.overall_sigma_m
     chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`
     uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose ties have no common height
-    _planned: _Plan | None = None
+    _planned: _TiesOfPoints | None = None
 
     def __post_init__(self) -> None:
         names, track = np.unique(self.laser.track, return_inverse=True)
         self.groups = tuple(f"track {name}" if name else "track without a name" for name in names.tolist())
         self._track = track
 
-    def rows(self, ground: np.ndarray) -> HeightRows:
+    def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the laser heights where the points lie."""
         plan = self._planned
-        if plan is None or plan.moved_m(ground) > MOVED_M:
-            plan = self._planned = self._plan(ground)
+        if plan is None or plan.shift_m(ground) > LASER.moved_m:
+            plan = self._planned = self._find_ties(ground)
             self.chosen, self.uneven = plan.laser, plan.uneven
         away = ground[plan.point, :2] - self.laser.ground[plan.laser[plan.of], :2]
         away[:, 0] = wrap_degrees(away[:, 0])
@@ -120,7 +140,7 @@ class LaserHeights:
         height = self.laser.ground[plan.laser[plan.of], 2] + np.einsum("rc,rc->r", plan.slope[plan.of], metres)
         return HeightRows(plan.point, plan.of, plan.share, height, plan.sigma_m, self._track[plan.laser])
 
-    def outcome(self, judged: Judged[HeightRows], ground: np.ndarray) -> LaserOutcome:
+    def report_points(self, judged: SourceFit[HeightRows], ground: np.ndarray) -> LaserOutcome:
         """Return what became of each laser point, as its observation was ``judged`` for points at ``ground (m, 3)``."""
         count, rows = len(self.laser), judged.rows
         reason = self.laser.doubt.astype("U64")
@@ -137,41 +157,39 @@ class LaserHeights:
         sigma[self.chosen] = judged.sigma_factor * rows.sigma_m
         return LaserOutcome(self.laser, reason, ties, residual, sigma)
 
-    def _plan(self, ground: np.ndarray) -> _Plan:
+    def _find_ties(self, ground: np.ndarray) -> _TiesOfPoints:
         """Return which ties each laser point speaks of, and the ground between."""
         laser = self.laser.ground[self.usable]
         placed = self.ties[finite_rows(ground[self.ties])]
         if not len(laser) or not len(placed):
-            return _Plan.nothing(ground)
+            return _TiesOfPoints.make_empty(ground)
         frame = LocalFrame(*ground[placed[0]])
         ties, places = ground[placed], laser
         flat, at = frame.from_ground(ties)[:, :2], frame.from_ground(places)[:, :2]
-        distance, near = cKDTree(flat).query(
-            at, k=min(TIES_OF_A_LASER_POINT, len(placed)), distance_upper_bound=self.reach_m
-        )
+        distance, near = cKDTree(flat).query(at, k=min(LASER.ties, len(placed)), distance_upper_bound=self.reach_m)
         distance, near = distance.reshape(len(at), -1), near.reshape(len(at), -1)
         kept = np.flatnonzero(np.isfinite(distance).any(axis=1))
         if not len(kept):
-            return _Plan.nothing(ground)
+            return _TiesOfPoints.make_empty(ground)
         there = np.isfinite(distance[kept])
         index = np.where(there, near[kept], 0)
         away = np.where(there[..., None], flat[index] - at[kept][:, None], 0.0)
         planes = fit_planes(away, ties[index, 2], there)
-        even = planes.scatter_m <= UNEVEN_M
+        even = planes.scatter_m <= LASER.uneven_m
         own = np.nan_to_num(self.laser.sigma_m[self.usable[kept]], nan=LASER_HEIGHT.sigma_m)
         mean_away = np.einsum("nk,nkc->nc", planes.share, away)
         between = np.einsum("nc,ncd,nd->n", mean_away, planes.covariance, mean_away)
-        rough = np.einsum("nk,nk->n", planes.share**2, (GROUND_ROUGHNESS * np.linalg.norm(away, axis=2)) ** 2)
-        place = (PLACE_SIGMA_M * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
+        rough = np.einsum("nk,nk->n", planes.share**2, (LASER.roughness * np.linalg.norm(away, axis=2)) ** 2)
+        place = (LASER.place_sigma_m * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
         sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
         of, column = np.nonzero((there & (planes.share > 0.0))[even])
-        return _Plan(
+        return _TiesOfPoints(
             self.usable[kept[even]], self.usable[kept[~even]], placed[index[even][of, column]], of,
             planes.share[even][of, column], planes.slope[even], sigma[even], ground[placed].mean(axis=0), placed,
         )  # fmt: skip
 
 
-class _Plan(NamedTuple):
+class _TiesOfPoints(NamedTuple):
     """Which ties the laser points speak of: point, of, share (r,); laser, slope, sigma_m (o, …), and where all lay."""
 
     laser: np.ndarray
@@ -185,12 +203,12 @@ class _Plan(NamedTuple):
     placed: np.ndarray
 
     @classmethod
-    def nothing(cls, ground: np.ndarray) -> _Plan:
+    def make_empty(cls, ground: np.ndarray) -> _TiesOfPoints:
         """Return a plan without observations."""
         none = np.zeros(0, dtype=np.int64)
         return cls(none, none, none, none, np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.full(3, np.nan), none)
 
-    def moved_m(self, ground: np.ndarray) -> float:
+    def shift_m(self, ground: np.ndarray) -> float:
         """Return by how much the ties have moved in plan since; without ties, infinitely far."""
         if not len(self.placed):
             return np.inf

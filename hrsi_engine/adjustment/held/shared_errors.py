@@ -1,17 +1,18 @@
-"""Observations that share errors: how well each fits, how much all of them count, which groups contradict the others.
+"""External heights and positions whose errors are correlated: weights by fit, joint weights, outlying groups.
 
-An observation is judged against what the rays alone say (`miss`, with the variance of the rays). Its difference has the
-variance sigma² + that of the rays. Its weight, the inverse of that variance, stays as it is up to `FITTING` standard
-deviations and falls to nothing at `WRONG`. Differences are counted from the middle of their source: a block without
-control may lie off as a whole, which must not silence a DEM.
+An observation is judged against the position by the rays alone (`miss_m`, with the variance of the rays). The variance
+of the difference is sigma² + that of the rays. Its weight, the inverse of that variance, stays as it is up to `fitting`
+standard deviations and falls to zero at `wrong` (thresholds: `SOURCE`). Differences are counted from the median of
+their source: a block without control may lie off as a whole, which must not silence a DEM.
 
-Observations come in *groups* that share errors: the points of one laser track, the cells of one part of a DEM or of an
-orthoimage; and a source has an error of its own. With the standard deviation c of what a group shares and the weight W
-of the group, the group is worth W / (1 + c² W); so its weights are divided by 1 + c² W, and those of a source likewise:
-thousands of heights of a DEM count as few. Whole groups are tested against one another, over all sources: what they say
-of the block's place is robustly joined (`agree_on`), and a group that lies off by more than `GROUP_WRONG` of its
-standard deviations is named and left out. Where that moves the block so that the group fits again, and with it the
-block moves back, the adjustment would never end: a group that has come back `MOST_RETURNS` times stays out.
+Observations come in *groups* with a common error: the points of one laser track, the cells of one part of a DEM or of
+an orthoimage; and a source has an error that all its observations share. With the standard deviation c of a group's
+common error and the sum W of its weights, the group is worth W / (1 + c² W); so its weights are divided by 1 + c² W,
+and those of a source likewise: thousands of heights of a DEM count as few. Whole groups are tested against one another,
+over all sources: their offsets are combined robustly (`find_outlying_groups`), and a group that lies off by more than
+`group_wrong` of its standard deviations is named and left out. Where that moves the block so that the group fits again,
+and with it the block moves back, the adjustment would never end: a group that has come back `most_returns` times stays
+out.
 
 The sigma of a source is a variance component: the factor by which its differences, within groups, are larger or smaller
 than their standard deviations let expect, as far as these are not those of the rays.
@@ -27,17 +28,41 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
 from ..result import SourceGroup
 
-LOST = 1e-3  # weight factor below which an observation counts as left out
-FITTING, WRONG = 2.5, 4.0
-CUT_AT, CUTS = 2.5, 20
-GROUP_WRONG = 3.5  # standard deviations beyond which a group disagrees with the others
-DECIDED_BY = 4.0  # by how much (chi²) one opinion on the block's place must be better than another one
-MOST_RETURNS = 3  # of a group that is left out
-LEAST_OF_GROUP = 3  # observations, below which a group is judged by its members alone
-BELIEVED = 20.0  # observations that the sigma as given counts for in its variance component
-SIGMA_FACTORS, HALVINGS = (0.5, 5.0), 12  # of a sigma, and steps to find one
+
+@thresholds
+class SourceThresholds:
+    """Which external heights and positions fit, alone and in groups."""
+
+    fitting: float = threshold(
+        2.5, "sigma",
+        "an observation that is off by less keeps its weight",
+        "redescending weights (Hampel 1974)",
+    )  # fmt: skip
+    wrong: float = threshold(4.0, "sigma", "one that is off by more has none", "redescending weights (Hampel 1974)")
+    left_out: float = threshold(1e-3, "", "factor of the weight below which an observation counts as left out")
+    core: float = threshold(
+        2.5, "robust sigma",
+        "differences farther from the median do not belong to the bulk of a source",
+    )  # fmt: skip
+    group_wrong: float = threshold(3.5, "sigma", "a group that is off by more disagrees with the others")
+    decided: float = threshold(
+        4.0, "chi²",
+        "by which one place of the block must be better than another to decide which groups are wrong",
+    )  # fmt: skip
+    most_returns: int = threshold(3, "returns", "a group that has come back so often stays out")
+    least_of_group: int = threshold(3, "observations", "a group of fewer is judged by its members alone")
+    prior_redundancy: float = threshold(
+        20.0, "observations",
+        "what the sigma as given counts for in its variance component",
+    )  # fmt: skip
+    sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
+
+
+SOURCE = SourceThresholds()
+CUTS, HALVINGS = 20, 12  # most steps that find the bulk of the differences, and steps that find a sigma
 
 
 class ErrorSource(Protocol):
@@ -56,7 +81,7 @@ class ErrorSource(Protocol):
         """Whether it is there to hold single points too, not the block alone."""
 
     @property
-    def wrong_together(self) -> bool:
+    def can_be_biased_as_a_whole(self) -> bool:
         """Whether one fault may spoil all of it."""
 
     @property
@@ -68,7 +93,7 @@ class ErrorSource(Protocol):
         """Standard deviation of what all of the source shares."""
 
 
-class Grouped(Protocol):
+class SourceRows(Protocol):
     """Observations of a source: their standard deviations and groups ``(o,)``."""
 
     @property
@@ -80,11 +105,11 @@ class Grouped(Protocol):
         """Number of each one's group ``(o,)``."""
 
 
-ObservedRows = TypeVar("ObservedRows", bound=Grouped)
+ObservedRows = TypeVar("ObservedRows", bound=SourceRows)
 
 
 @dataclass(eq=False)
-class Judged(Generic[ObservedRows]):
+class SourceFit(Generic[ObservedRows]):
     """What is thought of a source's observations.
 
     rows : the observations as they were judged
@@ -117,15 +142,15 @@ class Judged(Generic[ObservedRows]):
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / (self.variance / (self.factor * self.left) - self.of_rays))
 
-    def fit(self, trusted: np.ndarray) -> None:
+    def weigh_by_fit(self, trusted: np.ndarray) -> None:
         """Find how well each observation fits the ``trusted (o,)`` ones; the others are left out."""
         self.factor = np.zeros(len(self.miss_m))
         if trusted.any():
             sigma = np.sqrt(self.variance[trusted])
-            middle, scale = _core(self.miss_m[trusted], sigma)
-            self.factor[trusted] = falling(np.abs(self.miss_m[trusted] - middle) / (scale * sigma))
+            middle, scale = _find_core(self.miss_m[trusted], sigma)
+            self.factor[trusted] = hampel_weight(np.abs(self.miss_m[trusted] - middle) / (scale * sigma))
 
-    def share_out(self) -> None:
+    def reduce_shared_weights(self) -> None:
         """Find what is left of the weights where groups, and all of the source, share errors."""
         source, group, count = self.source, self.rows.group, len(self.source.groups)
         weight = self.factor / self.variance
@@ -141,13 +166,16 @@ class Judged(Generic[ObservedRows]):
             self.offset_m = float(weight @ self.miss_m / self.weight)
 
 
-def falling(t: np.ndarray) -> np.ndarray:
-    """Return the weight of what is ``t`` standard deviations off: 1 up to `FITTING`, 0 from `WRONG` (Hampel 1974)."""
-    factor = np.clip((WRONG - t) / (WRONG - FITTING), 0.0, 1.0)
-    return np.where(factor > LOST, factor, 0.0)
+def hampel_weight(t: np.ndarray) -> np.ndarray:
+    """Return the factor of the weight of an observation that is ``t`` standard deviations off (Hampel 1974).
+
+    It is 1 up to `SOURCE.fitting` and 0 from `SOURCE.wrong`.
+    """
+    factor = np.clip((SOURCE.wrong - t) / (SOURCE.wrong - SOURCE.fitting), 0.0, 1.0)
+    return np.where(factor > SOURCE.left_out, factor, 0.0)
 
 
-def _core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
+def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     """Return the median of the bulk of the differences and by how much their sigmas are too small (1 or more).
 
     Differences far from the median are cut off again and again: a quarter of treetops must not widen the scale.
@@ -157,7 +185,7 @@ def _core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     for _ in range(CUTS):
         t = (apart - middle) / sigma
         scale = max(float(robust_sigma(t[core])), 1.0)
-        inside = np.abs(t) <= CUT_AT * scale
+        inside = np.abs(t) <= SOURCE.core * scale
         middle = float(np.median(apart[inside]))
         if np.array_equal(inside, core):
             break
@@ -165,7 +193,7 @@ def _core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     return middle, scale
 
 
-def sigma_factor(one: Judged[Any]) -> float:
+def estimate_sigma_factor(one: SourceFit[Any]) -> float:
     """Return the factor of a source's sigmas that makes the differences within its groups as large as they should be.
 
     Observations count as far as their own sigma, not that of the rays, makes their variance.
@@ -174,66 +202,68 @@ def sigma_factor(one: Judged[Any]) -> float:
     apart, own = np.full(len(one.miss_m), np.nan), rows.sigma_m**2
     for group in range(len(one.source.groups)):
         here = rows.group == group
-        if here.sum() >= LEAST_OF_GROUP:
+        if here.sum() >= SOURCE.least_of_group:
             apart[here] = one.miss_m[here] - np.median(one.miss_m[here])
     known = np.isfinite(apart)
     if not known.any():
         return 1.0
     telling = float(np.sum((own / (own + one.of_rays))[known] ** 2))
-    low, high = SIGMA_FACTORS
+    low, high = SOURCE.sigma_factors
     for _ in range(HALVINGS):
         middle = float(np.sqrt(low * high))
         wide = robust_sigma(apart[known] / np.sqrt(middle**2 * own[known] + one.of_rays[known])) < 1.0
         low, high = (low, middle) if wide else (middle, high)
-    return float(np.sqrt((BELIEVED + telling * low * high) / (BELIEVED + telling)))
+    return float(np.sqrt((SOURCE.prior_redundancy + telling * low * high) / (SOURCE.prior_redundancy + telling)))
 
 
-def _opinions(one: Judged[Any], source: int) -> list[Opinion]:
+def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
     """Return what the groups of a source say of the block's place."""
     found = []
     for group in range(len(one.source.groups)):
         here = one.rows.group == group
-        if here.sum() < LEAST_OF_GROUP:
+        if here.sum() < SOURCE.least_of_group:
             continue
         miss, variance = one.miss_m[here], one.variance[here]
-        middle, scale = _core(miss, np.sqrt(variance))
-        core = np.abs(miss - middle) <= CUT_AT * scale * np.sqrt(variance)
+        middle, scale = _find_core(miss, np.sqrt(variance))
+        core = np.abs(miss - middle) <= SOURCE.core * scale * np.sqrt(variance)
         own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # of a median
-        found.append(Opinion(source, group, middle, own + one.source.common_m**2, int(here.sum())))
+        found.append(GroupOffset(source, group, middle, own + one.source.common_m**2, int(here.sum())))
     return found
 
 
 @dataclass(eq=False)
-class Memory:
+class GroupHistory:
     """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment."""
 
     left_out: set[tuple[str, int]] = field(default_factory=set)
     returns: Counter[tuple[str, int]] = field(default_factory=Counter)
 
-    def leaves_out(self, group: tuple[str, int], decided: bool) -> bool:
+    def decide_exclusion(self, group: tuple[str, int], decided: bool) -> bool:
         """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
         self.returns[group] += group in self.left_out and not decided
-        left_out = decided or self.returns[group] >= MOST_RETURNS
+        left_out = decided or self.returns[group] >= SOURCE.most_returns
         (self.left_out.add if left_out else self.left_out.discard)(group)
         return left_out
 
 
-def compare(judged: Sequence[Judged[Any]], memory: Memory, beside: tuple[float, float] | None = None) -> None:
+def compare_groups(
+    judged: Sequence[SourceFit[Any]], memory: GroupHistory, beside: tuple[float, float] | None = None
+) -> None:
     """Test the groups of all sources against one another; leave out those that lie off.
 
     ``memory`` is that of the passes before; ``beside`` is what else says where the block lies, and holds nothing:
     offset and standard deviation.
     """
-    opinions = [opinion for number, one in enumerate(judged) for opinion in _opinions(one, number)]
-    sources = [SharedError(one.source.overall_m, one.source.wrong_together) for one in judged]
+    opinions = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
+    sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
     said = len(opinions)
     if beside is not None and opinions:
-        opinions.append(Opinion(len(judged), 0, beside[0], beside[1] ** 2, 0))
-        sources.append(SharedError(beside[1], wrong_together=True))
-    off, decided, middle = agree_on(opinions, sources)
+        opinions.append(GroupOffset(len(judged), 0, beside[0], beside[1] ** 2, 0))
+        sources.append(CommonError(beside[1], can_be_biased_as_a_whole=True))
+    off, decided, middle = find_outlying_groups(opinions, sources)
     opinions = opinions[:said]
     left_out = [
-        memory.leaves_out((judged[opinion.source].source.name, opinion.group), sure)
+        memory.decide_exclusion((judged[opinion.source].source.name, opinion.group), sure)
         for opinion, sure in zip(opinions, decided[:said].tolist(), strict=True)
     ]
     for opinion, wrong, sure in zip(opinions, off[:said].tolist(), left_out, strict=True):
@@ -246,10 +276,10 @@ def compare(judged: Sequence[Judged[Any]], memory: Memory, beside: tuple[float, 
         wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
                         if sure and opinion.source == number]  # fmt: skip
         if wrong_groups:
-            one.fit(~np.isin(one.rows.group, wrong_groups))
+            one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups))
 
 
-class Opinion(NamedTuple):
+class GroupOffset(NamedTuple):
     """What a group says of the block's place: its offset and variance; from how many observations of which source."""
 
     source: int
@@ -259,20 +289,22 @@ class Opinion(NamedTuple):
     observations: int
 
 
-class SharedError(NamedTuple):
+class CommonError(NamedTuple):
     """What all of a source may be off by: standard deviation, and whether one fault may spoil all of it at once."""
 
     sigma_m: float
-    wrong_together: bool
+    can_be_biased_as_a_whole: bool
 
 
-def agree_on(opinions: Sequence[Opinion], sources: Sequence[SharedError]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return which opinions are wrong, of which of them that is decided, and what the others say.
+def find_outlying_groups(
+    opinions: Sequence[GroupOffset], sources: Sequence[CommonError]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return which group offsets are wrong, of which of them that is certain, and the weighted mean of the others.
 
-    With the block's height, or its place along an axis, m, a shared error b of each source (standard deviation s), and
-    opinions o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the opinions, each cut
-    at `GROUP_WRONG`², are made as small as possible over all m that an opinion has. A DEM that stands on trees is one
-    fault, however many its parts; of laser tracks each has to be wrong by itself. It is not decided where an opinion is
+    With the block's height, or its place along an axis, m, a common error b of each source (standard deviation s), and
+    group offsets o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the groups, each
+    cut at `SOURCE.group_wrong`², are minimised over all m that equal an offset. A DEM that stands on trees is one
+    fault, however many its parts; of laser tracks each has to be wrong by itself. It is not certain where a group is
     right at a place that is nearly as good: one of two tracks that differ, say.
     """
     offset = np.array([one.offset_m for one in opinions])
@@ -280,26 +312,26 @@ def agree_on(opinions: Sequence[Opinion], sources: Sequence[SharedError]) -> tup
         return np.zeros(len(offset), dtype=bool), np.zeros(len(offset), dtype=bool), float(offset.sum())
     variance = np.array([one.variance for one in opinions])
     of = np.array([one.source for one in opinions])
-    tried = [_joined_at(float(m), offset, variance, of, sources) for m in offset]
+    tried = [chi2_at_offset(float(m), offset, variance, of, sources) for m in offset]
     costs = np.array([cost for cost, _ in tried])
     best = int(np.argmin(costs + 1e-9 * variance))
     wrong = tried[best][1]
-    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + DECIDED_BY])
+    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SOURCE.decided])
     weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
     return wrong, decided, float(weight @ offset / weight.sum())
 
 
-def _joined_at(
-    m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[SharedError]
+def chi2_at_offset(
+    m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[CommonError]
 ) -> tuple[float, np.ndarray]:
-    """Return the sum of squares with the block's place m, and which opinions are wrong then."""
-    limit, total = GROUP_WRONG**2, 0.0
+    """Return chi² of the group offsets for a common block offset m, and the mask of outlying groups."""
+    limit, total = SOURCE.group_wrong**2, 0.0
     wrong = np.zeros(len(offset), dtype=bool)
     for number in np.unique(of):
         here, source = np.flatnonzero(of == number), sources[number]
         shared = np.append(0.0, offset[here] - m)
         own = (shared / source.sigma_m) ** 2
-        penalty = np.minimum(own, limit) if source.wrong_together else own
+        penalty = np.minimum(own, limit) if source.can_be_biased_as_a_whole else own
         squares = (offset[here] - m - shared[:, None]) ** 2 / variance[here]
         cost = penalty + np.minimum(squares, limit).sum(axis=1)
         chosen = int(np.argmin(cost))

@@ -15,11 +15,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
 
 #: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
 NON_CENTRALITY = 4.13
-LEAST_OWN_REDUNDANCY = 1e-3  # below, a residual says nothing of its own observation
+
+
+@thresholds
+class ReliabilityThresholds:
+    """Which residuals tell of their own observation."""
+
+    least_redundancy: float = threshold(
+        1e-3, "",
+        "redundancy number below which a residual says nothing of its own observation",
+    )  # fmt: skip
+
+
+RELIABILITY = ReliabilityThresholds()
+
 #: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
 CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
@@ -46,18 +60,18 @@ class Precision:
         return self.cameras[loop.pattern.diagonal]
 
 
-def camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray, np.ndarray | None]:
+def compute_camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the cofactors of each camera's own parameters ``(cameras, p, p)``, and all of them (see `Precision`)."""
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
-    cameras = loop.system.cofactors()
+    cameras = loop.system.compute_cofactors()
     if cameras is None:
         return np.full((*loop.prior_weight.shape, loop.prior_weight.shape[1]), np.nan), None
     return cameras[loop.pattern.diagonal], cameras
 
 
-def precision(loop: GaussNewton, solution: Solution) -> Precision:
+def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
-    cameras, spread = loop.cofactors(solution)
+    cameras, spread = loop.compute_cofactors(solution)
     n, m = len(solution.factor), len(solution.normals.inverse)
     if cameras is None or spread is None:
         own = np.full(loop.prior_weight.shape, np.nan)
@@ -70,11 +84,11 @@ def precision(loop: GaussNewton, solution: Solution) -> Precision:
     return Precision(own, spread.points, residuals, cameras)
 
 
-def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return by how much the weighted sum of squares falls when an image point is left out, ``(n,)``.
 
     v' Qv^-1 v of residuals ``(n, 2)``; under normal errors chi² with two degrees of freedom. Directions in which less
-    than `LEAST_OWN_REDUNDANCY` of an error shows are not tested.
+    than `RELIABILITY.least_redundancy` of an error shows are not tested.
     """
     a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
     middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
@@ -85,7 +99,7 @@ def deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarr
         (middle + half, residual[:, 0] * cosine + residual[:, 1] * sine),
         (middle - half, residual[:, 1] * cosine - residual[:, 0] * sine),
     ):
-        testable = share > LEAST_OWN_REDUNDANCY
+        testable = share > RELIABILITY.least_redundancy
         total[testable] += weight[testable] * x[testable] ** 2 / share[testable]
     return total
 
@@ -113,13 +127,13 @@ def minimal_detectable_error(redundancy: np.ndarray, sigma: np.ndarray) -> np.nd
         return NON_CENTRALITY * sigma / np.sqrt(np.maximum(redundancy, 0.0))
 
 
-def undetected_influence(redundancy: np.ndarray) -> np.ndarray:
+def external_reliability(redundancy: np.ndarray) -> np.ndarray:
     """Return the external reliability: the most an undetected error moves any unknown, in that unknown's sigmas."""
     with np.errstate(divide="ignore"):
         return NON_CENTRALITY * np.sqrt(np.maximum(1.0 - redundancy, 0.0) / np.maximum(redundancy, 0.0))
 
 
-def predicted_accuracy(covariance_m2: np.ndarray, survey_m2: np.ndarray) -> dict[str, float | None]:
+def predict_accuracy(covariance_m2: np.ndarray, survey_m2: np.ndarray) -> dict[str, float | None]:
     """Return the RMSE, CE90 and LE90 to expect at points with covariances ``(k, 3, 3)`` of position and survey.
 
     Coordinates that were not surveyed (an infinite variance) are not compared.

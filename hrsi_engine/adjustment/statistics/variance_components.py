@@ -5,8 +5,8 @@ how wrong its sigma was. The adjustment is repeated with corrected sigmas until 
 does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
 covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are places of a
 reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it. And no
-matching is better than `LEAST_MATCHED_PX`, however well points without noise fit one another: what a model does not
-follow, some hundredths of a pixel, would count as blunders.
+matching is better than `VARIANCE.least_matched_px`, however well points without noise fit one another: what a model
+does not follow, some hundredths of a pixel, would count as blunders.
 
 Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
 sensor where the user says so, or else where their pixels are equally large on the ground.
@@ -23,26 +23,50 @@ from ...block.block import Block, Image
 from ...block.laser import LASER_KIND
 from ...block.pointing import compute_gsds_m
 from ...block.reference_places import REFERENCE_KIND
+from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
 from ..observations import Observations
 from ..result import VarianceComponent
 from .precision import Precision
 
-LEAST_GROUP_FREEDOM = 4.0  # redundancy below which s_g is known to no better than a third
-LEAST_MATCHED_PX = 0.02  # the best that least-squares matching reaches in images (Förstner 1982, Grün 1985)
-OF_SURVEYOR = 6.0  # observations that the factor of all surveys counts for in each of their groups
-UNINFORMED = 1e-5  # share of a survey in its own adjusted coordinate below which it says nothing of its sigma
+
+@thresholds
+class VarianceThresholds:
+    """Which sigmas can be estimated from residuals, and how far."""
+
+    least_redundancy: float = threshold(
+        4.0, "",
+        "redundancy of a group below which its variance factor is known to no better than a third",
+        "1 / sqrt(2 r) of a variance component with redundancy r",
+    )  # fmt: skip
+    least_matched_px: float = threshold(
+        0.02, "px",
+        "no matching is better",
+        "least-squares matching (Förstner 1982, Grün 1985)",
+    )  # fmt: skip
+    of_surveys: float = threshold(
+        6.0, "observations",
+        "what the factor of all surveys counts for in each of their groups",
+    )  # fmt: skip
+    least_survey_share: float = threshold(
+        1e-5, "",
+        "redundancy number of a survey below which it says nothing of its sigma",
+    )  # fmt: skip
+    same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
+
+
+VARIANCE = VarianceThresholds()
+
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)
 NAMED_GROUPS = 8
-SAME_GSD = 1.25  # ratio of pixel sizes of one sensor, seen more or less obliquely
 
 
-def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
+def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
     """Return the sensor of each image ``(images,)`` and the sensors' names; one nameless one where all are alike.
 
     ``groups`` of ids that the user named come first; the rest are joined where their pixel sizes follow each other
-    within `SAME_GSD`.
+    within `VARIANCE.same_gsd`.
     """
     number = np.full(len(images), -1)
     place = {image.id: index for index, image in enumerate(images)}
@@ -52,7 +76,7 @@ def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tu
     rest = np.flatnonzero(number < 0)
     size = compute_gsds_m([images[index] for index in rest.tolist()])
     order = np.argsort(size)
-    another = np.r_[True, size[order][1:] > SAME_GSD * size[order][:-1]][: len(rest)]
+    another = np.r_[True, size[order][1:] > VARIANCE.same_gsd * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)
     names += [
         f"{np.median(size[order][part]):.2g} m" for part in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]
@@ -60,7 +84,7 @@ def sensors(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tu
     return number, names if len(names) > 1 else [""]
 
 
-def _by_kind(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+def _number_kinds(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
     kind = block.measurements.kind[rows]
     if not len(kind) or (kind == kind[0]).all():  # sorting millions of equal texts takes longer than the adjustment
         return np.zeros(len(kind), dtype=np.int64), kind[:1].tolist() or [""]
@@ -68,23 +92,23 @@ def _by_kind(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -
     return number, kinds.tolist()
 
 
-def _by_sensor(block: Block, rows: np.ndarray, groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
-    number, names = sensors(block.images, groups)
+def _number_sensors(block: Block, rows: np.ndarray, groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+    number, names = group_by_sensor(block.images, groups)
     return number[block.measurements.image[rows]], names
 
 
-def _by_image(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
+def _number_images(block: Block, rows: np.ndarray, _groups: Sequence[Sequence[str]]) -> tuple[np.ndarray, list[str]]:
     return block.measurements.image[rows].astype(np.int64), [image.id for image in block.images]
 
 
 Grouping = Callable[[Block, np.ndarray, Sequence[Sequence[str]]], tuple[np.ndarray, list[str]]]
 #: What tells image points apart: functions from block, rows and the user's sensors to group numbers and names.
 GROUPINGS: dict[str, tuple[Grouping, ...]] = {
-    "kind-sensor": (_by_kind, _by_sensor),
-    "kind": (_by_kind,),
-    "sensor": (_by_sensor,),
-    "image": (_by_image,),
-    "kind-image": (_by_kind, _by_image),
+    "kind-sensor": (_number_kinds, _number_sensors),
+    "kind": (_number_kinds,),
+    "sensor": (_number_sensors,),
+    "image": (_number_images,),
+    "kind-image": (_number_kinds, _number_images),
 }
 
 
@@ -101,7 +125,7 @@ class Groups:
     cautious: frozenset[str] = frozenset()
 
     @classmethod
-    def of(
+    def assign_groups(
         cls,
         block: Block,
         observations: Observations,
@@ -121,7 +145,7 @@ class Groups:
         cautious = frozenset(title for title, rest in zip(titles, count.tolist(), strict=True) if not rest)
         return cls(number, (*titles, *SURVEY_GROUPS), cautious)
 
-    def given(self, observations: Observations) -> np.ndarray:
+    def find_median_sigmas(self, observations: Observations) -> np.ndarray:
         """Return the median of each group's sigmas as they are given, NaN for one that does not occur."""
         given = np.full(len(self.names), np.nan)
         order = np.lexsort((observations.sigma_px, self.of_image_point))
@@ -130,12 +154,14 @@ class Groups:
         given[:-SURVEYS][count > 0] = observations.sigma_px[order][middle[count > 0]]
         surveyed = observations.survey_weight > 0.0
         for group in range(SURVEYS):
-            chosen = observations.survey_weight[surveyed & (survey_groups(observations) == group)]
+            chosen = observations.survey_weight[surveyed & (number_survey_groups(observations) == group)]
             given[group - SURVEYS] = np.median(1.0 / np.sqrt(chosen)) if chosen.size else np.nan
         return given
 
 
-def components(groups: Groups, observations: Observations, solution: Solution, precise: Precision) -> np.ndarray:
+def compute_group_sums(
+    groups: Groups, observations: Observations, solution: Solution, precise: Precision
+) -> np.ndarray:
     """Return squares and redundancy of each group, ``(groups, 3)``: weighted squares, redundancy, observations."""
     weighting, weight = solution.weighting, solution.weight
     used = (weight > 0.0) & weighting.contributes[observations.point]
@@ -147,20 +173,20 @@ def components(groups: Groups, observations: Observations, solution: Solution, p
         result[:-SURVEYS, column] = sums
     points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
     priors = weighting.points
-    counted, observed = priors.matrices(points, observed=True), observations.survey_weight[points] > 0.0
-    miss = priors.miss_m(solution.state.ground[points], points)
+    counted, observed = priors.build_weight_matrices(points, observed=True), observations.survey_weight[points] > 0.0
+    miss = priors.compute_misclosures_m(solution.state.ground[points], points)
     squares = np.where(observed, miss * np.einsum("kij,kj->ki", counted, miss), 0.0)
     decided = np.einsum("kij,kji->ki", counted, precise.points[points])
-    informed = observed & (decided > UNINFORMED)
+    informed = observed & (decided > VARIANCE.least_survey_share)
     squares, share = np.where(informed, squares, 0.0), np.where(informed, 1.0 - decided, 0.0)
-    of_group = survey_groups(observations)[points]
+    of_group = number_survey_groups(observations)[points]
     for group in range(SURVEYS):
         here = of_group == group
         result[group - SURVEYS] = squares[here].sum(), share[here].sum(), observed[here].sum()
     return result
 
 
-def survey_groups(observations: Observations) -> np.ndarray:
+def number_survey_groups(observations: Observations) -> np.ndarray:
     """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``; `SURVEYS`: to none."""
     groups = np.where(observations.correlated[:, None], 2, [0, 0, 1])
     return groups if observations.alike is None else np.where(observations.alike[:, None], SURVEYS, groups)
@@ -170,8 +196,8 @@ def survey_groups(observations: Observations) -> np.ndarray:
 class Sigmas:
     """The factors found so far, one a group, not below ``least``; those of groups that are not ``free`` stay.
 
-    The surveys' groups are of one surveyor, whose factor counts for `OF_SURVEYOR` observations of each: the heights of
-    few GCPs, say, the block hardly controls.
+    The surveys' groups are of one surveyor, whose factor counts for `VARIANCE.of_surveys` observations of each: the
+    block hardly controls the heights of few GCPs, say.
     """
 
     factor: np.ndarray
@@ -179,27 +205,29 @@ class Sigmas:
     least: np.ndarray
 
     @classmethod
-    def of(cls, groups: Groups, observations: Observations) -> Sigmas:
+    def start_groups(cls, groups: Groups, observations: Observations) -> Sigmas:
         """Return the sigmas as given, none of them free."""
-        given, count = groups.given(observations), len(groups.names)
+        given, count = groups.find_median_sigmas(observations), len(groups.names)
         least = np.zeros(count)
-        least[:-SURVEYS] = np.minimum(LEAST_MATCHED_PX / given[:-SURVEYS], 1.0)
+        least[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / given[:-SURVEYS], 1.0)
         return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least))
 
-    def update(self, sums: np.ndarray) -> float:
+    def correct_factors(self, sums: np.ndarray) -> float:
         """Correct the factors; return the largest relative change."""
         squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # of the sigmas as given
-        usable = (freedom >= LEAST_GROUP_FREEDOM) & (squares > 0.0) & self.free
-        wanted = np.where(usable, squares / np.maximum(freedom, LEAST_GROUP_FREEDOM), self.factor**2)
+        usable = (freedom >= VARIANCE.least_redundancy) & (squares > 0.0) & self.free
+        wanted = np.where(usable, squares / np.maximum(freedom, VARIANCE.least_redundancy), self.factor**2)
         survey = slice(-SURVEYS, None)
-        if self.free[survey].all() and freedom[survey].sum() >= LEAST_GROUP_FREEDOM:
+        if self.free[survey].all() and freedom[survey].sum() >= VARIANCE.least_redundancy:
             surveyor = squares[survey].sum() / freedom[survey].sum()
-            wanted[survey] = (OF_SURVEYOR * surveyor + squares[survey]) / (OF_SURVEYOR + freedom[survey])
+            wanted[survey] = (VARIANCE.of_surveys * surveyor + squares[survey]) / (
+                VARIANCE.of_surveys + freedom[survey]
+            )
         ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
         self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
 
-    def predictive_survey_factors(self, sums: np.ndarray) -> np.ndarray:
+    def predict_survey_factors(self, sums: np.ndarray) -> np.ndarray:
         """Return the surveys' factors with the uncertainty of those that were estimated, for the sigmas of new points.
 
         A sigma from r redundant observations is known to 1 / sqrt(2 r) of itself; the error of a new point over it has
@@ -207,9 +235,9 @@ class Sigmas:
         where 86 % do (r = 14).
         """
         factor, freedom = self.factor[-SURVEYS:], sums[-SURVEYS:, 1]
-        freedom = np.minimum(freedom + OF_SURVEYOR, freedom.sum())
-        estimated = self.free[-SURVEYS:] & (freedom >= LEAST_GROUP_FREEDOM)
-        r = np.maximum(freedom, LEAST_GROUP_FREEDOM)
+        freedom = np.minimum(freedom + VARIANCE.of_surveys, freedom.sum())
+        estimated = self.free[-SURVEYS:] & (freedom >= VARIANCE.least_redundancy)
+        r = np.maximum(freedom, VARIANCE.least_redundancy)
         return np.asarray(factor * np.where(estimated, np.sqrt(r / (r - 2.0)), 1.0))
 
     @property
@@ -223,25 +251,25 @@ class Sigmas:
 
     def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
         """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""
-        return given / self.of_surveys[survey_groups(observations)] ** 2
+        return given / self.of_surveys[number_survey_groups(observations)] ** 2
 
 
-def summary(
+def list_components(
     groups: Groups, observations: Observations, sigmas: Sigmas, sums: np.ndarray
 ) -> tuple[VarianceComponent, ...]:
     """Return the groups that occur, with their sigmas as given and as estimated."""
-    given = groups.given(observations)
+    given = groups.find_median_sigmas(observations)
     return tuple(
         VarianceComponent(
             name, int(sums[k, 2]), float(sums[k, 1]), float(sigmas.factor[k]), float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= LEAST_GROUP_FREEDOM and sigmas.free[k]),
+            "m" if name in SURVEY_GROUPS else "px", bool(sums[k, 1] >= VARIANCE.least_redundancy and sigmas.free[k]),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0
     )  # fmt: skip
 
 
-def wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
+def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
     """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`.
 
     Of ``cautious`` groups it is no news that their sigmas are too large.
