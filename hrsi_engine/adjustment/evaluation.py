@@ -33,7 +33,7 @@ from .observations import Observations, select_points
 
 
 @thresholds
-class EvaluationThresholds:
+class PredictionThresholds:
     """Which predictions of image points from the other images are used."""
 
     most_enlargement: float = threshold(10.0, "", "times its own noise that a prediction may have")
@@ -44,7 +44,7 @@ class EvaluationThresholds:
     least_of_trend: int = threshold(8, "points", "fewer give a mean and no affine trend")
 
 
-EVALUATION = EvaluationThresholds()
+PREDICTION = PredictionThresholds()
 
 TREND_ROUNDS = 6
 
@@ -133,7 +133,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
     known = np.isfinite(left[:, 0, 0])
     lowest = np.full(len(left), np.nan)
     lowest[known] = np.linalg.eigvalsh(left[known])[:, 0]
-    predictable = lowest > EVALUATION.most_enlargement**-2.0
+    predictable = lowest > PREDICTION.most_enlargement**-2.0
     predicted, enlargement = np.full_like(fit, np.nan), np.full(len(fit), np.nan)
     cofactor = np.linalg.inv(left[predictable])
     predicted[predictable] = (cofactor @ fit[predictable, :, None])[:, :, 0]
@@ -179,10 +179,10 @@ def _remove_trend(position: np.ndarray, across: np.ndarray) -> np.ndarray:
 
     Values that stand out from the trend have no say in it.
     """
-    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= EVALUATION.least_of_trend else 1]
+    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= PREDICTION.least_of_trend else 1]
     left = across - np.median(across)
     for _ in range(TREND_ROUNDS):
-        kept = np.abs(left) <= EVALUATION.trend_limit * max(float(robust_sigma(left)), 1e-9)
+        kept = np.abs(left) <= PREDICTION.trend_limit * max(float(robust_sigma(left)), 1e-9)
         left = across - terms @ np.linalg.lstsq(terms[kept], across[kept], rcond=None)[0]
     return left
 

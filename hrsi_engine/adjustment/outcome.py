@@ -36,7 +36,7 @@ ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 
 
 @thresholds
-class WarningThresholds:
+class ResultWarningThresholds:
     """What an adjustment warns of."""
 
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
@@ -47,7 +47,7 @@ class WarningThresholds:
     )  # fmt: skip
 
 
-WARNINGS = WarningThresholds()
+RESULT_WARNINGS = ResultWarningThresholds()
 
 WHAT_STANDS_OUT = {
     "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",
@@ -309,7 +309,7 @@ def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: n
     names, observations = problem.model.parameters, problem.observations
     prior = problem.prior_weight[:, : prior_share.shape[1]]
     given = prior == loop.prior_weight[:, : prior_share.shape[1]]
-    poor = (prior_share > WARNINGS.from_prior) & given & ~np.isinf(prior)
+    poor = (prior_share > RESULT_WARNINGS.from_prior) & given & ~np.isinf(prior)
     by_set: dict[tuple[str, ...], list[str]] = {}
     for part in problem.parts:
         for index in part.images if part.gcps else ():
@@ -384,7 +384,7 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
                 f"{group.north_m:+.1f} m north off the others (sigma {group.sigma_m:.1f} m): {done}"
             )
     lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
-    if lone > WARNINGS.many_places_left_out * plan.observations:
+    if lone > RESULT_WARNINGS.many_places_left_out * plan.observations:
         warnings.append(
             f"{lone} of {plan.observations} places of the {plan.source} do not fit the others and are left out: "
             "changed ground, wrong matches, or heights of the DEM"
@@ -413,7 +413,7 @@ def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
                     f"others ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check what they refer to"
                 )
         wrong_groups = sum(group.observations for group in one.groups if group.left_out)
-        if one.left_out - wrong_groups > WARNINGS.many_heights_left_out * one.observations:
+        if one.left_out - wrong_groups > RESULT_WARNINGS.many_heights_left_out * one.observations:
             what = WHAT_STANDS_OUT[one.source]
             warnings.append(
                 f"{one.left_out} of {one.observations} heights of the {one.source} do not fit the points and are left "

@@ -19,13 +19,13 @@ from .joint_prior import JointCameras
 
 
 @thresholds
-class SurveyThresholds:
+class SurveyLikenessThresholds:
     """Which surveys have the same sigma."""
 
     alike: float = threshold(0.01, "", "relative difference of two variances that were stated as the same")
 
 
-SURVEYS_ALIKE = SurveyThresholds()
+SURVEYS_ALIKE = SurveyLikenessThresholds()
 
 
 @dataclass(frozen=True)

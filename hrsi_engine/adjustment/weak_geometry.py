@@ -18,7 +18,7 @@ from .observations import Observations
 
 
 @thresholds
-class GeometryThresholds:
+class RayGeometryThresholds:
     """Which rays tell heights."""
 
     weak_angle_deg: float = threshold(
@@ -28,7 +28,7 @@ class GeometryThresholds:
     )  # fmt: skip
 
 
-GEOMETRY = GeometryThresholds()
+RAY_GEOMETRY = RayGeometryThresholds()
 
 OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
 
@@ -48,7 +48,7 @@ def set_point_priors(
         priors.observed[found, 2] = True
         unknown &= ~found
     converging = _compute_convergence_deg(observations, ground)
-    weak = unknown & (converging < GEOMETRY.weak_angle_deg) & (np.diff(observations.first) > 1)
+    weak = unknown & (converging < RAY_GEOMETRY.weak_angle_deg) & (np.diff(observations.first) > 1)
     if not weak.any():
         return priors, []
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])[image]
@@ -68,7 +68,7 @@ def _warn_of_images(observations: Observations, weak: np.ndarray, open_height: n
         (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
         (
             weak & ~open_height,
-            f"less than {GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain",
+            f"less than {RAY_GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain",
         ),
     ):
         images = _list_weak_images(observations, points)

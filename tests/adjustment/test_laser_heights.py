@@ -11,7 +11,7 @@ from laser_scenes import LaserScene, laser_scene
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.held.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
 from hrsi.hrsi_engine.adjustment.held.shared_errors import (
-    SOURCE,
+    SOURCE_FIT,
     CommonError,
     GroupHistory,
     GroupOffset,
@@ -206,8 +206,8 @@ def test_a_group_that_comes_back_again_and_again_stays_out():
     """Left out, it fits; taken back, it does not: without an end to that the adjustment has none either."""
     memory, group = GroupHistory(), ("laser", 4)
     seen = [memory.decide_exclusion(group, decided=number % 2 == 0) for number in range(40)]
-    assert not all(seen[: 2 * SOURCE.most_returns - 1])
-    assert all(seen[2 * SOURCE.most_returns - 1 :])
+    assert not all(seen[: 2 * SOURCE_FIT.most_returns - 1])
+    assert all(seen[2 * SOURCE_FIT.most_returns - 1 :])
     assert not memory.decide_exclusion(("laser", 5), decided=False)
     assert memory.decide_exclusion(("laser", 5), decided=True) and not memory.decide_exclusion(
         ("laser", 5), decided=False

@@ -14,7 +14,7 @@ unknowns. Where a survey and a measurement explain it equally well, or neither d
 does not follow comes on top. The variance factor is that of the control without the group under test; plan, heights and
 measurements count apart where one kind is significantly worse, so that surveys with overstated sigmas (1000 m in plan,
 because a point serves for its height only) lend the others no credit. It is never below one, and stated sigmas count as
-much as `CONTROL.of_stated_sigmas` observations. A coordinate without weight has no test.
+much as `GCP_TESTS.of_stated_sigmas` observations. A coordinate without weight has no test.
 
 **Of many GCPs**, all over a large block, each is compared with its neighbourhood: the GCPs whose discrepancies depend
 most on its own. The most suspicious one comes first, and whoever is left out is left out for all that follow, by the
@@ -38,7 +38,7 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
 
 @thresholds
-class ControlThresholds:
+class GcpTestThresholds:
     """Which GCPs are wrong, what of them, and whether that is clear."""
 
     of_stated_sigmas: float = threshold(2.0, "observations", "what the stated sigmas count for in a variance factor")
@@ -78,7 +78,7 @@ class ControlThresholds:
     )  # fmt: skip
 
 
-CONTROL = ControlThresholds()
+GCP_TESTS = GcpTestThresholds()
 
 MOST_LOG = 1e4
 
@@ -133,20 +133,20 @@ class VarianceFactor:
     @classmethod
     def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
         """Return it for what is left, and its squares and their degrees of freedom."""
-        pooled = max((max(squares, 0.0) + CONTROL.of_stated_sigmas) / (freedom + CONTROL.of_stated_sigmas), 1.0)
+        pooled = max((max(squares, 0.0) + GCP_TESTS.of_stated_sigmas) / (freedom + GCP_TESTS.of_stated_sigmas), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
             own = rest.kind == kind
             shares, total = rest.s.diagonal()[own].sum(), float(np.sum(rest.u[own] ** 2))
             if shares < 0.5:
                 continue
-            ratio = (total + CONTROL.of_stated_sigmas) / (shares + CONTROL.of_stated_sigmas)
+            ratio = (total + GCP_TESTS.of_stated_sigmas) / (shares + GCP_TESTS.of_stated_sigmas)
             if (
-                special.fdtrc(shares + CONTROL.of_stated_sigmas, freedom + CONTROL.of_stated_sigmas, ratio / pooled)
-                < CONTROL.worse_significance
+                special.fdtrc(shares + GCP_TESTS.of_stated_sigmas, freedom + GCP_TESTS.of_stated_sigmas, ratio / pooled)
+                < GCP_TESTS.worse_significance
             ):
-                worse.append((ratio, shares + CONTROL.of_stated_sigmas))
-        return cls(pooled, freedom + CONTROL.of_stated_sigmas, tuple(worse))
+                worse.append((ratio, shares + GCP_TESTS.of_stated_sigmas))
+        return cls(pooled, freedom + GCP_TESTS.of_stated_sigmas, tuple(worse))
 
     def compute_surprise(self, test: float, dimensions: int) -> float:
         """Return -log of the probability of a test value by chance."""
@@ -164,13 +164,13 @@ class VarianceFactor:
         return max(self.pooled, *(variance for variance, _ in self.worse), 1.0)
 
 
-def find_suspects(control: Discrepancies, sigmas: float) -> list[Suspect]:
+def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
     """Return the GCPs that are wrong, or undecided, with an error probability of ``sigmas`` for the whole block."""
     gcps = len(control.points)
     if gcps < 2:
         return []
-    if gcps <= CONTROL.most_together:
-        return _SuspectSearch(control, sigmas, gcps).find_suspects()
+    if gcps <= GCP_TESTS.most_together:
+        return _SuspectSearch(control, sigmas, gcps).find_suspect_gcps()
     return list(_search_neighbourhoods(control, sigmas))
 
 
@@ -186,11 +186,11 @@ def _search_neighbourhoods(control: Discrepancies, sigmas: float) -> Iterator[Su
     while waiting.any():
         centre = int(np.argmax(np.where(waiting, suspicion, -1.0)))
         order = np.argsort(-np.where(present, related[centre], -1.0), kind="stable")
-        near = order[: min(CONTROL.neighbourhood, int(present.sum()))]
-        judged, near = near[: CONTROL.neighbourhood // 2], np.sort(near)
+        near = order[: min(GCP_TESTS.neighbourhood, int(present.sum()))]
+        judged, near = near[: GCP_TESTS.neighbourhood // 2], np.sort(near)
         waiting[judged] = False
         wrong = []
-        for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspects():
+        for one in _SuspectSearch(control.select_gcps(near, out, inverse), sigmas, gcps).find_suspect_gcps():
             group, rivals = (tuple(near[list(some)].tolist()) for some in (one.group, one.rivals))
             said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
             if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
@@ -227,7 +227,7 @@ class _SuspectSearch:
         explanations = sum(len(_list_explanations(control, gcp)) for gcp in range(self.gcps)) / max(self.gcps, 1)
         self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
 
-    def find_suspects(self) -> list[Suspect]:
+    def find_suspect_gcps(self) -> list[Suspect]:
         """Return who is wrong, or may be."""
         if self.is_consistent():
             return []
@@ -257,11 +257,11 @@ class _SuspectSearch:
 
     def find_core(self, size: int) -> tuple[int, ...]:
         """Return the group of ``size`` GCPs without which the others agree best."""
-        if special.binom(self.gcps, size) <= CONTROL.all_subsets:
+        if special.binom(self.gcps, size) <= GCP_TESTS.all_subsets:
             return max(combinations(range(self.gcps), size), key=lambda group: self.test_group(group)[0])
         rng = np.random.default_rng(1)  # the same starts every time
         alone = np.array([self.test_group((gcp,))[0] for gcp in range(self.gcps)])
-        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(CONTROL.starts))]
+        starts = [np.argsort(-alone)[:size], *(rng.permutation(self.gcps)[:size] for _ in range(GCP_TESTS.starts))]
         after: dict[tuple[int, ...], tuple[int, ...]] = {}  # what starts come through in common
         ended = {self._concentrate(tuple(sorted(start.tolist())), after): None for start in starts}
         return max(ended, key=lambda group: self.test_group(group)[0])
@@ -271,7 +271,7 @@ class _SuspectSearch:
 
         ``after`` keeps which group follows which.
         """
-        for _ in range(CONTROL.group_steps):
+        for _ in range(GCP_TESTS.group_steps):
             if group not in after:
                 after[group] = self._take_worst(group)
             if after[group] == group:
@@ -343,9 +343,9 @@ class _SuspectSearch:
     def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:
         """Yield other groups of the same size that explain nearly as much."""
         best, _ = self.test_group(group)
-        needed = best - max(CONTROL.unexplained * factor.largest, CONTROL.like * best)
+        needed = best - max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * best)
         others: Iterable[tuple[int, ...]] = combinations(range(self.gcps), len(group))
-        if special.binom(self.gcps, len(group)) > CONTROL.all_subsets:  # one exchanged for another
+        if special.binom(self.gcps, len(group)) > GCP_TESTS.all_subsets:  # one exchanged for another
             outside = sorted(set(range(self.gcps)) - set(group))
             others = (tuple(sorted((set(group) - {one}) | {other})) for one in group for other in outside)
         for other in others:
@@ -357,12 +357,12 @@ class _SuspectSearch:
         rest = self._leave_out_others(group, gcp)
         most, _ = rest.test_subset(rest.find_measurements((gcp,)))
         tests = {one: rest.test_subset(one.out) for one in _list_explanations(rest, gcp)}
-        score = {one: test / factor.largest - CONTROL.simplicity * rank for one, (test, rank) in tests.items()}
+        score = {one: test / factor.largest - GCP_TESTS.simplicity * rank for one, (test, rank) in tests.items()}
         best = max(score, key=lambda one: score[one])
-        alike = score[best] - max(CONTROL.undecided, CONTROL.like * score[best])
+        alike = score[best] - max(GCP_TESTS.undecided, GCP_TESTS.like * score[best])
         # height and ground position differ in size only; a measurement is something else than either
         others = [one for one in score if score[one] >= alike and "image" in (one.what, best.what) and one is not best]
-        unexplained = most - tests[best][0] > max(CONTROL.unexplained * factor.largest, CONTROL.like * most)
+        unexplained = most - tests[best][0] > max(GCP_TESTS.unexplained * factor.largest, GCP_TESTS.like * most)
         shown = best.out
         if others or unexplained:
             best = Explanation("all", rest.find_observations((gcp,)))

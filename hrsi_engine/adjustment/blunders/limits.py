@@ -3,7 +3,7 @@
 ``reject_sigma`` names an error probability: that of an image point (two dimensions) this many standard deviations off.
 A block has thousands of tests, so that probability alone would accuse somebody in every clean block. The limit of the
 tie points is therefore that of Benjamini and Hochberg (1995): of all N points tested those R are wrong whose
-probability is below p R / N with p = `TESTS.false_share`, so that a clean block is accused in p of cases, and a bad
+probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a clean block is accused in p of cases, and a bad
 one tested as sharply as the user asks. GCPs share the probability equally (Bonferroni).
 """
 
@@ -16,7 +16,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class TestThresholds:
+class FalseAlarmThresholds:
     """How often tests of many points may be wrong."""
 
     false_share: float = threshold(
@@ -26,7 +26,7 @@ class TestThresholds:
     )  # fmt: skip
 
 
-TESTS = TestThresholds()
+FALSE_ALARMS = FalseAlarmThresholds()
 
 
 def error_probability(sigmas: float) -> float:
@@ -45,7 +45,7 @@ def compute_shared_limit(probability: np.ndarray, tests: int, sigmas: float) -> 
     ``probability (k,)`` are those of the suspicious ones; all others are taken to be right.
     """
     ordered = np.sort(probability)
-    allowed = TESTS.false_share * np.arange(1, len(ordered) + 1) / max(tests, 1)
+    allowed = FALSE_ALARMS.false_share * np.arange(1, len(ordered) + 1) / max(tests, 1)
     passed = np.flatnonzero(ordered <= allowed)
-    limit = allowed[passed[-1]] if len(passed) else TESTS.false_share / max(tests, 1)
+    limit = allowed[passed[-1]] if len(passed) else FALSE_ALARMS.false_share / max(tests, 1)
     return max(sigmas, float(np.sqrt(-2.0 * np.log(limit))))

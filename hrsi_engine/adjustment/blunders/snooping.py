@@ -25,7 +25,7 @@ from ..outcome import RoundFindings
 from ..problem import Problem
 from ..result import Decision, Finding
 from .consensus import find_agreeing_measurements
-from .control import find_suspects
+from .control import find_suspect_gcps
 from .discrepancies import Discrepancies, compute_discrepancies
 from .findings import describe_suspect, leave_out
 from .ties import compute_point_squares, estimate_tie_variance, judge_ties
@@ -172,9 +172,9 @@ class Snooping:
             if len(gcps) < 2:
                 break
             control = self.compute_control(solution, gcps)
-            found = find_suspects(control, problem.options.reject_sigma)
+            found = find_suspect_gcps(control, problem.options.reject_sigma)
             if found and self._may_drift():
-                drifting = find_suspects(self._loosen_drift(solution, gcps), problem.options.reject_sigma)
+                drifting = find_suspect_gcps(self._loosen_drift(solution, gcps), problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 found = [one for one in found if suspected.intersection(one.concerned)]
             said = [describe_suspect(problem, control, one) for one in found]

@@ -13,7 +13,7 @@ that the other k - 2 are wrong, is
 
     odds = (k e (1 - e) + e²) / (1 - e)² · chance / phi(y)        chance = 1 / (2 a), phi: the normal density
 
-(Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `TIES.credit` are doubtful too.
+(Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `RAYS.credit` are doubtful too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against the
 
 
 @thresholds
-class TieThresholds:
+class RayTestThresholds:
     """Which measurements of a tie point are blunders."""
 
     credit: float = threshold(
@@ -48,7 +48,7 @@ class TieThresholds:
     )  # fmt: skip
 
 
-TIES = TieThresholds()
+RAYS = RayTestThresholds()
 
 
 def estimate_tie_variance(
@@ -174,7 +174,7 @@ class PointRays:
         pending = np.flatnonzero(self.probability < error_probability(limit))
         if not len(pending):
             return self.decision, self.failed
-        touched = pending[self.worst[pending] > critical_value(TIES.gross * sigmas, 2)]
+        touched = pending[self.worst[pending] > critical_value(RAYS.gross * sigmas, 2)]
         if self.weight.shape[1] >= 4:
             tests, squares = self._compute_tests(pending)
             rest = 2 * (self.weight[pending] > 0.0).sum(axis=1) - 5
@@ -194,7 +194,7 @@ class PointRays:
         agreeing = np.exp(-0.5 * squares) / np.sqrt(2.0 * np.pi)
         rays = self.weight.shape[1]
         odds = (rays * wrong * (1.0 - wrong) + wrong**2) / (1.0 - wrong) ** 2 * (0.5 / size) / agreeing
-        alone = alone[odds > TIES.credit]
+        alone = alone[odds > RAYS.credit]
         self._mark_doubtful(alone, self.weight[alone] > 0.0, np.full(len(alone), np.nan))
         return self.decision, self.failed
 

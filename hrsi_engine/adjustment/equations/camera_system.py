@@ -1,7 +1,7 @@
 """Solution of the reduced camera system: symmetric, positive definite, scaled to a unit diagonal.
 
 `DirectSystem` has the Cholesky factors (`nested_dissection`), which also give the precision. Above
-`SOLUTION.most_factored` cameras the factors would not fit in memory; `IterativeSystem` then uses conjugate gradients,
+`SYSTEM.most_factored` cameras the factors would not fit in memory; `IterativeSystem` then uses conjugate gradients,
 preconditioned by the Cholesky factors of neighbourhoods of cameras, and knows no precision.
 """
 
@@ -21,7 +21,7 @@ from .pattern import Pattern
 
 
 @thresholds
-class SolutionThresholds:
+class CameraSystemThresholds:
     """By which method the camera system is solved."""
 
     most_factored: int = threshold(
@@ -44,7 +44,7 @@ class SolutionThresholds:
     )  # fmt: skip
 
 
-SOLUTION = SolutionThresholds()
+SYSTEM = CameraSystemThresholds()
 
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
@@ -78,7 +78,7 @@ class CameraSystem(Protocol):
 
 def choose_camera_system(pattern: Pattern) -> CameraSystem:
     """Return the solver that suits the number of cameras."""
-    return DirectSystem(pattern) if pattern.cameras <= SOLUTION.most_factored else IterativeSystem(pattern)
+    return DirectSystem(pattern) if pattern.cameras <= SYSTEM.most_factored else IterativeSystem(pattern)
 
 
 def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class DirectSystem(_UnitDiagonal):
     ) -> np.ndarray:
         """See `CameraSystem`: by conjugate gradients with the factors of the last matrix, where these lead there."""
         has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
-        if has_factors and right.size >= SOLUTION.nearby_unknowns:
+        if has_factors and right.size >= SYSTEM.nearby_unknowns:
             solution = self._solve_by_gradients(blocks, prior_weight, right)
             if solution is not None:
                 return solution
@@ -148,7 +148,7 @@ class DirectSystem(_UnitDiagonal):
     def _solve_by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
         """Return the solution, None where the factors at hand are too far from the matrix to be of help.
 
-        They are of help where the residual falls so fast from its first step on that `SOLUTION.nearby_iterations` do.
+        They are of help where the residual falls so fast from its first step on that `SYSTEM.nearby_iterations` do.
         """
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))
@@ -164,9 +164,9 @@ class DirectSystem(_UnitDiagonal):
         solution, rest = np.zeros_like(right), right.copy()
         ahead = self.solve(rest)
         direction, square = ahead, float(np.sum(rest * ahead))
-        first, pace = square, SOLUTION.nearby ** (2.0 / SOLUTION.nearby_iterations)
-        for passed in range(SOLUTION.nearby_iterations + 1):
-            if square <= SOLUTION.nearby**2 * first:
+        first, pace = square, SYSTEM.nearby ** (2.0 / SYSTEM.nearby_iterations)
+        for passed in range(SYSTEM.nearby_iterations + 1):
+            if square <= SYSTEM.nearby**2 * first:
                 return solution
             if square > pace**passed * first:  # the first steps tell what those that follow will bring
                 return None

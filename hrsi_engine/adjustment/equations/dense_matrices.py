@@ -53,7 +53,7 @@ _dgemm, _dsymm, _dsyrk, _dtrmm = (_routine(cython_blas, name) for name in ("dgem
 _dpotrf, _dtrtri, _dlauum = (_routine(cython_lapack, name) for name in ("dpotrf", "dtrtri", "dlauum"))
 
 
-def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def multiply_dense(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return ``first (i, j)`` times ``second (j, k)``; either may be a transpose."""
     (rows, inner), columns = first.shape, second.shape[1]
     result = np.zeros((rows, columns))

@@ -36,9 +36,9 @@ from ...foundation.workers.threads import are_one_thread_calls, thread_count
 from .dense_matrices import (
     add_product,
     inverse_cholesky,
-    multiply,
     multiply_by_own_transpose,
     multiply_by_triangle,
+    multiply_dense,
     multiply_symmetric,
     square_lower,
     subtract_square,
@@ -353,8 +353,8 @@ class SparseFactor:
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
-            y = multiply(front.factor, x[:own])
-            borders[id(front)] = taking_part, x[own:] - multiply(front.coupling, y)
+            y = multiply_dense(front.factor, x[:own])
+            borders[id(front)] = taking_part, x[own:] - multiply_dense(front.coupling, y)
             square, runs = multiply_by_own_transpose(y), find_runs(taking_part)
             with adding:
                 for part, place in list_lower_parts(runs):

@@ -41,7 +41,7 @@ from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
 
 @thresholds
-class IntersectionThresholds:
+class PointStepThresholds:
     """When an intersection of rays is settled."""
 
     closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
@@ -52,7 +52,7 @@ class IntersectionThresholds:
     worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
 
 
-INTERSECTION = IntersectionThresholds()
+POINT_STEPS = PointStepThresholds()
 
 MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
 INTERSECT_STEPS = 15
@@ -120,7 +120,7 @@ class NormalEquations:
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
         self._elimination: Elimination
-        if is_wanted(observations.count >= INTERSECTION.worth_compiling):
+        if is_wanted(observations.count >= POINT_STEPS.worth_compiling):
             from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), threads or os.cpu_count() or 1
@@ -200,9 +200,9 @@ class NormalEquations:
             for _step in range(INTERSECT_STEPS):
                 step = self._elimination.solve_points(part, linearise(part), weight, ground, priors)
                 length = np.linalg.norm(step, axis=1, keepdims=True)
-                step *= np.minimum(1.0, INTERSECTION.most_step_m / np.maximum(length, INTERSECTION.most_step_m))
+                step *= np.minimum(1.0, POINT_STEPS.most_step_m / np.maximum(length, POINT_STEPS.most_step_m))
                 ground[part.points] = moved_ground(ground[part.points], step)
-                open_points = part.points[length[:, 0] > INTERSECTION.closure_m]
+                open_points = part.points[length[:, 0] > POINT_STEPS.closure_m]
                 if not len(open_points):
                     break
                 part = Portion.select(self.observations, open_points)

@@ -34,7 +34,7 @@ NAME = "laser"
 
 
 @thresholds
-class LaserThresholds:
+class LaserGroundThresholds:
     """How ground and laser points are related."""
 
     ties: int = threshold(12, "tie points", "nearest tie points that tell the ground around a laser point")
@@ -56,7 +56,7 @@ class LaserThresholds:
     cut: float = threshold(2.5, "sigma", "a tie point farther off the plane loses weight")
 
 
-LASER = LaserThresholds()
+LASER_FIT = LaserGroundThresholds()
 
 PLANE_ROUNDS = 5
 NO_TIES_NEAR, UNEVEN = "no tie points near it", "tie points near it are at different heights"
@@ -75,16 +75,16 @@ class Planes(NamedTuple):
 def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Planes:
     """Return the planes through points ``away_m (n, k, 2)`` from places, ``height_m (n, k)`` high, those ``near``.
 
-    Points off the plane by more than `LASER.cut` times their scatter lose their weight.
+    Points off the plane by more than `LASER_FIT.cut` times their scatter lose their weight.
     """
     distance = np.linalg.norm(away_m, axis=2)
-    rough = (LASER.roughness * distance) ** 2
+    rough = (LASER_FIT.roughness * distance) ** 2
     level = np.nanmedian(np.where(near, height_m, np.nan), axis=1)
-    scatter = np.full(len(level), LASER.least_scatter_m)
+    scatter = np.full(len(level), LASER_FIT.least_scatter_m)
     weight = np.where(near, 1.0, 0.0)
     design = np.concatenate([np.ones((*away_m.shape[:2], 1)), np.where(near[..., None], away_m, 0.0)], axis=2)
     height = np.where(near, height_m - level[:, None], 0.0)
-    prior = np.diag([1e-9, LASER.slope_sigma**-2, LASER.slope_sigma**-2])
+    prior = np.diag([1e-9, LASER_FIT.slope_sigma**-2, LASER_FIT.slope_sigma**-2])
     for _ in range(PLANE_ROUNDS):
         w = weight / (scatter[:, None] ** 2 + rough)
         normal = np.einsum("nki,nk,nkj->nij", design, w, design) + prior
@@ -92,9 +92,9 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, near: np.ndarray) -> Pl
         left = np.abs(height - np.einsum("nki,ni->nk", design, solution))
         middle = np.nanmedian(np.where(near, left, np.nan), axis=1)
         enough = near.sum(axis=1) > 3
-        scatter = np.where(enough, np.maximum(1.4826 * middle, LASER.least_scatter_m), LASER.least_scatter_m)
+        scatter = np.where(enough, np.maximum(1.4826 * middle, LASER_FIT.least_scatter_m), LASER_FIT.least_scatter_m)
         t = left / np.sqrt(scatter[:, None] ** 2 + rough)
-        weight = np.where(near, (LASER.cut / np.maximum(t, LASER.cut)) ** 3, 0.0)
+        weight = np.where(near, (LASER_FIT.cut / np.maximum(t, LASER_FIT.cut)) ** 3, 0.0)
     covariance = np.linalg.inv(normal)[:, 1:, 1:]
     share = weight / (scatter[:, None] ** 2 + rough)
     return Planes(solution[:, 1:], covariance, share / share.sum(axis=1, keepdims=True), scatter)
@@ -117,8 +117,8 @@ class LaserHeights:
     name: str = NAME
     holds_points: bool = False
     can_be_biased_as_a_whole: bool = False
-    common_m: float = LASER.track_sigma_m
-    overall_m: float = LASER.overall_sigma_m
+    common_m: float = LASER_FIT.track_sigma_m
+    overall_m: float = LASER_FIT.overall_sigma_m
     chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`
     uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose ties have no common height
     _planned: _TiesOfPoints | None = None
@@ -131,7 +131,7 @@ class LaserHeights:
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the laser heights where the points lie."""
         plan = self._planned
-        if plan is None or plan.shift_m(ground) > LASER.moved_m:
+        if plan is None or plan.shift_m(ground) > LASER_FIT.moved_m:
             plan = self._planned = self._find_ties(ground)
             self.chosen, self.uneven = plan.laser, plan.uneven
         away = ground[plan.point, :2] - self.laser.ground[plan.laser[plan.of], :2]
@@ -166,7 +166,7 @@ class LaserHeights:
         frame = LocalFrame(*ground[placed[0]])
         ties, places = ground[placed], laser
         flat, at = frame.from_ground(ties)[:, :2], frame.from_ground(places)[:, :2]
-        distance, near = cKDTree(flat).query(at, k=min(LASER.ties, len(placed)), distance_upper_bound=self.reach_m)
+        distance, near = cKDTree(flat).query(at, k=min(LASER_FIT.ties, len(placed)), distance_upper_bound=self.reach_m)
         distance, near = distance.reshape(len(at), -1), near.reshape(len(at), -1)
         kept = np.flatnonzero(np.isfinite(distance).any(axis=1))
         if not len(kept):
@@ -175,12 +175,12 @@ class LaserHeights:
         index = np.where(there, near[kept], 0)
         away = np.where(there[..., None], flat[index] - at[kept][:, None], 0.0)
         planes = fit_planes(away, ties[index, 2], there)
-        even = planes.scatter_m <= LASER.uneven_m
+        even = planes.scatter_m <= LASER_FIT.uneven_m
         own = np.nan_to_num(self.laser.sigma_m[self.usable[kept]], nan=LASER_HEIGHT.sigma_m)
         mean_away = np.einsum("nk,nkc->nc", planes.share, away)
         between = np.einsum("nc,ncd,nd->n", mean_away, planes.covariance, mean_away)
-        rough = np.einsum("nk,nk->n", planes.share**2, (LASER.roughness * np.linalg.norm(away, axis=2)) ** 2)
-        place = (LASER.place_sigma_m * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
+        rough = np.einsum("nk,nk->n", planes.share**2, (LASER_FIT.roughness * np.linalg.norm(away, axis=2)) ** 2)
+        place = (LASER_FIT.place_sigma_m * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
         sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
         of, column = np.nonzero((there & (planes.share > 0.0))[even])
         return _TiesOfPoints(

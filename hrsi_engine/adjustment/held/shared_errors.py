@@ -2,7 +2,7 @@
 
 An observation is judged against the position by the rays alone (`miss_m`, with the variance of the rays). The variance
 of the difference is sigma² + that of the rays. Its weight, the inverse of that variance, stays as it is up to `fitting`
-standard deviations and falls to zero at `wrong` (thresholds: `SOURCE`). Differences are counted from the median of
+standard deviations and falls to zero at `wrong` (thresholds: `SOURCE_FIT`). Differences are counted from the median of
 their source: a block without control may lie off as a whole, which must not silence a DEM.
 
 Observations come in *groups* with a common error: the points of one laser track, the cells of one part of a DEM or of
@@ -61,7 +61,7 @@ class SourceThresholds:
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
 
 
-SOURCE = SourceThresholds()
+SOURCE_FIT = SourceThresholds()
 CUTS, HALVINGS = 20, 12  # most steps that find the bulk of the differences, and steps that find a sigma
 
 
@@ -169,10 +169,10 @@ class SourceFit(Generic[ObservedRows]):
 def hampel_weight(t: np.ndarray) -> np.ndarray:
     """Return the factor of the weight of an observation that is ``t`` standard deviations off (Hampel 1974).
 
-    It is 1 up to `SOURCE.fitting` and 0 from `SOURCE.wrong`.
+    It is 1 up to `SOURCE_FIT.fitting` and 0 from `SOURCE_FIT.wrong`.
     """
-    factor = np.clip((SOURCE.wrong - t) / (SOURCE.wrong - SOURCE.fitting), 0.0, 1.0)
-    return np.where(factor > SOURCE.left_out, factor, 0.0)
+    factor = np.clip((SOURCE_FIT.wrong - t) / (SOURCE_FIT.wrong - SOURCE_FIT.fitting), 0.0, 1.0)
+    return np.where(factor > SOURCE_FIT.left_out, factor, 0.0)
 
 
 def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
@@ -185,7 +185,7 @@ def _find_core(apart: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     for _ in range(CUTS):
         t = (apart - middle) / sigma
         scale = max(float(robust_sigma(t[core])), 1.0)
-        inside = np.abs(t) <= SOURCE.core * scale
+        inside = np.abs(t) <= SOURCE_FIT.core * scale
         middle = float(np.median(apart[inside]))
         if np.array_equal(inside, core):
             break
@@ -202,18 +202,20 @@ def estimate_sigma_factor(one: SourceFit[Any]) -> float:
     apart, own = np.full(len(one.miss_m), np.nan), rows.sigma_m**2
     for group in range(len(one.source.groups)):
         here = rows.group == group
-        if here.sum() >= SOURCE.least_of_group:
+        if here.sum() >= SOURCE_FIT.least_of_group:
             apart[here] = one.miss_m[here] - np.median(one.miss_m[here])
     known = np.isfinite(apart)
     if not known.any():
         return 1.0
     telling = float(np.sum((own / (own + one.of_rays))[known] ** 2))
-    low, high = SOURCE.sigma_factors
+    low, high = SOURCE_FIT.sigma_factors
     for _ in range(HALVINGS):
         middle = float(np.sqrt(low * high))
         wide = robust_sigma(apart[known] / np.sqrt(middle**2 * own[known] + one.of_rays[known])) < 1.0
         low, high = (low, middle) if wide else (middle, high)
-    return float(np.sqrt((SOURCE.prior_redundancy + telling * low * high) / (SOURCE.prior_redundancy + telling)))
+    return float(
+        np.sqrt((SOURCE_FIT.prior_redundancy + telling * low * high) / (SOURCE_FIT.prior_redundancy + telling))
+    )
 
 
 def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
@@ -221,11 +223,11 @@ def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
     found = []
     for group in range(len(one.source.groups)):
         here = one.rows.group == group
-        if here.sum() < SOURCE.least_of_group:
+        if here.sum() < SOURCE_FIT.least_of_group:
             continue
         miss, variance = one.miss_m[here], one.variance[here]
         middle, scale = _find_core(miss, np.sqrt(variance))
-        core = np.abs(miss - middle) <= SOURCE.core * scale * np.sqrt(variance)
+        core = np.abs(miss - middle) <= SOURCE_FIT.core * scale * np.sqrt(variance)
         own = 0.5 * np.pi * scale**2 / float((1.0 / variance[core]).sum())  # of a median
         found.append(GroupOffset(source, group, middle, own + one.source.common_m**2, int(here.sum())))
     return found
@@ -241,7 +243,7 @@ class GroupHistory:
     def decide_exclusion(self, group: tuple[str, int], decided: bool) -> bool:
         """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
         self.returns[group] += group in self.left_out and not decided
-        left_out = decided or self.returns[group] >= SOURCE.most_returns
+        left_out = decided or self.returns[group] >= SOURCE_FIT.most_returns
         (self.left_out.add if left_out else self.left_out.discard)(group)
         return left_out
 
@@ -303,7 +305,7 @@ def find_outlying_groups(
 
     With the block's height, or its place along an axis, m, a common error b of each source (standard deviation s), and
     group offsets o of variance v, the squares ``b² / s²`` of the sources and ``(o - m - b)² / v`` of the groups, each
-    cut at `SOURCE.group_wrong`², are minimised over all m that equal an offset. A DEM that stands on trees is one
+    cut at `SOURCE_FIT.group_wrong`², are minimised over all m that equal an offset. A DEM that stands on trees is one
     fault, however many its parts; of laser tracks each has to be wrong by itself. It is not certain where a group is
     right at a place that is nearly as good: one of two tracks that differ, say.
     """
@@ -316,7 +318,7 @@ def find_outlying_groups(
     costs = np.array([cost for cost, _ in tried])
     best = int(np.argmin(costs + 1e-9 * variance))
     wrong = tried[best][1]
-    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SOURCE.decided])
+    decided = np.logical_and.reduce([at for cost, at in tried if cost < costs[best] + SOURCE_FIT.decided])
     weight = ~wrong / (variance + np.array([sources[k].sigma_m for k in of]) ** 2)
     return wrong, decided, float(weight @ offset / weight.sum())
 
@@ -325,7 +327,7 @@ def chi2_at_offset(
     m: float, offset: np.ndarray, variance: np.ndarray, of: np.ndarray, sources: Sequence[CommonError]
 ) -> tuple[float, np.ndarray]:
     """Return chi² of the group offsets for a common block offset m, and the mask of outlying groups."""
-    limit, total = SOURCE.group_wrong**2, 0.0
+    limit, total = SOURCE_FIT.group_wrong**2, 0.0
     wrong = np.zeros(len(offset), dtype=bool)
     for number in np.unique(of):
         here, source = np.flatnonzero(of == number), sources[number]
