@@ -3,8 +3,8 @@
 ``reject_sigma`` names an error probability: that of an image point (two dimensions) this many standard deviations off.
 A block has thousands of tests, so that probability alone would accuse somebody in every clean block. The limit of the
 tie points is therefore that of Benjamini and Hochberg (1995): of all N points tested those R are wrong whose
-probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a clean block is accused in p of cases, and a bad
-one tested as sharply as the user asks. GCPs share the probability equally (Bonferroni).
+probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a clean block is accused in p of cases, and a
+bad one tested as sharply as the user asks. GCPs share the probability equally (Bonferroni).
 """
 
 from __future__ import annotations
