@@ -29,6 +29,7 @@ from ..hrsi_engine.drawing.residual_plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
+from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
@@ -52,8 +53,17 @@ from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
-FEW_PREDICTIONS = 30  # below, the figures of a set say little
-MOST_PAIRS_TOLD = 10
+
+
+@thresholds
+class ComparisonThresholds:
+    """When the figures of a set of RPCs say little."""
+
+    few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
+    most_pairs: int = threshold(10, "pairs", "pairs in the summary")
+
+
+COMPARISON = ComparisonThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +325,7 @@ def _rank_sets(sets: Mapping[str, Report]) -> Report:
 
 def _list_warnings(entries: Report, images: int, tracks: bool) -> list[str]:
     predictions = next(iter(entries["sets"].values()))["predictions"]
-    if tracks and predictions < FEW_PREDICTIONS:
+    if tracks and predictions < COMPARISON.few_predictions:
         why = "two images have none" if images < 3 else "they need points on three images or more"
         return [f"only {predictions} image points can be predicted from others ({why}): see the pairs and the fit"]
     return []
@@ -397,7 +407,7 @@ def summarise(report: Report) -> str:
         }
     images = next(iter(sets.values()))["images"]
     rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-             for name in list(images)[:MOST_PAIRS_TOLD]}  # fmt: skip
+             for name in list(images)[:COMPARISON.most_pairs]}  # fmt: skip
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [

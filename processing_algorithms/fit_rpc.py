@@ -9,6 +9,7 @@ import numpy as np
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.in_memory import InMemory
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.position_tables import read_correspondences
@@ -18,9 +19,20 @@ from .files.dry_run import plan
 from .files.result_folder import check_folder, tell
 from .interface.declare import Context, Report
 
-CHECK_SHARE = 5  # one point in five is kept for the check
-FEWEST_FOR_CHECK = 15
-BAD_FIT_PX = 1.0  # of a sensor model that an RPC can stand for, hundredths are left
+
+@thresholds
+class FitCheckThresholds:
+    """How a fitted RPC is checked."""
+
+    check_every: int = threshold(5, "points", "one point of so many is kept for the check")
+    fewest_points: int = threshold(15, "points", "points below which none is kept for the check")
+    bad_fit_px: float = threshold(
+        1.0, "px", "RMSE that is warned of: of a sensor that an RPC can stand for, hundredths are left"
+    )
+
+
+FIT_CHECK = FitCheckThresholds()
+
 SEED = 1  # of the choice of check points: the same ones every time
 
 
@@ -41,8 +53,10 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         low if options.min_height is None else options.min_height,
         high if options.max_height is None else options.max_height,
     )
-    few = [f"too few points to keep some for a check: give at least {FEWEST_FOR_CHECK}"] if (check is None) else []
-    if fit.max_px > BAD_FIT_PX:
+    few = (
+        [f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}"] if (check is None) else []
+    )
+    if fit.max_px > FIT_CHECK.bad_fit_px:
         few.append(
             f"the RPC fits its points to {fit.max_px:.3g} px only: check them for mistakes and points given twice"
         )
@@ -70,10 +84,10 @@ def fit_points(
 
     The check points also decide how much the fit is damped. Too few points leave no check.
     """
-    if len(ground) < FEWEST_FOR_CHECK:
+    if len(ground) < FIT_CHECK.fewest_points:
         return fit_rpc(ground, image, common_denominator=common_denominator), None
     kept_out = np.zeros(len(ground), dtype=bool)
-    kept_out[np.random.default_rng(SEED).permutation(len(ground))[: len(ground) // CHECK_SHARE]] = True
+    kept_out[np.random.default_rng(SEED).permutation(len(ground))[: len(ground) // FIT_CHECK.check_every]] = True
     checked = best_fit(
         (ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common_denominator
     )  # fmt: skip

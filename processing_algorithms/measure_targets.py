@@ -11,6 +11,7 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ..hrsi_engine.io.output_dir import stage_folder
@@ -28,7 +29,17 @@ from .files.target_chip import chip_of
 from .interface.declare import Context, Report
 
 PAGE_FILE = "report.html"
-MOST_PAGE_CHIPS = 200  # on the page
+
+
+@thresholds
+class TargetPageThresholds:
+    """How many targets the page shows."""
+
+    most_chips: int = threshold(200, "targets", "chips on the page")
+
+
+TARGET_PAGE = TargetPageThresholds()
+
 TARGET_KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
 
@@ -64,7 +75,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": [_target_row(target) for target in targets],
-        "chips_left_out": max(len(targets) - MOST_PAGE_CHIPS, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - TARGET_PAGE.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
@@ -75,7 +86,7 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
             rasters = {image.id: image.raster for image in images}
             chips = [
                 (target.id, target.image, draw_target_chip(chip_of(target.measurement, target.approximate, raster)))
-                for target in targets[:MOST_PAGE_CHIPS]
+                for target in targets[: TARGET_PAGE.most_chips]
                 for raster in [rasters.get(target.image)]
             ]
             write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)

@@ -22,6 +22,7 @@ from ..drawing.block_map import BlockMap, GroundPicture, TieField
 from ..drawing.image_cards import CARD, ImageCard
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
 from ..io.pages.pictures import picture_uri
 from ..io.rasters.images import GdalRaster
@@ -30,17 +31,28 @@ from .residuals import Residuals
 from .statistics import normalise_residuals, rank_survey_points
 from .tables import choose_positions
 
-MOST_KNOWN = 1500  # known points on the map, the worst first
-MOST_TIES, WORST_TIES = 2500, 300  # tie points one by one: all of them, or of more the worst
-MOST_VECTORS = 250  # on one image
-MOST_IMAGES = 24  # those with the largest residuals
-CARD_CELLS = 10  # parts of an image along each side
+
+@thresholds
+class ReportPageThresholds:
+    """How much of a block the report's page shows."""
+
+    most_known: int = threshold(1500, "points", "known points on the map, the worst first")
+    most_ties: int = threshold(2500, "points", "tie points drawn one by one")
+    worst_ties: int = threshold(300, "points", "of more tie points, the worst that are drawn one by one")
+    most_vectors: int = threshold(250, "residuals", "residual vectors on one image")
+    most_images: int = threshold(24, "images", "images shown one by one, those with the largest residuals")
+    card_cells: int = threshold(10, "cells", "parts of an image along each side")
+    chip_half_px: int = threshold(12, "px", "half the side of a chip of a point")
+    largest_chip_px: int = threshold(36, "px", "half the side of a chip that holds a large target")
+    most_values: int = threshold(400_000, "values", "values of a histogram; of more an even choice")
+    most_picture_pixels: int = threshold(400_000_000, "px", "pixels read for all pictures together: some seconds")
+    covering_share: float = threshold(0.05, "", "share of an image that it must add to the background of the map")
+
+
+REPORT_PAGE = ReportPageThresholds()
+
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
-CHIP_HALF_PX, LARGEST_CHIP_PX = 12, 36
-MOST_VALUES = 400_000  # of a histogram
 PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the number of images up to which
-MOST_PICTURE_PIXELS = 400_000_000  # read for all pictures together: some seconds
-COVERING_SHARE = 0.05  # of an image's area that it must add to the map's background
 
 #: What finds a target's outline near a position of an image: polylines in pixels, none where there is no target.
 Outline = Callable[[Image, np.ndarray], Sequence[np.ndarray]]
@@ -95,7 +107,7 @@ def report_figures(
 
 
 def _thin_values(values: np.ndarray) -> np.ndarray:
-    return values[:: max(1, len(values) // MOST_VALUES)]
+    return values[:: max(1, len(values) // REPORT_PAGE.most_values)]
 
 
 # ---- points ----------------------------------------------------------------------------------------------------
@@ -107,12 +119,12 @@ def _choose_points(result: Adjustment, left: Residuals) -> _PointSelection:
     worst = np.zeros(len(block.points))
     np.maximum.at(worst, block.measurements.point, statistic)
     placed = finite_rows(choose_positions(result))
-    known = _select_worst(np.flatnonzero(placed & block.known), worst, MOST_KNOWN)
+    known = _select_worst(np.flatnonzero(placed & block.known), worst, REPORT_PAGE.most_known)
     listed = np.concatenate([rank_survey_points(result, left, role) for role in (Role.GCP, Role.CHECK)])
     known = np.union1d(known, listed)  # a row of the page's tables leads to its point
     ties = np.flatnonzero(placed & ~block.known)
-    if len(ties) > MOST_TIES:
-        ties = _select_worst(ties, worst, WORST_TIES)
+    if len(ties) > REPORT_PAGE.most_ties:
+        ties = _select_worst(ties, worst, REPORT_PAGE.worst_ties)
     points = np.concatenate([known, ties])
     number = np.full(len(block.points), -1)
     number[points] = np.arange(len(points))
@@ -182,7 +194,7 @@ def _make_map(
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
     ties = np.flatnonzero(~block.known & finite_rows(place))
-    many = len(ties) > MOST_TIES
+    many = len(ties) > REPORT_PAGE.most_ties
     field = TieField(
         place[ties, :2], _point_rms(block, shown)[ties], np.hypot(*result.ground_sigma_m[ties, :2].T),
         block.rays_per_point()[ties],
@@ -217,7 +229,7 @@ def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
         for index, part in parts.items()
         if len(part)
     }
-    chosen = sorted(sorted(size, key=lambda index: -size[index])[:MOST_IMAGES])
+    chosen = sorted(sorted(size, key=lambda index: -size[index])[: REPORT_PAGE.most_images])
     rays = result.block.rays_per_point()
     return [_make_card(result, index, parts[index], shown, rays) for index in chosen]
 
@@ -227,15 +239,15 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSe
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
     groups[is_outlier(shown.statistic[part])] = "outlier"
-    ties, others = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[:MOST_VECTORS]
-    room = max(MOST_VECTORS - len(others), 0)
+    ties, others = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: REPORT_PAGE.most_vectors]
+    room = max(REPORT_PAGE.most_vectors - len(others), 0)
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
     chosen = np.concatenate([ties[::step], others])
     first_sample, last_sample, first_line, last_line = image.domain_px
     # Parts of the image: number of ties and their rays, and the mean residual of everything there
     share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
-    column, row = np.clip((share * CARD_CELLS).astype(np.int64), 0, CARD_CELLS - 1).T
-    cell, shape = row * CARD_CELLS + column, (CARD_CELLS, CARD_CELLS)
+    column, row = np.clip((share * REPORT_PAGE.card_cells).astype(np.int64), 0, REPORT_PAGE.card_cells - 1).T
+    cell, shape = row * REPORT_PAGE.card_cells + column, (REPORT_PAGE.card_cells, REPORT_PAGE.card_cells)
     is_tie = role == Role.TIE
     count = _sum_cells(cell[is_tie], None, shape)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -274,7 +286,7 @@ def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, 
         if image.id not in wanted or not isinstance(image.raster, GdalRaster):
             continue
         pixels += image.raster.size[0] * image.raster.size[1]
-        if pixels > MOST_PICTURE_PIXELS:
+        if pixels > REPORT_PAGE.most_picture_pixels:
             break
         step = max(1, -(-max(image.raster.size) // side))
         grey, valid = image.raster.read_means(step)
@@ -303,7 +315,7 @@ def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m:
             continue
         area = compute_footprint(image, height_m)
         new = area if covered is None else area.difference(covered)
-        adds = new.area > COVERING_SHARE * area.area
+        adds = new.area > REPORT_PAGE.covering_share * area.area
         covered = area if covered is None else covered.union(area)
         picture = pictures[image.id]
         found.append(GroundPicture(picture.name, image.id, picture.covers, ground, hidden=not adds))
@@ -344,7 +356,7 @@ def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | N
 def _make_chip(image: Image, xy: np.ndarray, residual: np.ndarray, curves: tuple[np.ndarray, ...]) -> TargetChip:
     """Return the pixels around a measurement, wide enough for its outline and for the computed position if near."""
     reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
-    half = int(np.clip(max(reach), CHIP_HALF_PX, LARGEST_CHIP_PX))
+    half = int(np.clip(max(reach), REPORT_PAGE.chip_half_px, REPORT_PAGE.largest_chip_px))
     low = np.round(xy).astype(int) - half
     grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
     nothing = np.empty((0, 2))

@@ -12,12 +12,22 @@ from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..adjustment.statistics.precision import errors_90, predict_accuracy
 from ..block.block import GroundPoints, Role
 from ..block.pointing import estimate_pointing
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
-from .outliers import MOST_OUTLIERS, name_measurement, outlier_entries
+from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
-MEASUREMENTS_NAMED = 6  # most measurements in a warning
-GROSS_SIGMAS = 10.0  # beyond, an error is worth a warning of its own
+
+@thresholds
+class WarningThresholds:
+    """What of a block's errors is named in warnings."""
+
+    most_named: int = threshold(6, "measurements", "measurements named in one warning")
+    gross_sigmas: float = threshold(10.0, "sigma", "error of a measurement that is worth a warning of its own")
+
+
+WARNING = WarningThresholds()
+
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
@@ -81,7 +91,7 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
                 "verdict": Decision(result.decision[row]).name.lower(),
                 "statistic": float(result.statistic[row]) if np.isfinite(result.statistic[row]) else None,
             }
-            for row in out[:MOST_OUTLIERS].tolist()
+            for row in out[: OUTLIER.most_listed].tolist()
         ],
     }
 
@@ -89,7 +99,7 @@ def _list_exclusions(result: Adjustment) -> dict[str, Any]:
 def _part_entry(part: DatumPart) -> dict[str, Any]:
     """Return what holds images that hang together; ``by_priors`` counts parameters that come from priors."""
     entry = asdict(part)
-    entry["images"] = list(part.images[:MOST_OUTLIERS])
+    entry["images"] = list(part.images[: OUTLIER.most_listed])
     entry["image_count"] = len(part.images)
     sigma = entry.pop("sigma_m")
     east, north, height = sigma
@@ -207,14 +217,15 @@ def _tie_figures(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[
 def rejection_warnings(result: Adjustment) -> list[str]:
     """Name the gross errors that data snooping left out, the worst first."""
     out = result.decision != int(Decision.KEPT)
-    gross = int((out & (np.nan_to_num(result.statistic) > GROSS_SIGMAS)).sum())
+    gross = int((out & (np.nan_to_num(result.statistic) > WARNING.gross_sigmas)).sum())
     if not gross:
         return []
     worst = [
         f"{entry['id']} on {entry['image']} ({entry['statistic']:.0f} sigma)"
-        for entry in _list_exclusions(result)["measurements"][: min(gross, MEASUREMENTS_NAMED)]
+        for entry in _list_exclusions(result)["measurements"][: min(gross, WARNING.most_named)]
     ]
+    more = " …" if gross > WARNING.most_named else ""
     return [
         f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "
-        f"them by more than {GROSS_SIGMAS:g} sigma: {', '.join(worst)}{' …' if gross > MEASUREMENTS_NAMED else ''}"
+        f"them by more than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{more}"
     ]

@@ -22,14 +22,24 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.stack import stack_of
 from ..foundation.errors import list_ids
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 from .tables import choose_positions
 
-NODES = 5  # of the grid over an image, along each axis
-GRIDS_AT_ONCE = 1000  # images whose grids are in memory together
-MOST_IDS = 20
+
+@thresholds
+class AccuracyGridThresholds:
+    """How the accuracy of refined images is sampled, and how much of it is written."""
+
+    nodes: int = threshold(5, "nodes", "nodes of the grid over an image, along each axis")
+    grids_at_once: int = threshold(1000, "images", "images whose grids are in memory together")
+    most_ids: int = threshold(20, "points", "ids of control points that a file lists")
+
+
+ACCURACY_GRID = AccuracyGridThresholds()
+
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
 
@@ -51,8 +61,8 @@ def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[Refi
     height = float(middle_position(choose_positions(result))[2])
     images = result.block.images
     stated = list(refined)
-    for first in range(0, len(images), GRIDS_AT_ONCE):
-        part = range(first, min(first + GRIDS_AT_ONCE, len(images)))
+    for first in range(0, len(images), ACCURACY_GRID.grids_at_once):
+        part = range(first, min(first + ACCURACY_GRID.grids_at_once, len(images)))
         bias, rand = _camera_errors_m(result, part, height)
         for index in np.flatnonzero(np.isfinite(bias + rand)).tolist():
             new = stated[part[index]]
@@ -71,19 +81,19 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     if not len(known):
         return bias, rand
     chosen, covariance = [images[index] for index in known.tolist()], covariance[known]
-    xy = np.concatenate([image.grid_px(NODES, NODES) for image in chosen])
-    which = np.repeat(np.arange(len(chosen)), NODES**2)
+    xy = np.concatenate([image.grid_px(ACCURACY_GRID.nodes, ACCURACY_GRID.nodes) for image in chosen])
+    which = np.repeat(np.arange(len(chosen)), ACCURACY_GRID.nodes**2)
     ground = stack_of(chosen).localize(which, xy, height)
     at = linearise_images(cameras.model, chosen, which, xy, values[known], ground)
     delivered = project_to_images(result.model, chosen, which, result.values[of_part][known], ground)
     to_ground = invert_2x2(at.by_ground[:, :, :2])
-    by_values = (to_ground @ at.by_values).reshape(len(chosen), NODES**2, 2, -1)
-    drift_m = (to_ground @ (at.computed - delivered)[:, :, None]).reshape(len(chosen), NODES**2, 2)
+    by_values = (to_ground @ at.by_values).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, -1)
+    drift_m = (to_ground @ (at.computed - delivered)[:, :, None]).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2)
     mean, mean_drift = by_values.mean(axis=1), drift_m.mean(axis=1)
     shared = 0.5 * (np.sum((mean @ covariance) * mean, axis=(1, 2)) + np.sum(mean_drift**2, axis=1))
-    flat = by_values.reshape(len(chosen), 2 * NODES**2, -1)
+    flat = by_values.reshape(len(chosen), 2 * ACCURACY_GRID.nodes**2, -1)
     squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
-    total = 0.5 * squares / NODES**2
+    total = 0.5 * squares / ACCURACY_GRID.nodes**2
     total[~np.isfinite(total)] = np.nan
     bias[known] = np.sqrt(np.maximum(shared, 0.0))
     rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
@@ -111,7 +121,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         "HRSI_DATE": report["date"],
         "HRSI_ALGORITHM": report["algorithm"],
         "HRSI_MODEL": report["model"],
-        "HRSI_BLOCK": list_ids(report["images"], MOST_IDS),
+        "HRSI_BLOCK": list_ids(report["images"], ACCURACY_GRID.most_ids),
         "HRSI_REPORT": report_path,
         "HRSI_VERDICT": report["verdict"]["level"],
         **{f"HRSI_{name}_M": f"{value:.4g}" for name, value in accuracy.items() if value is not None},

@@ -1,6 +1,6 @@
 """Which residuals stand out. One rule for the report, the layers, the drawings and the panel.
 
-The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `OUTLIER_SIGMAS` it is
+The statistic of a residual is its length with every coordinate in units of its own sigma; beyond `OUTLIER.sigmas` it is
 an outlier. Residuals and sigmas are those of `results.residuals`, and stand side by side in the layers, so that
 dividing one by the other gives the statistic.
 """
@@ -14,11 +14,25 @@ import numpy as np
 from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..io.geopackage.layer_words import Words
 from .residuals import Residuals
 
-OUTLIER_SIGMAS = 4.0  # of a normal error in an image 1 in 3000 is larger
-MOST_OUTLIERS = 200  # of a list in the report
+
+@thresholds
+class OutlierThresholds:
+    """Which residuals stand out."""
+
+    sigmas: float = threshold(
+        4.0,
+        "sigma",
+        "length of a residual beyond which it is an outlier",
+        "theory: of a two-dimensional normal error, 1 in 3000 is larger",
+    )
+    most_listed: int = threshold(200, "outliers", "outliers that the report lists")
+
+
+OUTLIER = OutlierThresholds()
 
 
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -41,7 +55,7 @@ def measurement_statistic(left: Residuals) -> np.ndarray:
 
 def is_outlier(statistics: np.ndarray) -> np.ndarray:
     """Return which statistics are those of outliers; what could not be judged is none."""
-    return np.nan_to_num(statistics) > OUTLIER_SIGMAS
+    return np.nan_to_num(statistics) > OUTLIER.sigmas
 
 
 def measurement_flags(result: Adjustment, left: Residuals) -> Words:
@@ -71,7 +85,8 @@ def outlier_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
     worst = outliers[np.argsort(-np.nan_to_num(found[outliers]), kind="stable")]
     return {
         "outliers": [
-            name_measurement(result, row) | {"statistic": float(found[row])} for row in worst[:MOST_OUTLIERS].tolist()
+            name_measurement(result, row) | {"statistic": float(found[row])}
+            for row in worst[: OUTLIER.most_listed].tolist()
         ],
         "outlier_count": len(worst),
     }

@@ -24,12 +24,23 @@ from ..adjustment.result import Adjustment
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, moved_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
 from ..refinement.stacked_cameras import linearise_images, project_to_images
 
-KNOWN_AT_ONCE = 20_000  # measurements of known points
+
+@thresholds
+class ResidualThresholds:
+    """How many residuals are worked on together."""
+
+    known_at_once: int = threshold(
+        20_000, "measurements", "measurements of known points whose covariances are in memory together"
+    )
+
+
+RESIDUAL = ResidualThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +216,8 @@ def _survey_covariances(
     sigma, check = unit_sigma(result) * measurement_sigma_px(result), block.points.role == Role.CHECK
     by_images = np.flatnonzero(chosen)
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
-    for first in range(0, len(by_images), KNOWN_AT_ONCE):
-        here = by_images[first : first + KNOWN_AT_ONCE]
+    for first in range(0, len(by_images), RESIDUAL.known_at_once):
+        here = by_images[first : first + RESIDUAL.known_at_once]
         points, (seen, which) = rows.point[here], np.unique(rows.image[here], return_inverse=True)
         images, ground = [block.images[index] for index in seen.tolist()], block.points.ground[points]
         at = linearise_images(cameras.model, images, which, rows.xy[here], cameras.values[seen], ground)

@@ -13,12 +13,24 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from .residuals import Residuals, by_image, measurement_sigma_px
 
-LEAST_CONTROLLED = 0.02  # an observation that nothing controls has no residual to speak of
-COVERAGE_CELLS = 5  # along each side of an image
+
+@thresholds
+class StatisticThresholds:
+    """Which residuals are counted, and how much the report lists."""
+
+    least_redundancy: float = threshold(
+        0.02, "", "redundancy number below which an observation has no residual to speak of"
+    )
+    coverage_cells: int = threshold(5, "cells", "cells of the coverage by tie points, along each side of an image")
+    most_points: int = threshold(200, "points", "known points that the report lists")
+
+
+STATISTIC = StatisticThresholds()
+
 IMAGE_AXES = ("sample", "line")
-MOST_KNOWN_ROWS = 200
 
 
 def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
@@ -31,7 +43,7 @@ def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = result.judged_residual_px / (measurement_sigma_px(result)[:, None] * np.sqrt(redundancy))
     took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
-    usable = np.isfinite(normalised) & (redundancy > LEAST_CONTROLLED) & took_part[:, None]
+    usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & took_part[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 
 
@@ -52,11 +64,14 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     block = result.block
     rows = block.measurements
     used = result.took_part & (block.points.role[rows.point] == Role.TIE)
-    counts = {image.id: np.zeros((COVERAGE_CELLS, COVERAGE_CELLS), dtype=np.int64) for image in block.images}
+    counts = {
+        image.id: np.zeros((STATISTIC.coverage_cells, STATISTIC.coverage_cells), dtype=np.int64)
+        for image in block.images
+    }
     for index, here in by_image(block, used):
         image = block.images[index]
         share = (rows.xy[here] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
-        cell = np.clip((share * COVERAGE_CELLS).astype(np.int64), 0, COVERAGE_CELLS - 1)
+        cell = np.clip((share * STATISTIC.coverage_cells).astype(np.int64), 0, STATISTIC.coverage_cells - 1)
         np.add.at(counts[image.id], (cell[:, 1], cell[:, 0]), 1)
     return counts
 
@@ -69,7 +84,7 @@ def coverage_share(counts: np.ndarray) -> float:
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
     here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
-    return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][:MOST_KNOWN_ROWS]
+    return here[np.argsort(-np.nansum(left.ground_m[here] ** 2, axis=1), kind="stable")][: STATISTIC.most_points]
 
 
 def survey_point_rows(result: Adjustment, left: Residuals, role: Role) -> list[dict[str, Any]]:

@@ -18,13 +18,24 @@ from ..block.block import Block
 from ..block.footprints import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
+from ..foundation.thresholds import threshold, thresholds
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
 from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
 from ..io.geopackage.typed_rows import LayerRows
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 
-MOST_IMAGE_RESIDUALS = 1_000_000  # of a residual layer; a map shows no more, and each costs a hundred bytes twice
+
+@thresholds
+class TableThresholds:
+    """How long layers may be."""
+
+    most_image_residuals: int = threshold(
+        1_000_000, "rows", "image residuals in a layer: a map shows no more, and each takes a hundred bytes twice"
+    )
+
+
+TABLE = TableThresholds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +133,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     return _select_positions(Picked(place, rows.point), here, columns)
 
 
-def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_RESIDUALS) -> Table:
+def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals) -> Table:
     """Return ground residuals (one row a known point) and image residuals (one row a measurement).
 
     Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
@@ -136,11 +147,11 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = MOST_IMAGE_
 def thinning_warnings(result: Adjustment) -> list[str]:
     """Say that the residual layers do not show every image point."""
     count = len(result.block.measurements)
-    if count <= MOST_IMAGE_RESIDUALS:
+    if count <= TABLE.most_image_residuals:
         return []
     return [
-        f"the residual layers show about {MOST_IMAGE_RESIDUALS} of the {count} image points, among them all of known "
-        "points and all outliers; the layer image_points has them all"
+        f"the residual layers show about {TABLE.most_image_residuals} of the {count} image points, among them all of "
+        "known points and all outliers; the layer image_points has them all"
     ]
 
 

@@ -9,13 +9,22 @@ from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
 from ...hrsi_engine.plausibility.relief import find_relief_reasons
 from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 
-LEAST_POINTS = 10
-LEAST_OFFSET_M = 1.0  # grass, interpolation and a DEM's own errors may do so much
-LIMIT = 4.0  # standard deviations of the median that an offset must exceed
+
+@thresholds
+class DemOffsetThresholds:
+    """When a block lies off the DEM."""
+
+    fewest_points: int = threshold(10, "points", "points with a height of the DEM that the median needs")
+    least_m: float = threshold(1.0, "m", "offset that grass, interpolation and a DEM's own errors may cause")
+    sigmas: float = threshold(4.0, "sigma", "standard deviations of the median that an offset must exceed")
+
+
+DEM_OFFSET = DemOffsetThresholds()
 
 
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
@@ -30,11 +39,11 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     ground = result.ground[(role == Role.TIE) & finite_rows(result.ground)]
     above = ground[:, 2] - surface_heights(surface, ground[:, :2])
     above = above[np.isfinite(above)]
-    if len(above) < LEAST_POINTS:
+    if len(above) < DEM_OFFSET.fewest_points:
         return []
     middle = float(np.median(above))
     spread = float(robust_sigma(above - middle))
-    if abs(middle) <= max(LEAST_OFFSET_M, LIMIT * 1.2533 * spread / np.sqrt(len(above))):
+    if abs(middle) <= max(DEM_OFFSET.least_m, DEM_OFFSET.sigmas * 1.2533 * spread / np.sqrt(len(above))):
         return []
     return [
         f"the tie points lie {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "

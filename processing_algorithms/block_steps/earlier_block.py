@@ -18,6 +18,7 @@ from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from ...hrsi_engine.block.names import find_unique_ids
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
 from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
@@ -26,7 +27,18 @@ from ...hrsi_engine.results.block_record import read_joint_arrays
 from ..files.image_files import require_ids
 from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions
 
-SAME_PLACE_PX = 1e-3  # measurements of one point on one image that are as near are the same
+
+@thresholds
+class EarlierBlockThresholds:
+    """When earlier measurements are those of a new file."""
+
+    same_place_px: float = threshold(
+        1e-3, "px", "distance of two measurements of one point on one image that are the same"
+    )
+
+
+EARLIER_BLOCK = EarlierBlockThresholds()
+
 EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
 
 
@@ -107,7 +119,7 @@ def _rename_conflicts(measured: ImagePoints, known: GroundPoints, tie_points: st
         order = np.argsort(name)
         place = order[np.minimum(np.searchsorted(name, other, sorter=order), len(name) - 1)]
         same = name[place] == other
-        if (np.abs(measured.xy[place[same]] - new.xy[same]) > SAME_PLACE_PX).any():
+        if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
             tie = ~np.isin(measured.ids, known.ids)
             return replace(measured, ids=np.where(tie, np.char.add(EARLIER, measured.ids), measured.ids))
     return measured

@@ -18,6 +18,7 @@ from ...hrsi_engine.block.reference_places import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
@@ -26,11 +27,26 @@ from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, LaserFile, PointFiles
 
-MAY_LIE_BESIDE_PX = 100.0  # a laser point so far beside an image may come to lie on it when the block moves
+
+@thresholds
+class LaserLookThresholds:
+    """Which laser points are looked at, and how often."""
+
+    beside_px: float = threshold(
+        100.0, "px", "distance of a laser point beside an image, from where a move of the block may bring it in"
+    )
+    most_rounds: int = threshold(3, "rounds", "rounds of looking for the places of laser points")
+    moved_plan_m: float = threshold(3.0, "m", "move of the block in plan after which there is another round")
+    moved_height_m: float = threshold(4.0, "m", "move of the block in height after which there is another round")
+    ties_compared: int = threshold(
+        8, "points", "tie points that a laser point is compared with before ties are measured at it"
+    )
+    few_points: int = threshold(10, "points", "laser points in the adjustment below which a warning is given")
+
+
+LASER_LOOK = LaserLookThresholds()
+
 NOT_SEEN = "not on two images"
-LOOK_UPS, MOVED_PLAN_M, MOVED_HEIGHT_M = 3, 3.0, 4.0  # rounds, and moves of the block after which there is another one
-TIES_COMPARED = 8  # with a laser point, before any tie is measured there
-FEW_HOLD = 10  # laser points, below which a user should know
 
 
 def read_laser_points(images: Sequence[Image], options: LaserFile, context: Context) -> LaserPoints | None:
@@ -41,13 +57,13 @@ def read_laser_points(images: Sequence[Image], options: LaserFile, context: Cont
     if not options.laser:
         return None
     points = read_laser(options.laser, options.laser_datum)
-    points = points.select(np.flatnonzero(_count_views(images, points.ground, 10.0 * MAY_LIE_BESIDE_PX) >= 1))
+    points = points.select(np.flatnonzero(_count_views(images, points.ground, 10.0 * LASER_LOOK.beside_px) >= 1))
     if not len(points):
         raise InputError(
             f"{options.laser}: none of its laser points lies on an image: check that they are of this area"
         )
     reasons = find_laser_reasons(points)
-    beside = _count_views(images, points.ground, MAY_LIE_BESIDE_PX) < 2
+    beside = _count_views(images, points.ground, LASER_LOOK.beside_px) < 2
     points = replace(points, doubt=np.where((reasons == "") & beside, NOT_SEEN, reasons))
     good = int((points.doubt == "").sum())
     context.log(f"{options.laser}: {len(points)} laser points on the images or near them, {good} of them usable")
@@ -102,7 +118,7 @@ def adjust_at_laser_points(
     result = adjust(block, options, stage(context.progress, 0.0, 0.1))
     from ...hrsi_engine.measurement.laser_ties import measure_laser_ties  # matching takes a fifth of a second to load
 
-    for number in range(LOOK_UPS):
+    for number in range(LASER_LOOK.most_rounds):
         part = context.stage(0.1 + 0.3 * number, 0.4 + 0.3 * number)
         images = [
             replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
@@ -116,7 +132,7 @@ def adjust_at_laser_points(
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
-        if np.hypot(*moved[:2]) < MOVED_PLAN_M and moved[2] < MOVED_HEIGHT_M:
+        if np.hypot(*moved[:2]) < LASER_LOOK.moved_plan_m and moved[2] < LASER_LOOK.moved_height_m:
             break
     return result, []
 
@@ -124,14 +140,14 @@ def adjust_at_laser_points(
 def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     """Return by how much the block lies above the laser points; 0 where they hold it already."""
     found = result.laser
-    if found is not None and (found.reason == "").sum() >= FEW_HOLD:
+    if found is not None and (found.reason == "").sum() >= LASER_LOOK.few_points:
         return 0.0
     ties = result.ground[(result.block.points.role == Role.TIE) & finite_rows(result.ground)]
     good = laser.ground[laser.doubt == ""]
     if not len(ties) or not len(good):
         return 0.0
     frame = LocalFrame(*ties[0])
-    count = min(TIES_COMPARED, len(ties))
+    count = min(LASER_LOOK.ties_compared, len(ties))
     _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
@@ -163,7 +179,7 @@ def laser_warnings(result: Adjustment) -> list[str]:
     if found is None:
         return []
     used = int((found.reason == "").sum())
-    if used >= FEW_HOLD:
+    if used >= LASER_LOOK.few_points:
         return []
     most = Counter(found.reason[found.reason != ""].tolist()).most_common(1)
     why = f"; most of the others: {most[0][0]}" if most else ""

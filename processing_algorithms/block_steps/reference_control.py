@@ -12,6 +12,7 @@ from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, 
 from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     ImageGcps,
@@ -29,8 +30,25 @@ from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
 from .inputs import read_block as read_files
 
-SIGMA_PIXELS = 2.0  # of the reference: its standard deviation where none is given, up to that of satellites' own
-SATELLITE_M, SATELLITE_PIXELS = 5.0, 0.5  # Sentinel-2 (12.5 m for 95 %), Landsat (12 m CE90, pixels of 30 m)
+
+@thresholds
+class ReferenceSigmaThresholds:
+    """Standard deviation of a reference orthoimage where none is given."""
+
+    pixels: float = threshold(2.0, "px", "standard deviation in its pixels, up to that of satellites' own")
+    satellite_m: float = threshold(
+        5.0,
+        "m",
+        "standard deviation of orthoimages of free satellites",
+        "Sentinel-2: 12.5 m for 95 %; Landsat: 12 m CE90",
+    )
+    satellite_pixels: float = threshold(
+        0.5, "px", "standard deviation of orthoimages of free satellites in their pixels", "Landsat: pixels of 30 m"
+    )
+
+
+REFERENCE_SIGMA = ReferenceSigmaThresholds()
+
 PREFIX = "REF"
 
 
@@ -108,7 +126,9 @@ def find_reference_control(
 
 def usual_sigma_m(gsd_m: float) -> float:
     """Return the standard deviation of each horizontal coordinate of an orthoimage that states none, by its pixels."""
-    return min(SIGMA_PIXELS * gsd_m, max(SATELLITE_M, SATELLITE_PIXELS * gsd_m))
+    return min(
+        REFERENCE_SIGMA.pixels * gsd_m, max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * gsd_m)
+    )
 
 
 def _image_entry(found: Any, shift: Any) -> Report:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..interface.declare import Report
 
 COLUMN_WIDTHS = {
@@ -14,8 +15,17 @@ COLUMN_WIDTHS = {
     "sample_px": 11,
     "line_px": 9,
 }  #: report key: column width
-OUTLIERS_SUMMARISED = 5
-MOST_PARTS = 3
+
+
+@thresholds
+class SummaryThresholds:
+    """How much the last lines on the terminal name."""
+
+    most_outliers: int = threshold(5, "outliers", "outliers named")
+    most_parts: int = threshold(3, "parts", "parts of a block named")
+
+
+SUMMARY = SummaryThresholds()
 
 
 def summarise(report: Report) -> str:
@@ -39,14 +49,14 @@ def summarise(report: Report) -> str:
     lines += [
         f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
         f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
-        for part in report["parts"][:MOST_PARTS]
+        for part in report["parts"][: SUMMARY.most_parts]
         if not part["gcps"] and part["ce90_m"] is not None
     ]
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"
-        for row in outliers[:OUTLIERS_SUMMARISED]
+        for row in outliers[: SUMMARY.most_outliers]
     ]
-    if report["outlier_count"] > OUTLIERS_SUMMARISED:
+    if report["outlier_count"] > SUMMARY.most_outliers:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
     lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]

@@ -13,6 +13,7 @@ import pyproj
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
@@ -32,10 +33,21 @@ from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.terrain import open_terrain
 
-UNLIKELY_RATIO = 200.0  # of the orthoimages' pixels to the images': nobody wants that
+
+@thresholds
+class OrthoGridThresholds:
+    """Which grids of orthoimages are accepted and warned of."""
+
+    largest_ratio: float = threshold(
+        200.0, "", "pixel size of the orthoimages over that of the images, beyond which nobody wants it"
+    )
+    nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is carried to another CRS")
+    notable_height_m: float = threshold(10.0, "m", "error of the constant height for which the warning gives the shift")
+
+
+ORTHO_GRID = OrthoGridThresholds()
+
 METRES_PER_DEGREE = 111_320.0
-NODES_A_SIDE = 21  # of an extent in another CRS
-NOTABLE_HEIGHT_M = 10.0  # an error of the constant height that the warning speaks of
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +166,7 @@ def _metres_per_unit(wkt: str) -> float:
 def _require_resolution(resolution: float, wkt: str, gsd_m: float) -> None:
     """Raise `InputError` for pixels of quite another size than the images': then another unit was meant."""
     metres = resolution * _metres_per_unit(wkt)
-    if 1.0 / UNLIKELY_RATIO <= metres / gsd_m <= UNLIKELY_RATIO:
+    if 1.0 / ORTHO_GRID.largest_ratio <= metres / gsd_m <= ORTHO_GRID.largest_ratio:
         return
     crs = pyproj.CRS.from_wkt(wkt)
     raise InputError(
@@ -171,8 +183,8 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
         }
         worst = max(tangents, key=lambda name: tangents[name])
         return [
-            f"the ground is taken as flat: where it is {NOTABLE_HEIGHT_M:g} m higher or lower, {worst} is off by "
-            f"{NOTABLE_HEIGHT_M * tangents[worst]:.1f} m; a DEM removes that"
+            f"the ground is taken as flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} is "
+            f"off by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM removes that"
         ]
     shares = {image.id: compute_covered_share(image, terrain.surface) for image in images}
     return [
@@ -198,7 +210,7 @@ def _parse_box(extent: str, crs: str) -> tuple[float, ...]:
         return box
     # The outline goes by way of WGS84, as everything does
     west, south, east, north = box
-    x, y = np.linspace(west, east, NODES_A_SIDE), np.linspace(south, north, NODES_A_SIDE)
+    x, y = np.linspace(west, east, ORTHO_GRID.nodes), np.linspace(south, north, ORTHO_GRID.nodes)
     sides = [np.stack(np.broadcast_arrays(*side), axis=1) for side in ((x, south), (x, north), (west, y), (east, y))]
     outline = np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
     xy = operations_of(crs).from_wgs84(operations_of(_parse_crs(named, "extent").to_wkt()).to_wgs84(outline))

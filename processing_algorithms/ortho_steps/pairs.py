@@ -15,6 +15,7 @@ from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.drawing.block_map import BlockMap, draw_block_map
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
 from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
@@ -36,7 +37,16 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
 from ..interface.declare import Context, Report
 
-MOST_MAPS = 12
+
+@thresholds
+class PairPageThresholds:
+    """How many pairs the page shows."""
+
+    most_maps: int = threshold(12, "maps", "maps of shifts on the page")
+
+
+PAIR_PAGE = PairPageThresholds()
+
 BEFORE, AFTER = "before", "after"
 
 
@@ -267,7 +277,7 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
 def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
     """Return titles and arrow maps of the first pairs."""
     maps = []
-    for pair in found[:MOST_MAPS]:
+    for pair in found[: PAIR_PAGE.most_maps]:
         lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from .rows import ImageMeasurement, SurveyPoint
 
 Key = tuple[str, str]  #: point and image
-LONGEST = 1000  # edits that can be undone
+
+
+@thresholds
+class HistoryThresholds:
+    """How many edits are kept."""
+
+    longest: int = threshold(1000, "edits", "edits that can be undone")
+
+
+HISTORY = HistoryThresholds()
 
 
 @dataclass(frozen=True)
@@ -48,7 +58,7 @@ class History:
         """Make an edit; what was undone before it cannot be done again."""
         self._apply(edit.forth)
         self._undone.clear()
-        self._done = [*self._done[1 - LONGEST :], (self.state, edit)]
+        self._done = [*self._done[1 - HISTORY.longest :], (self.state, edit)]
         self._states += 1
         self.state = self._states
 

@@ -12,6 +12,7 @@ from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, silent
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import moved_ground
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
@@ -20,19 +21,27 @@ from .rows import TIE, SurveyPoint
 from .session import PointSession
 from .tables import image_points
 
-HILLS_M = 30.0  # beyond the heights of the points: hills between them, and roofs
-UNKNOWN_HEIGHTS_M = 300.0  # to both sides, where no point tells of heights
-VENDOR_PX = 30.0  # that cameras may be off before anything is adjusted
-ADJUSTED_PX = 2.0
-DIFFERENCE_PX = 20.0  # over which the derivatives between images are taken
-NEWTON_STEPS = 4
+
+@thresholds
+class PanelTransferThresholds:
+    """Where a point is looked for on the other images."""
+
+    hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
+    unknown_heights_m: float = threshold(300.0, "m", "heights to both sides where no point tells of any")
+    vendor_px: float = threshold(30.0, "px", "error of cameras before anything is adjusted")
+    adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
+    difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
+    newton_steps: int = threshold(4, "iterations", "steps of Newton's method to the ground")
+
+
+PANEL_TRANSFER = PanelTransferThresholds()
 
 
 def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
     """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
     target, image = np.array(xy, dtype=np.float64), session.images[image_id]
     ground = image.rpc.localize(target[None], np.array([height_m])).ground
-    for _ in range(NEWTON_STEPS):
+    for _ in range(PANEL_TRANSFER.newton_steps):
         seen = session.project(image_id, ground)[0]
         aside = [moved_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
         by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
@@ -99,9 +108,12 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
         return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
 
     line = np.array([second_by(xy, lowest), second_by(xy, highest)])
-    sides = [second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((DIFFERENCE_PX, 0.0), (0.0, DIFFERENCE_PX))]
-    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / DIFFERENCE_PX
-    margin_px = VENDOR_PX if session.shown is None else ADJUSTED_PX
+    sides = [
+        second_by((xy[0] + i, xy[1] + j), middle)
+        for i, j in ((PANEL_TRANSFER.difference_px, 0.0), (0.0, PANEL_TRANSFER.difference_px))
+    ]
+    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL_TRANSFER.difference_px
+    margin_px = PANEL_TRANSFER.vendor_px if session.shown is None else PANEL_TRANSFER.adjusted_px
     return transfer_point(first, np.array(xy), second, line, by_first, margin_px)
 
 
@@ -110,9 +122,9 @@ def _height_range(session: PointSession, name: str) -> tuple[float, float, float
     point = session.points[name]
     rays = sum(other == name for other, _ in session.measured)
     if point.role != TIE or rays > 1:
-        margin = 2.0 * HILLS_M / 3.0
+        margin = 2.0 * PANEL_TRANSFER.hills_m / 3.0
         return point.height - margin, point.height, point.height + margin
     heights, middle = session.ground_heights_m(), session.middle_height_m()
     if not len(heights):
-        return middle - UNKNOWN_HEIGHTS_M, middle, middle + UNKNOWN_HEIGHTS_M
-    return float(heights.min()) - HILLS_M, middle, float(heights.max()) + HILLS_M
+        return middle - PANEL_TRANSFER.unknown_heights_m, middle, middle + PANEL_TRANSFER.unknown_heights_m
+    return float(heights.min()) - PANEL_TRANSFER.hills_m, middle, float(heights.max()) + PANEL_TRANSFER.hills_m
