@@ -56,6 +56,7 @@ def copies(result: Adjustment, count: int) -> Adjustment:
         replace(
             points, ids=np.char.add(repeated(points.ids), np.repeat(np.arange(count).astype(str), len(points))),
             ground=moved(points.ground), role=repeated(points.role), sigma_m=repeated(points.sigma_m),
+            operation=repeated(points.operation),
         ),
         replace(
             rows, point=repeated(rows.point) + number * len(points),
