@@ -120,7 +120,7 @@ def test_digest_tells_values_apart():
 
 
 def test_what_a_killed_run_was_writing_goes(tmp_path):
-    dead = tmp_path / f".a.{leftovers._machine()}-{2**22 + 1}-1-0123abcd.tmp.npz"
+    dead = tmp_path / f".a.{leftovers._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.npz"
     dead.touch()
     assert len(PartStore(str(tmp_path))) == 0
     assert not dead.exists()

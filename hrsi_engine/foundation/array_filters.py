@@ -17,7 +17,7 @@ class ArrayFilters:
     def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         for axis, kernel in ((1, along_row), (0, along_column)):
             if len(kernel) > 1 or kernel[0] != 1:
-                result = _roomy(image.shape, image.dtype)
+                result = _make_padded(image.shape, image.dtype)
                 ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
                 image = result
         return np.ascontiguousarray(image)
@@ -96,7 +96,7 @@ class ArrayFilters:
         return result.reshape(shape)
 
 
-def _roomy(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+def _make_padded(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     """Return an empty image whose columns do not all fall on the same lines of the processor's cache."""
     spare = 24 if shape[1] % 256 == 0 else 0
     return np.empty((shape[0], shape[1] + spare), dtype)[:, : shape[1]]
@@ -134,7 +134,7 @@ def _interpolate_part(
     base = (row.astype(np.int64) + MARGIN_PX) * width + column.astype(np.int64) + MARGIN_PX
     if order == 0:
         return flat.take(base)
-    of_column, of_row = (_weights(at - whole, order) for at, whole in ((x, column), (y, row)))
+    of_column, of_row = (_kernel_weights(at - whole, order) for at, whole in ((x, column), (y, row)))
     first = 0 if order == 1 else -1  # of the neighbours, from the pixel at or before the position
     base += first * (width + 1)
     total = np.zeros(len(x), np.float32)
@@ -146,7 +146,7 @@ def _interpolate_part(
     return total
 
 
-def _weights(t: np.ndarray, order: int) -> list[np.ndarray]:
+def _kernel_weights(t: np.ndarray, order: int) -> list[np.ndarray]:
     """Return the weights of two pixels (linear) or four (cubic convolution) at the fraction t of a pixel."""
     t = t.astype(np.float32)
     if order == 1:

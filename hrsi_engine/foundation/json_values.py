@@ -51,20 +51,20 @@ def json_lines(value: Mapping[str, Any]) -> str:
 
     So every image of a report has its line. Deeper indentation would be Python's slow way of making JSON.
     """
-    return "{\n" + ",\n".join(f" {_line(str(key))}: {_in_lines(item)}" for key, item in value.items()) + "\n}"
+    return "{\n" + ",\n".join(f" {_dump(str(key))}: {_in_lines(item)}" for key, item in value.items()) + "\n}"
 
 
 def _in_lines(value: Any) -> str:
     """Return a value with its items, where it has any, on lines of their own."""
     value = value if isinstance(value, (Mapping, list, tuple)) else json_ready(value)
     if isinstance(value, Mapping) and value:
-        return "{\n" + ",\n".join(f"  {_line(str(key))}: {_line(item)}" for key, item in value.items()) + "\n }"
+        return "{\n" + ",\n".join(f"  {_dump(str(key))}: {_dump(item)}" for key, item in value.items()) + "\n }"
     if isinstance(value, (list, tuple)) and value:
-        return "[\n" + ",\n".join(f"  {_line(item)}" for item in value) + "\n ]"
-    return _line(value)
+        return "[\n" + ",\n".join(f"  {_dump(item)}" for item in value) + "\n ]"
+    return _dump(value)
 
 
-def _line(value: Any) -> str:
+def _dump(value: Any) -> str:
     """Return a value on one line; most are fit for JSON as they are, and are made ready only where they are not."""
     try:
         return _of_lines.encode(value)

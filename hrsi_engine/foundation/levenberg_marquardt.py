@@ -134,7 +134,7 @@ def descend(
             astray, growth = 0, DESCENT.raised
             if damping:
                 # a damped step promises little everywhere, so where it is little the next one is not damped
-                needed = max(_lower(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping)
+                needed = max(_lower_damping(damping, came, braked / max(promised, 1e-300)), DESCENT.least_damping)
                 damping = 0.0 if done else needed
         elif astray < DESCENT.look_ahead and taken.ahead.cost < (DESCENT.great_leap * at.cost if astray else np.inf):
             at, astray = taken.ahead, astray + 1
@@ -149,7 +149,7 @@ def descend(
     raise AssertionError("a descent has one step at least")
 
 
-def _lower(damping: float, came: float, share: float) -> float:
+def _lower_damping(damping: float, came: float, share: float) -> float:
     """Return the damping after a step that helped.
 
     ``came`` is the decrease over that of the damped equations, (g' s) / 2, and ``share`` the damping's part in what was

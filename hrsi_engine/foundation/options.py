@@ -112,24 +112,24 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for name, method in _SHARED.items():
         setattr(made, name, method)
-    made.__doc__ = _describe(made)
+    made.__doc__ = _describe_fields(made)
     return made
 
 
-def _values(own: Any) -> dict[str, Any]:
+def _values_of(own: Any) -> dict[str, Any]:
     return {part.name: getattr(own, part.name) for part in fields(own)}
 
 
 def _show(own: Any) -> str:
-    return f"{type(own).__name__}({', '.join(f'{name}={value!r}' for name, value in _values(own).items())})"
+    return f"{type(own).__name__}({', '.join(f'{name}={value!r}' for name, value in _values_of(own).items())})"
 
 
 def _equal(own: Any, other: object) -> bool:
-    return type(own) is type(other) and _values(own) == _values(other)
+    return type(own) is type(other) and _values_of(own) == _values_of(other)
 
 
 def _hash(own: Any) -> int:
-    return hash(tuple(_values(own).values()))
+    return hash(tuple(_values_of(own).values()))
 
 
 def _set_once(own: Any, name: str, value: Any) -> None:
@@ -141,7 +141,7 @@ def _set_once(own: Any, name: str, value: Any) -> None:
 _SHARED: dict[str, Any] = {"__repr__": _show, "__eq__": _equal, "__hash__": _hash, "__setattr__": _set_once}
 
 
-def _describe(options: type) -> str:
+def _describe_fields(options: type) -> str:
     """Return the docstring of a class with the section Parameters that its fields tell."""
     doc = inspect.cleandoc(options.__doc__ or "")
     opening, _, rest = doc.partition(_HEADING)
@@ -150,15 +150,15 @@ def _describe(options: type) -> str:
     for part in fields(options):
         said, inner = option_of(part), inner_options_of(part)
         if said is not None:
-            entries.append(_entry(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
+            entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
         elif inner is not None:
-            entries.append(_entry(part, (inner.__doc__ or "").partition("\n")[0]))
+            entries.append(_describe_field(part, (inner.__doc__ or "").partition("\n")[0]))
         else:
             entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
     return f"{opening.rstrip()}\n\n{_HEADING}{chr(10).join(entries)}\n"
 
 
-def _entry(part: Field[Any], text: str) -> str:
+def _describe_field(part: Field[Any], text: str) -> str:
     required = part.default is MISSING and part.default_factory is MISSING
     kind = str(part.type).removesuffix(" | None")
     return f"{part.name} : {kind}{'' if required else ', optional'}\n    {text}"

@@ -32,7 +32,7 @@ def should_use_opencv() -> bool:
 
 
 @cache
-def _way() -> Any:
+def _choose_filters() -> Any:
     """Return who does the work; OpenCV is loaded when a first image is filtered."""
     if should_use_opencv():
         return import_module(".opencv_filters", __package__).OpenCVFilters
@@ -50,12 +50,12 @@ def filter_separable(
     float32 or float64, as the image; the kernels' middles are at the pixel.
     """
     kernels = (np.asarray(kernel, image.dtype) for kernel in (along_row, along_column))
-    return np.asarray(_way().filter_separable(image, *kernels, border))
+    return np.asarray(_choose_filters().filter_separable(image, *kernels, border))
 
 
 def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarray:
     """Return the image smoothed by a Gaussian, cut off at four standard deviations."""
-    return np.asarray(_way().blur(image, float(sigma_px), border))
+    return np.asarray(_choose_filters().blur(image, float(sigma_px), border))
 
 
 def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str = "mirror") -> tuple[np.ndarray, ...]:
@@ -65,7 +65,7 @@ def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str
 
 def box_mean(image: np.ndarray, side: int) -> np.ndarray:
     """Return the mean over an odd square around each pixel, mirrored at the border; float32 or float64."""
-    return np.asarray(_way().box_mean(image, side))
+    return np.asarray(_choose_filters().box_mean(image, side))
 
 
 def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -
 
 def erode(mask: np.ndarray, side: int, outside: bool = True) -> np.ndarray:
     """Return the pixels with nothing but True in an odd square around them; ``outside`` is what lies beyond."""
-    return np.asarray(_way().erode(mask, side, outside))
+    return np.asarray(_choose_filters().erode(mask, side, outside))
 
 
 def dilate(mask: np.ndarray, side: int) -> np.ndarray:
@@ -90,22 +90,22 @@ def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
 
 def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
     """Return the largest value within a radius of each pixel."""
-    return np.asarray(_way().largest_within(image, radius_px))
+    return np.asarray(_choose_filters().largest_within(image, radius_px))
 
 
 def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return an image of fewer pixels, ``size`` (samples, lines): means weighted by the area they share."""
-    return np.asarray(_way().reduce_by_area(image, size))
+    return np.asarray(_choose_filters().reduce_by_area(image, size))
 
 
 def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return a mask of fewer pixels, ``size`` (samples, lines): those at their upper left corners."""
-    return np.asarray(_way().reduce_mask(mask, size))
+    return np.asarray(_choose_filters().reduce_mask(mask, size))
 
 
 def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
     """Return an image of ``factor`` times as many pixels along each axis, linear between the pixels' middles."""
-    return np.asarray(_way().enlarge(image, factor))
+    return np.asarray(_choose_filters().enlarge(image, factor))
 
 
 def interpolate(
@@ -115,4 +115,4 @@ def interpolate(
 
     order : 0 the nearest pixel, 1 linear, 3 cubic convolution; outside : value there, None for that of the last pixel
     """
-    return np.asarray(_way().interpolate(image, x, y, order, outside))
+    return np.asarray(_choose_filters().interpolate(image, x, y, order, outside))

@@ -43,7 +43,7 @@ def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
 
     Rows without an id are numbered from 1. Raises `InputError` naming file, row and field.
     """
-    table = _read(spec)
+    table = _read_table(spec)
     image = _sample_line(table)
     rows = np.arange(len(table))
     ids = table.columns.get("id", (rows + 1).astype(str))
@@ -58,7 +58,7 @@ def read_correspondences(
 
     Raises `InputError` naming file, row and field.
     """
-    table = _read(spec)
+    table = _read_table(spec)
     image = _sample_line(table)
     if not has_positions(table):
         raise InputError(
@@ -73,7 +73,7 @@ def read_correspondences(
     return Correspondences(ground, image, (*table.notes, *placed.warnings), placed.operations)
 
 
-def _read(spec: str) -> PointTable:
+def _read_table(spec: str) -> PointTable:
     if isinstance(spec, PointsInMemory):
         table = spec.table()
     else:

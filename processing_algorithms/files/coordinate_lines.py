@@ -52,10 +52,10 @@ def _leading_numbers(words: Sequence[str]) -> list[float]:
 
 def format_lines(rows: Iterable[Sequence[float | str | None]], separator: str = " ") -> str:
     """Return rows as text with 15 significant digits, ``nan`` where there is no value."""
-    return "\n".join(separator.join(_text(value) for value in row if value != "") for row in rows)
+    return "\n".join(separator.join(_format_number(value) for value in row if value != "") for row in rows)
 
 
-def _text(value: float | str | None) -> str:
+def _format_number(value: float | str | None) -> str:
     if value is None:
         return "nan"
     return value if isinstance(value, str) else f"{value:.15g}"

@@ -49,7 +49,7 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
     """
     try:
         with signals_as_exceptions():
-            return _main(words, registry)
+            return _run_words_or_page(words, registry)
     except KeyboardInterrupt as error:  # outside the work: before it, after it, or while its error was being told
         if ending() is None:  # none of ours
             raise
@@ -58,12 +58,12 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
         return code
 
 
-def _main(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:
+def _run_words_or_page(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
     given = list(sys.argv[1:] if words is None else words)
     try:
-        code = _dispatch(given, registry)
+        code = _dispatch_command(given, registry)
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
         return code
     except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
@@ -93,7 +93,7 @@ def describe(error: BaseException) -> tuple[str, int]:
     raise error
 
 
-def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
+def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     if not words:
         raise InputError("no algorithm given; hrsi --help lists them")
     first, *rest = words
@@ -102,7 +102,7 @@ def _dispatch(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     elif first == "help":
         print(_help_page(rest, registry), end="")
     elif first == "completion":
-        print(_completion(rest, registry), end="")
+        print(_print_completion(rest, registry), end="")
     elif first == "rerun" and not HELP & set(rest):
         from .rerun import read_past_run  # loads NumPy, which help does without
 
@@ -125,7 +125,7 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     return algorithm_parser(find_algorithm(registry, words[0], COMMANDS)).format_help()
 
 
-def _completion(words: list[str], registry: Mapping[str, Algorithm]) -> str:
+def _print_completion(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     from .completion import SHELLS, completion_script
 
     if len(words) != 1:

@@ -94,8 +94,8 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     parser = CommandParser(
         prog,
         usage=f"{prog} [options]{images}",
-        description=_description(algorithm),
-        epilog=_examples(algorithm),
+        description=_format_description(algorithm),
+        epilog=_format_examples(algorithm),
         argument_default=argparse.SUPPRESS,
     )
     for title, params in sections(algorithm.params).items():
@@ -173,12 +173,12 @@ def value_name(param: Param) -> str:
     return param.metavar or METAVARS[param.kind]
 
 
-def _description(algorithm: Algorithm) -> str:
+def _format_description(algorithm: Algorithm) -> str:
     paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
     return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
 
 
-def _examples(algorithm: Algorithm) -> str:
+def _format_examples(algorithm: Algorithm) -> str:
     """Return the examples as a shell takes them, lines broken before options."""
     lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
     for example in algorithm.examples:
@@ -195,11 +195,11 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     """Return the options under the headings of the help page, in this order; empty headings are left out."""
     sections: dict[str, list[Param]] = {"images": [], "options": [], "output": [], "advanced options": [], COMMON: []}
     for param in params:
-        sections[_section(param)].append(param)
+        sections[_heading_of(param)].append(param)
     return {title: members for title, members in sections.items() if members or title == COMMON}
 
 
-def _section(param: Param) -> str:
+def _heading_of(param: Param) -> str:
     """Return the heading that an option stands under: the first that fits."""
     fitting = {
         "images": param.kind is Kind.IMAGES,

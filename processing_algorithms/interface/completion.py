@@ -56,7 +56,7 @@ def _params_by_command(registry: Mapping[str, Algorithm]) -> dict[str, tuple[Par
     return commands | {"rerun": (*OUTPUT_PARAMS, *LINE_PARAMS)}
 
 
-def _summaries(registry: Mapping[str, Algorithm]) -> dict[str, str]:
+def _summaries_of(registry: Mapping[str, Algorithm]) -> dict[str, str]:
     return {name: algorithm.summary.replace("`", "") for name, algorithm in registry.items()} | COMMANDS
 
 
@@ -112,7 +112,7 @@ complete -F _hrsi hrsi
 """
 
 
-def _bash(registry: Mapping[str, Algorithm]) -> str:
+def _bash_script(registry: Mapping[str, Algorithm]) -> str:
     options, values = [], []
     for name, params in _params_by_command(registry).items():
         words = " ".join(word for param in params for word in _option_words(param))
@@ -161,8 +161,8 @@ if [ "$funcstack[1]" = _hrsi ]; then _hrsi "$@"; else compdef _hrsi hrsi; fi
 """
 
 
-def _zsh(registry: Mapping[str, Algorithm]) -> str:
-    commands = [f"    {shlex.quote(f'{name}:{_zsh_text(text)}')}" for name, text in _summaries(registry).items()]
+def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
+    commands = [f"    {shlex.quote(f'{name}:{_zsh_text(text)}')}" for name, text in _summaries_of(registry).items()]
     cases = []
     for name, params in _params_by_command(registry).items():
         specs = [_zsh_spec(word, param, params) for param in params for word in _option_words(param)]
@@ -204,9 +204,9 @@ complete -c hrsi -f
 """
 
 
-def _fish(registry: Mapping[str, Algorithm]) -> str:
+def _fish_script(registry: Mapping[str, Algorithm]) -> str:
     first = "complete -c hrsi -n __fish_use_subcommand"
-    lines = [f"{first} -a {name} -d {_fish_text(text)}" for name, text in _summaries(registry).items()]
+    lines = [f"{first} -a {name} -d {_fish_text(text)}" for name, text in _summaries_of(registry).items()]
     lines += [f"{first} -l {name}" for name in ("help", "version")]
     words = {"help": registry, "completion": SHELLS}
     lines += [f"{_fish_behind(name)} -a {_fish_text(' '.join(known))}" for name, known in words.items()]
@@ -237,4 +237,8 @@ def _fish_text(text: str) -> str:
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
-SHELLS: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}
+SHELLS: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {
+    "bash": _bash_script,
+    "zsh": _zsh_script,
+    "fish": _fish_script,
+}

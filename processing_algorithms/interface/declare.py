@@ -133,25 +133,25 @@ def params_of(options: type) -> tuple[Param, ...]:
     found: dict[str, Param] = {}
     for part in fields(options):
         inner, said = inner_options_of(part), option_of(part)
-        declared = params_of(inner) if inner is not None else (_param(part, said),) if said is not None else ()
+        declared = params_of(inner) if inner is not None else (_declare_param(part, said),) if said is not None else ()
         for param in declared:
             if found.setdefault(param.name, param).default is not param.default:
                 raise TypeError(f"{options.__name__} declares the option {param.name} twice, with different defaults")
     return tuple(found.values())
 
 
-def _param(part: Field[Any], said: Option) -> Param:
+def _declare_param(part: Field[Any], said: Option) -> Param:
     """Return the declaration of a field."""
     required = part.default is MISSING
     return Param(
-        name=said.name or part.name.replace("_", "-"), kind=_kind(part, said), help=said.help,
+        name=said.name or part.name.replace("_", "-"), kind=_kind_of(part, said), help=said.help,
         default=None if required else part.default, choices=said.choices, unit=said.unit, required=required,
         advanced=said.advanced, minimum=said.minimum, maximum=said.maximum, metavar=said.metavar, piped=said.piped,
         argument=part.name,
     )  # fmt: skip
 
 
-def _kind(part: Field[Any], said: Option) -> Kind:
+def _kind_of(part: Field[Any], said: Option) -> Kind:
     if said.kind is not None:
         return Kind(said.kind)
     if said.choices:
@@ -166,7 +166,7 @@ def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
         inner, said = inner_options_of(part), option_of(part)
         if inner is not None:
             given[part.name] = fill_options(inner, values)
-        elif said is not None and (key := _param(part, said).key) in values:
+        elif said is not None and (key := _declare_param(part, said).key) in values:
             given[part.name] = values[key]
     return options(**given)
 
@@ -180,11 +180,11 @@ def settings_of(options: Any) -> dict[str, Any]:
         if inner_options_of(part) is not None:
             found |= settings_of(value)
         elif said is not None and value is not None and value != ():
-            found[_param(part, said).key] = _plain(value)
+            found[_declare_param(part, said).key] = _plain_value(value)
     return found
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     """Return a value for JSON: groups of ids as they are typed."""
     if not isinstance(value, tuple):
         return value
@@ -193,7 +193,7 @@ def _plain(value: Any) -> Any:
 
 def format_default(param: Param) -> str | None:
     """Return a default of several words or numbers as a person types it; None where there is none."""
-    plain = _plain(param.default)
+    plain = _plain_value(param.default)
     if not isinstance(plain, list):
         return None if plain is None else str(plain)
     return _join_items(dict.fromkeys(plain)) or None
@@ -205,7 +205,7 @@ def _join_items(items: Iterable[Any]) -> str:
 
 def format_words(param: Param, value: Any) -> list[str]:
     """Return an option with a value as words of a command line."""
-    plain = _plain(value)
+    plain = _plain_value(value)
     if param.kind is Kind.IMAGES:
         return list(plain)
     if param.kind is Kind.FLAG:
@@ -275,7 +275,7 @@ class Algorithm:
         record = {
             "schema": SCHEMA, "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
-            "options": {key: _plain(value) for key, value in given.items()}, "settings": settings_of(made),
+            "options": {key: _plain_value(value) for key, value in given.items()}, "settings": settings_of(made),
             **context.record,
             "crs": {
                 "positions": POSITIONS_CRS, "heights": "ellipsoidal", "input_heights": options.get("height_datum"),

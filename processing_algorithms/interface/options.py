@@ -62,7 +62,7 @@ def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = C
     for key in given:
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
-    values = {param.key: _check(param, given.get(param.key), face.label(param)) for param in algorithm.params}
+    values = {param.key: _check_value(param, given.get(param.key), face.label(param)) for param in algorithm.params}
     missing = [face.label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
     if missing:
         raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see {face.help.format(name=algorithm.name)}")
@@ -87,7 +87,7 @@ def _is_empty(value: Any) -> bool:
     return value is None or value in ("", ())
 
 
-def _check(param: Param, value: Any, label: str) -> Any:
+def _check_value(param: Param, value: Any, label: str) -> Any:
     """Return the value of one option; its default where none is given. ``label``: what messages call it."""
     if value is None:
         return param.default
@@ -117,7 +117,7 @@ def _check_range(param: Param, value: Any, label: str) -> None:
         raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
 
 
-def _text(value: Any) -> str:
+def _parse_text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError
     if not value:  # most likely an empty variable of a script
@@ -125,30 +125,30 @@ def _text(value: Any) -> str:
     return value
 
 
-def _path(value: Any) -> str:
+def _parse_path(value: Any) -> str:
     """Accept text and path objects."""
-    return _text(os.fspath(value))
+    return _parse_text(os.fspath(value))
 
 
-def _paths(value: Any) -> tuple[str, ...]:
+def _parse_paths(value: Any) -> tuple[str, ...]:
     single = isinstance(value, (str, os.PathLike))
-    return tuple(_path(item) for item in ([value] if single else value))
+    return tuple(_parse_path(item) for item in ([value] if single else value))
 
 
-def _ids(value: Any) -> tuple[str, ...]:
+def _parse_ids(value: Any) -> tuple[str, ...]:
     """Accept ``"A,B"`` or a sequence of ids; numbers are ids too."""
     items = value.split(",") if isinstance(value, str) else value
     return tuple(text for item in items if (text := str(item).strip()))
 
 
-def _groups(value: Any) -> tuple[tuple[str, ...], ...]:
+def _parse_groups(value: Any) -> tuple[tuple[str, ...], ...]:
     """Accept ``"A+B,C"``, a sequence of such groups, or of sequences of ids."""
     items = value.split(",") if isinstance(value, str) else value
     groups = [item.split("+") if isinstance(item, str) else item for item in items]
     return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
 
 
-def _folders(value: Any) -> tuple[str, ...]:
+def _parse_folders(value: Any) -> tuple[str, ...]:
     """Accept ``"A=DIR;B=DIR"``, a sequence of such words, or directories by name."""
     if isinstance(value, Mapping):
         value = [f"{name}={os.fspath(folder)}" for name, folder in value.items()]
@@ -161,23 +161,23 @@ def _folders(value: Any) -> tuple[str, ...]:
     return folders
 
 
-def _range(value: Any) -> tuple[float, float]:
+def _parse_range(value: Any) -> tuple[float, float]:
     """Accept ``"LOW,HIGH"``, two numbers, or one for both."""
     items = value.split(",") if isinstance(value, str) else value
-    numbers = [_number(item) for item in (items if isinstance(items, (list, tuple)) else [items])]
+    numbers = [_parse_number(item) for item in (items if isinstance(items, (list, tuple)) else [items])]
     low, high = numbers * 2 if len(numbers) == 1 else numbers
     if low > high:
         raise ValueError
     return low, high
 
 
-def _integer(value: Any) -> int:
+def _parse_integer(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Integral)):
         raise TypeError
     return int(value)
 
 
-def _number(value: Any) -> float:
+def _parse_number(value: Any) -> float:
     """Accept finite numbers."""
     if isinstance(value, bool):
         raise TypeError
@@ -187,29 +187,29 @@ def _number(value: Any) -> float:
     return number
 
 
-def _flag(value: Any) -> bool:
+def _parse_flag(value: Any) -> bool:
     if value not in (True, False):
         raise ValueError
     return bool(value)
 
 
 VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
-    Kind.IMAGES: _paths,
-    Kind.RASTER: _path,
-    Kind.POINTS: _path,
-    Kind.FILE: _path,
-    Kind.CRS: _text,
-    Kind.EXTENT: _text,
-    Kind.TEXT: _text,
-    Kind.IDS: _ids,
-    Kind.GROUPS: _groups,
-    Kind.RANGE: _range,
-    Kind.CHOICE: _text,
-    Kind.INTEGER: _integer,
-    Kind.NUMBER: _number,
-    Kind.FLAG: _flag,
-    Kind.FOLDERS: _folders,
-    Kind.OUTPUT_DIR: _path,
+    Kind.IMAGES: _parse_paths,
+    Kind.RASTER: _parse_path,
+    Kind.POINTS: _parse_path,
+    Kind.FILE: _parse_path,
+    Kind.CRS: _parse_text,
+    Kind.EXTENT: _parse_text,
+    Kind.TEXT: _parse_text,
+    Kind.IDS: _parse_ids,
+    Kind.GROUPS: _parse_groups,
+    Kind.RANGE: _parse_range,
+    Kind.CHOICE: _parse_text,
+    Kind.INTEGER: _parse_integer,
+    Kind.NUMBER: _parse_number,
+    Kind.FLAG: _parse_flag,
+    Kind.FOLDERS: _parse_folders,
+    Kind.OUTPUT_DIR: _parse_path,
 }
 #: What a message says of a value of the wrong kind: ``--threads 'x' is not a whole number``.
 EXPECTED: dict[Kind, str] = {

@@ -128,11 +128,11 @@ class _Places:
                 continue
             if not os.path.isfile(path):
                 yield entry["path"], "is gone"
-            elif how := _difference(entry, file_entry(path, whole=entry.get("sampled_sha256") is None)):
+            elif how := _describe_difference(entry, file_entry(path, whole=entry.get("sampled_sha256") is None)):
                 yield path, how
 
 
-def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+def _describe_difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     if before.get("size") != now["size"]:
         return f"has changed since: {before.get('size')} bytes then, {now['size']} now"
     kinds = [kind for kind in ("sha256", "sampled_sha256") if before.get(kind)]

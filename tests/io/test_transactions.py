@@ -99,7 +99,8 @@ with transactions.Transaction(str(folders[0])) as changes:
 def test_killed_at_any_step_all_or_none(folders: list[Path], step: int, found_from: int) -> None:
     """The process is killed before its (step + 1)th rename or removal; the next run comes upon one of the folders."""
     command = [sys.executable, "-c", KILLED, str(step), *map(str, folders)]
-    status = subprocess.run(command, check=False, env=dict(os.environ)).returncode
+    modules = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    status = subprocess.run(command, check=False, env={**os.environ, "PYTHONPATH": modules}).returncode
     committed = step > 4  # two signposts and the journal: a renaming each, and a removal that finds nothing
     assert status == (-signal.SIGKILL if step < 40 else 0)
     recover_folders([str(folders[found_from])])
@@ -112,7 +113,7 @@ def test_a_journal_from_elsewhere_touches_no_other_folder(folders: list[Path]) -
     delivered, own = folders[0], folders[1]
     payload = delivered / ".x.txt"
     payload.write_text("evil")
-    gone = f"{leftovers._machine()}-{2**22 + 1}-1"
+    gone = f"{leftovers._machine_name()}-{2**22 + 1}-1"
     steps = [["rename", str(payload), str(own / "0.txt")], ["remove", str(own / "1.txt"), ""]]
     (delivered / JOURNAL).write_text(json.dumps({"writer": gone, "steps": steps, "signposts": [str(own / "2.txt")]}))
     recover_folders([str(delivered)])
@@ -191,13 +192,13 @@ def test_a_fork_writes_under_its_own_number() -> None:
 def test_dead_writers_files_go(tmp_path: Path) -> None:
     """A number that no process has, and our own number with another beginning."""
     for pid, began in ((2**22 + 1, 1), (os.getpid(), 1)):
-        words = f"{leftovers._machine()}-{pid}-{began}"
+        words = f"{leftovers._machine_name()}-{pid}-{began}"
         (tmp_path / f".a.{words}-0123abcd.tmp.tif").write_text("")
         (tmp_path / f".hrsi-unfinished-{words}-x").mkdir()
     (tmp_path / ".mine.tmp.tif").write_text("")
     elsewhere = tmp_path / ".a.00000000-12-1-0123abcd.tmp.tif"  # of another machine, and fresh
     elsewhere.write_text("")
-    assert is_dead(str(tmp_path / f".a.{leftovers._machine()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
+    assert is_dead(str(tmp_path / f".a.{leftovers._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
     assert len(sweep(str(tmp_path))) == 4
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([elsewhere.name, ".mine.tmp.tif"])
 
@@ -217,7 +218,7 @@ def test_failing_journal_changes_nothing(folders: list[Path], monkeypatch: pytes
     def refuse(path: str, content: object) -> None:
         raise OSError(28, "No space left on device", path)
 
-    monkeypatch.setattr(transactions, "_write", refuse)
+    monkeypatch.setattr(transactions, "_write_journal", refuse)
     with Transaction(str(folders[0])) as changes:
         fill(changes, folders, "new")
         with pytest.raises(OutputError, match="nothing was changed"):

@@ -36,7 +36,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
             found += images
         elif _is_pattern(name):
-            found += _matching(name)
+            found += _match_pattern(name)
         elif (of_items := images_of_items(name, log)) is not None:
             found += of_items
         else:
@@ -55,7 +55,7 @@ def _is_pattern(name: str) -> bool:
     return glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name)
 
 
-def _matching(pattern: str) -> list[str]:
+def _match_pattern(pattern: str) -> list[str]:
     """Return the files that a pattern fits, in order; `InputError` where there are none."""
     files = sorted(file for file in glob.glob(pattern, recursive=True) if os.path.isfile(file))
     if not files:
@@ -99,7 +99,7 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     files = [file for file in files if not os.path.basename(file).startswith(".")]
     faults: list[str] = []
     products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
-    tiled = {part: file for file in products for part in _parts(file)}
+    tiled = {part: file for file in products for part in _list_parts(file)}
     rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
     images = [*_with_rpc([file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
     if not images:
@@ -115,7 +115,7 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     return sorted(images)
 
 
-def _parts(product: str) -> list[str]:
+def _list_parts(product: str) -> list[str]:
     """Return the files that GDAL reads a product's pixels from."""
     dataset, _message = open_dataset(product)
     return [] if dataset is None else [os.path.abspath(part) for part in dataset.GetFileList() or []]

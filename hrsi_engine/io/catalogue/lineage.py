@@ -114,7 +114,7 @@ def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
     seen: set[str] = set()
     read = 0
     for option, paths in named.items():
-        for path, crs in _files(paths):
+        for path, crs in _list_files(paths):
             if (real := os.path.realpath(path)) in seen:
                 continue
             seen.add(real)
@@ -129,7 +129,7 @@ def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
     if path.startswith("/vsi"):
         status = virtual_status(path)
         size, time = (None, None) if status is None else (status.size, status.mtime)
-        return {"path": path, "size": size, "modified": _iso(time), "sha256": None, "sampled_sha256": None}
+        return {"path": path, "size": size, "modified": _iso_time(time), "sha256": None, "sampled_sha256": None}
     status = os.stat(path)
     whole = whole and status.st_size <= CONTENT_SAMPLING.whole_bytes
     with open(path, "rb", buffering=0) as file:
@@ -138,16 +138,16 @@ def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
             state.update(block)
     digest = state.hexdigest()
     return {
-        "path": path, "size": status.st_size, "modified": _iso(status.st_mtime),
+        "path": path, "size": status.st_size, "modified": _iso_time(status.st_mtime),
         "sha256": digest if whole else None, "sampled_sha256": None if whole else digest,
     }  # fmt: skip
 
 
-def _iso(time: float | None) -> str | None:
+def _iso_time(time: float | None) -> str | None:
     return None if not time else datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
+def _list_files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
     """Yield the files behind paths with the CRS that they state: of a folder those in it, of a dataset its side files.
 
     What cannot be read is passed over: to say what is wrong with it is up to what reads it.
@@ -176,7 +176,7 @@ def _crs_and_files(path: str) -> tuple[str | None, list[str]]:
     dataset, _ = open_dataset(path)
     if dataset is not None:
         with quiet():
-            return _name(dataset.GetSpatialRef()), sorted(dataset.GetFileList() or [])
+            return _crs_name(dataset.GetSpatialRef()), sorted(dataset.GetFileList() or [])
     with quiet():
         try:
             dataset = gdal.OpenEx(path, gdal.OF_VECTOR, allowed_drivers=list(_LAYERED))
@@ -184,10 +184,10 @@ def _crs_and_files(path: str) -> tuple[str | None, list[str]]:
             dataset = None
         if dataset is None or not dataset.GetLayerCount():
             return None, []
-        return _name(dataset.GetLayer(0).GetSpatialRef()), sorted(dataset.GetFileList() or [])
+        return _crs_name(dataset.GetLayer(0).GetSpatialRef()), sorted(dataset.GetFileList() or [])
 
 
-def _name(crs: osr.SpatialReference | None) -> str | None:
+def _crs_name(crs: osr.SpatialReference | None) -> str | None:
     """Return a CRS as ``EPSG:code``, else by its name."""
     if crs is None:
         return None

@@ -83,7 +83,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
         return None
     if not features:
         raise InputError(f"{file}: is an item collection without items: search again")
-    if any(link.get("rel") == "next" for link in _dicts(document.get("links"))):
+    if any(link.get("rel") == "next" for link in _pick_dicts(document.get("links"))):
         log(f"{file}: is one page of several: only its {len(features)} items are taken; save the others too")
     return [_image_of(file, number, feature, kind == ITEM, wanted) for number, feature in enumerate(features, start=1)]
 
@@ -130,7 +130,7 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
         raise InputError(f"{where}: results are named by the id, which is no name of a file: mend the id")
     assets = {key: asset for key, asset in feature["assets"].items() if isinstance(asset, dict)}
     base = file if alone else next(
-        (link["href"] for link in _dicts(feature.get("links"))
+        (link["href"] for link in _pick_dicts(feature.get("links"))
          if link.get("rel") == "self" and "://" in str(link.get("href"))), file,
     )  # fmt: skip
     properties = feature.get("properties")
@@ -162,7 +162,7 @@ def _image_asset(where: str, assets: Mapping[str, Mapping[str, Any]], wanted: st
             raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
         return wanted
     images = [key for key, asset in assets.items() if _is_image(asset)]
-    data = [key for key in images if "data" in _roles(assets[key])]
+    data = [key for key in images if "data" in _roles_of(assets[key])]
     found = data or images
     if len(found) > 1:
         raise InputError(
@@ -173,7 +173,7 @@ def _image_asset(where: str, assets: Mapping[str, Mapping[str, Any]], wanted: st
 
 def _is_image(asset: Mapping[str, Any]) -> bool:
     media, href = str(asset.get("type") or "").partition(";")[0].strip().lower(), str(asset.get("href") or "")
-    if _roles(asset) & _NO_IMAGES or _speaks_of_rpc(asset):
+    if _roles_of(asset) & _NO_IMAGES or _speaks_of_rpc(asset):
         return False
     return media in _IMAGE_TYPES or (not media and urlsplit(href).path.lower().endswith(_IMAGE_ENDINGS))
 
@@ -188,22 +188,22 @@ def _rpc_assets(assets: Mapping[str, Mapping[str, Any]], image: str | None) -> l
             ranks[key] = 0
         elif "rpc" in key.lower() or _speaks_of_rpc(asset):
             ranks[key] = 1
-        elif "metadata" in _roles(asset):
+        elif "metadata" in _roles_of(asset):
             ranks[key] = 2
     return sorted(ranks, key=lambda key: ranks[key])
 
 
 def _speaks_of_rpc(asset: Mapping[str, Any]) -> bool:
     name = os.path.basename(urlsplit(str(asset.get("href") or "")).path).lower()
-    return "rpc" in _roles(asset) or name.endswith(".rpb") or re.search(r"(?<![a-z])rpc(?![a-z])", name) is not None
+    return "rpc" in _roles_of(asset) or name.endswith(".rpb") or re.search(r"(?<![a-z])rpc(?![a-z])", name) is not None
 
 
-def _roles(asset: Mapping[str, Any]) -> set[str]:
+def _roles_of(asset: Mapping[str, Any]) -> set[str]:
     roles = asset.get("roles")
     return {str(role).lower() for role in roles} if isinstance(roles, list) else set()
 
 
-def _dicts(value: Any) -> Iterator[dict[str, Any]]:
+def _pick_dicts(value: Any) -> Iterator[dict[str, Any]]:
     yield from (one for one in value if isinstance(one, dict)) if isinstance(value, list) else ()
 
 

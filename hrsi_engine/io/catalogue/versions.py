@@ -37,10 +37,10 @@ def versions() -> dict[str, str]:
         "shapely": shapely.__version__,
         "pyproj": pyproj.__version__,
     }
-    return found | {name: text for name, names in _DISTRIBUTIONS.items() if (text := _version(names))}
+    return found | {name: text for name, names in _DISTRIBUTIONS.items() if (text := _find_version(names))}
 
 
-def _version(names: tuple[str, ...]) -> str:
+def _find_version(names: tuple[str, ...]) -> str:
     for name in names:
         try:
             return version(name)

@@ -56,7 +56,7 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTa
     while counts[-1] > _MOST_CELLS:
         counts.append(-(-counts[-1] // _MOST_CELLS))
     first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
-    order = _tile(low, high)
+    order = _order_by_tiles(low, high)
     boxes = _round_outwards(low, high)[order]
     nodes, places = [], []  # of each level: node numbers with contents, and in which node each cell is
     for level, count in enumerate(counts):
@@ -68,7 +68,7 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTa
         node = np.empty(count, dtype=np.int32)
         node[order if level == 0 else slice(None)] = np.repeat(numbers, np.diff(bounds))
         places.append((rowids if level == 0 else child, node))
-        nodes.append((numbers, _content(depth, child, boxes, bounds)))
+        nodes.append((numbers, _pack_nodes(depth, child, boxes, bounds)))
         least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
         boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
     return RtreeTables([nodes[-1], *nodes[:-1]], places[0], places[1:])  # the root first, as its number is
@@ -89,7 +89,7 @@ def fill_rtree(rows: Inserter, rtree: str, tree: RtreeTables | None) -> None:
                 rows.insert(f"{rtree}_{table}", names, [keys[part], values[part]])
 
 
-def _content(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+def _pack_nodes(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Return nodes as bytes (dtype ``V``): node i has the cells from ``bounds[i]`` to ``bounds[i + 1]``."""
     cells = np.diff(bounds)
     content = np.zeros(len(cells), dtype=_NODE)
@@ -102,16 +102,16 @@ def _content(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.ndarra
     return content.view(f"V{_NODE.itemsize}")
 
 
-def _tile(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _order_by_tiles(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
     count = len(low)
     slices = int(np.ceil(np.sqrt(count / _MOST_CELLS)))
     strip = np.zeros(count, dtype=np.uint64)
-    strip[_order(strip, low[:, 0] + high[:, 0])] = np.arange(count, dtype=np.uint64) * slices // count
-    return _order(strip, low[:, 1] + high[:, 1])
+    strip[_order_by_keys(strip, low[:, 0] + high[:, 0])] = np.arange(count, dtype=np.uint64) * slices // count
+    return _order_by_keys(strip, low[:, 1] + high[:, 1])
 
 
-def _order(major: np.ndarray, minor: np.ndarray) -> np.ndarray:
+def _order_by_keys(major: np.ndarray, minor: np.ndarray) -> np.ndarray:
     """Return the order of rows by small numbers, then by others to as many bits as there are left in 64.
 
     One sort of keys that end with the number of the row: a fifth of the time of a stable sort of two columns.

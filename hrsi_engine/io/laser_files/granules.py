@@ -57,7 +57,7 @@ class Product:
     stated_sigma_m: float = float("nan")
 
 
-def _is(name: str, *values: float) -> Callable[[BeamArrays], np.ndarray | None]:
+def _is_equal(name: str, *values: float) -> Callable[[BeamArrays], np.ndarray | None]:
     return lambda arrays: np.isin(arrays[name], values) if name in arrays else None
 
 
@@ -93,9 +93,9 @@ PRODUCTS: dict[str, Product] = {
         },
         {
             "cloud over the point": _is_above("cloud", 1.0),
-            "water": _is("water", 1.0),
+            "water": _is_equal("water", 1.0),
             "light scattered more than once": _is_above("scattering", 1.0),
-            "terrain flagged by the product": _is("doubtful", 0.0),
+            "terrain flagged by the product": _is_equal("doubtful", 0.0),
         },
     ),
     "GEDI02_A": Product(
@@ -108,7 +108,7 @@ PRODUCTS: dict[str, Product] = {
         {
             "flagged by the product": _is_not("quality", 1.0),
             "orbit or pointing degraded": _is_above("degraded", 0.0),
-            "far from the terrain known there": _is("surface", 0.0),
+            "far from the terrain known there": _is_equal("surface", 0.0),
             "too little sensitivity": _is_below("sensitivity", 0.9),
         },
         stated_sigma_m=1.0,
@@ -128,21 +128,21 @@ def read_granule(path: str) -> LaserPoints:
     with quiet():
         root = dataset.GetRootGroup()
         for product in PRODUCTS.values():
-            found = list(_beams(path, root, product))
+            found = list(_read_beams(path, root, product))
             if found:
                 return _stack_beams(path, product, found)
     titles = ", ".join(product.title for product in PRODUCTS.values())
     raise InputError(f"{path}: is no granule that is known ({titles}): name another file")
 
 
-def _beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple[str, BeamArrays]]:
+def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple[str, BeamArrays]]:
     """Yield the beams of a product that have heights, with their arrays."""
     for beam in root.GetGroupNames() or []:
         if not beam.startswith(product.beam):
             continue
         place = f"/{beam}/{product.points}".rstrip("/")
         arrays = {name: values for name, below in product.arrays.items()
-                  if (values := _read(path, root, f"{place}/{below}")) is not None}  # fmt: skip
+                  if (values := _read_array(path, root, f"{place}/{below}")) is not None}  # fmt: skip
         if {"lon", "lat", "height"} <= arrays.keys():
             count = len(arrays["height"])
             damaged = [name for name, values in arrays.items() if len(values) != count]
@@ -152,7 +152,7 @@ def _beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple[str,
             yield beam, arrays
 
 
-def _read(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
+def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
     """Return an array as numbers, NaN where it is filled; None where the granule has none of that name."""
     try:
         array = root.OpenMDArrayFromFullname(name)

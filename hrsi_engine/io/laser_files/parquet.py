@@ -33,14 +33,14 @@ def read_parquet(path: str) -> PointTable:
         if file.metadata.num_rows > FILE_BUDGETS.laser_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
                              "get it again")  # fmt: skip
-        geo = _geo(path, file.schema_arrow.metadata or {})
+        geo = _read_geo_metadata(path, file.schema_arrow.metadata or {})
         names = list(file.schema_arrow.names)
         found = {field: names[index] for field, index in match_fields(names).items() if field in NUMBER_FIELDS}
         place = geo.get("primary_column", "geometry")
         wanted = [*found.values(), *([place] if place in names else [])]
         table = file.read(columns=wanted)
-        columns = {field: _numbers(path, name, table.column(name)) for field, name in found.items()}
-        geometry = _points(path, table.column(place)) if place in names else None
+        columns = {field: _read_numbers(path, name, table.column(name)) for field, name in found.items()}
+        geometry = _parse_points(path, table.column(place)) if place in names else None
     except (ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): get it again") from None
@@ -49,7 +49,7 @@ def read_parquet(path: str) -> PointTable:
     return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
 
 
-def _geo(path: str, metadata: dict[bytes, bytes]) -> dict[str, Any]:
+def _read_geo_metadata(path: str, metadata: dict[bytes, bytes]) -> dict[str, Any]:
     """Return what the file says of its geometry."""
     try:
         geo = json.loads(metadata.get(b"geo", b"{}"))
@@ -60,7 +60,7 @@ def _geo(path: str, metadata: dict[bytes, bytes]) -> dict[str, Any]:
     return geo
 
 
-def _numbers(path: str, name: str, column: Any) -> np.ndarray:
+def _read_numbers(path: str, name: str, column: Any) -> np.ndarray:
     """Return a column as float64, NaN where it is null."""
     values = column.to_numpy()
     if values.dtype.kind not in "iufb" and not all(
@@ -70,7 +70,7 @@ def _numbers(path: str, name: str, column: Any) -> np.ndarray:
     return np.asarray(values, dtype=np.float64)
 
 
-def _points(path: str, column: Any) -> np.ndarray:
+def _parse_points(path: str, column: Any) -> np.ndarray:
     """Return points ``(n, 3)`` from their well-known binary; NaN for missing heights."""
     texts = [value for value in column.to_pylist() if isinstance(value, bytes)]
     lengths = {len(text) for text in texts}

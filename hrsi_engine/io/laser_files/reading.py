@@ -45,14 +45,14 @@ def read_laser(spec: str, height_datum: str = "ellipsoidal", ground_crs: str | N
         Names file and field, and what to do.
     """
     path, layer = split_spec(spec)
-    head = _head(path)
+    head = _read_head(path)
     if head.startswith(HDF5_HEAD):
         return _mark_impossible_heights(read_granule(path))
     table = read_parquet(path) if head.startswith(PARQUET_HEAD) else point_reader_of(path).read(path, layer)
     return _mark_impossible_heights(_of_table(table, Reference(ground_crs or "", height_datum)))
 
 
-def _head(path: str) -> bytes:
+def _read_head(path: str) -> bytes:
     if not os.path.isfile(path):
         return b""  # the readers of point files say what is wrong
     try:
@@ -84,7 +84,7 @@ def _of_table(table: PointTable, reference: Reference) -> LaserPoints:
     sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}
     ids = table.columns.get("id")
     return LaserPoints.create(
-        ground, ids=None if ids is None or (ids == "").any() else ids, track=_tracks(table),
+        ground, ids=None if ids is None or (ids == "").any() else ids, track=_name_tracks(table),
         sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
         photons=sources["photons"], canopy_m=sources["canopy"], source=table.source,
     )  # fmt: skip
@@ -105,7 +105,7 @@ def _with_heights(table: PointTable) -> PointTable:
     return PointTable(table.source, columns, table.field_names, table.row_name, geometry, table.crs)
 
 
-def _tracks(table: PointTable) -> np.ndarray:
+def _name_tracks(table: PointTable) -> np.ndarray:
     """Return each row's track: as the file says, or by reference ground track and cycle."""
     if "track" in table.columns:
         return table.columns["track"]

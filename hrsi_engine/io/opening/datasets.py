@@ -115,8 +115,8 @@ def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
     """Return a metadata domain as text, quietly; GDAL gives bytes where damaged text is not UTF-8."""
     with quiet():
         metadata = dataset.GetMetadata(domain)
-    return {_text(key): _text(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
+    return {_decode(key): _decode(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
 
 
-def _text(value: str | bytes) -> str:
+def _decode(value: str | bytes) -> str:
     return value.decode("latin-1") if isinstance(value, bytes) else value

@@ -72,7 +72,7 @@ def sound_database(path: str) -> Iterator[sqlite3.Connection]:
     most = database_seconds(file_bytes(path) or 0)
     end = time.thread_time() + most
     try:
-        with contextlib.closing(_connect(path)) as database:
+        with contextlib.closing(_connect_read_only(path)) as database:
             database.text_factory = lambda text: text.decode(errors="replace")  # names in a damaged one may be anything
             database.set_progress_handler(lambda: time.thread_time() > end, _STEPS)
             yield database
@@ -81,7 +81,7 @@ def sound_database(path: str) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: is a damaged database ({said}): get it again, or try sqlite3's .recover") from None
 
 
-def _connect(path: str) -> sqlite3.Connection:
+def _connect_read_only(path: str) -> sqlite3.Connection:
     """Open a database that others may write.
 
     One with a write-ahead log of which there is none at the moment (QGIS has closed it) is taken as it is: SQLite would

@@ -34,32 +34,32 @@ def explain_codes(codes: Iterable[str]) -> dict[str, str]:
     dict
         HTML by code, of those that have a section; empty where the documentation is not installed.
     """
-    sections = _sections()
+    sections = _read_sections()
     return {code: sections[code] for code in dict.fromkeys(codes) if code in sections}
 
 
 @cache
-def _sections() -> dict[str, str]:
+def _read_sections() -> dict[str, str]:
     try:
         text = PAGE.read_text(encoding="utf-8")
     except OSError:  # installed without documentation
         return {}
-    return {code: _html(body) for code, body in _SECTION.findall(text)}
+    return {code: _write_blocks(body) for code, body in _SECTION.findall(text)}
 
 
-def _html(markdown: str) -> str:
+def _write_blocks(markdown: str) -> str:
     """Return paragraphs and lists as HTML."""
     parts = []
     for block in re.split(r"\n\s*\n", markdown.strip()):
         items = re.split(r"^[*-] ", block, flags=re.MULTILINE)
         if len(items) > 1 and not items[0].strip():
-            parts.append("<ul>" + "".join(f"<li>{_inline(item)}</li>" for item in items[1:]) + "</ul>")
+            parts.append("<ul>" + "".join(f"<li>{_write_inline(item)}</li>" for item in items[1:]) + "</ul>")
         else:
-            parts.append(f"<p>{_inline(block)}</p>")
+            parts.append(f"<p>{_write_inline(block)}</p>")
     return "".join(parts)
 
 
-def _inline(text: str) -> str:
+def _write_inline(text: str) -> str:
     text = escape(" ".join(text.split()), quote=False)
     for pattern, replacement in _INLINE:
         text = pattern.sub(replacement, text)

@@ -41,18 +41,18 @@ def write_page(
 
     ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
     """
-    scripts = [_script(name) for name in ("page.js", *(["map_controls.js"] if script_data else []))]
-    page = _environment().get_template(template)
+    scripts = [_read_script(name) for name in ("page.js", *(["map_controls.js"] if script_data else []))]
+    page = _make_environment().get_template(template)
     write_text(
         path,
         page.render(
-            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=_policy(scripts),
+            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=_policy_of(scripts),
             **LIMITS, **drawings,
         ),
     )  # fmt: skip
 
 
-def _policy(scripts: Sequence[str]) -> str:
+def _policy_of(scripts: Sequence[str]) -> str:
     """Return the page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes."""
     hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
@@ -60,7 +60,7 @@ def _policy(scripts: Sequence[str]) -> str:
 
 
 @cache
-def _script(name: str) -> str:
+def _read_script(name: str) -> str:
     with open(os.path.join(TEMPLATES, name), encoding="utf-8") as file:
         return file.read()
 
@@ -75,7 +75,7 @@ def write_text(path: str, text: str) -> None:
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _make_environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.ChainableUndefined,
         trim_blocks=True, lstrip_blocks=True,

@@ -38,13 +38,13 @@ def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
     str
         The URI.
     """
-    content = _jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PICTURES.fill_grey)))
+    content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PICTURES.fill_grey)))
     if content is None:
         return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
     return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _jpeg(grey: np.ndarray) -> bytes | None:
+def _encode_jpeg(grey: np.ndarray) -> bytes | None:
     driver = gdal.GetDriverByName("JPEG")
     if driver is None:
         return None

@@ -73,19 +73,19 @@ def _before_after(report: Mapping[str, Any]) -> str:
     """Return bars of what the refinement did, of tie points and of the images that were farthest off; empty without."""
     images = {
         name: {
-            "before": _length(entry, "before_rmse_sample_px", "before_rmse_line_px"),
-            "after": _length(entry, "rmse_sample_px", "rmse_line_px"),
+            "before": _vector_length(entry, "before_rmse_sample_px", "before_rmse_line_px"),
+            "after": _vector_length(entry, "rmse_sample_px", "rmse_line_px"),
         }
         for name, entry in report.get("images", {}).items()
     }
     farthest = sorted(images, key=lambda name: -np.nan_to_num(images[name]["before"]))
     ties = report.get("ties") or {}
-    bars = {"tie points": {"before": _length(ties, "before_rmse_px"), "after": _length(ties, "rmse_px")}}
+    bars = {"tie points": {"before": _vector_length(ties, "before_rmse_px"), "after": _vector_length(ties, "rmse_px")}}
     bars |= {name: images[name] for name in farthest}
     known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
     return draw_bars(dict(list(known.items())[: REPORT_PLOTS.bars + 1]), "px") if known else ""
 
 
-def _length(entry: Mapping[str, Any], *axes: str) -> float:
+def _vector_length(entry: Mapping[str, Any], *axes: str) -> float:
     """Return the length of the vector of some figures; NaN where one does not exist."""
     return math.hypot(*(math.nan if entry.get(axis) is None else float(entry[axis]) for axis in axes))

@@ -36,11 +36,11 @@ def read(path: str, _layer: str = "") -> PointTable:
     rows: list[_Row] = []
     for number, line in enumerate(lines, start=1):
         fields = line.partition("#")[0].replace(",", " ").split()
-        rows += _rows(path, number, fields) if fields else []
-    return _table(path, rows)
+        rows += _parse_line(path, number, fields) if fields else []
+    return _read_table(path, rows)
 
 
-def _table(path: str, rows: list[_Row]) -> PointTable:
+def _read_table(path: str, rows: list[_Row]) -> PointTable:
     values = np.array([row[3] for row in rows], dtype=np.float64).reshape(-1, 10)
     lat, lon, height, sx, sy, sz, sample, line, s_sample, s_line = values.T
     columns = {
@@ -51,13 +51,13 @@ def _table(path: str, rows: list[_Row]) -> PointTable:
         "sigma": np.hypot(s_sample, s_line) / math.sqrt(2.0),
     }
     geocentric = np.column_stack([sx, sy, sz])
-    columns |= _accuracy(lon, lat, geocentric)
+    columns |= _read_accuracy(lon, lat, geocentric)
     notes = (_GEOCENTRIC.format(path=path),) if "cov_en" in columns else ()
     geometry = np.column_stack([lon, lat, height])
     return PointTable(path, columns, _NAMES, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
 
 
-def _accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> dict[str, np.ndarray]:
+def _read_accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> dict[str, np.ndarray]:
     """Return the sigmas, or the covariance of east, north and height where those of x, y, z ``(n, 3)`` differ."""
     if (geocentric == geocentric[:, :1]).all():
         return {"sigma_xy": geocentric[:, 0], "sigma_h": geocentric[:, 2]}
@@ -68,21 +68,21 @@ def _accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> dict[
     }
 
 
-def _rows(path: str, number: int, fields: list[str]) -> list[_Row]:
+def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
     """Return the rows of one line: a point that no image shows gives one without a measurement."""
     point, images = fields[:_POINT_FIELDS], fields[_POINT_FIELDS:]
     if len(point) < _POINT_FIELDS or len(images) % _IMAGE_FIELDS:
         raise InputError(
             f"{path}, line {number}: needs {_POINT_FIELDS} fields and {_IMAGE_FIELDS} more for each image: complete it"
         )
-    position = _floats(path, number, point[1:])
+    position = _parse_floats(path, number, point[1:])
     if not images:
         return [(number, point[0], "", position + [math.nan] * 4)]
     groups = [images[start : start + _IMAGE_FIELDS] for start in range(0, len(images), _IMAGE_FIELDS)]
-    return [(number, point[0], group[0], position + _floats(path, number, group[1:])) for group in groups]
+    return [(number, point[0], group[0], position + _parse_floats(path, number, group[1:])) for group in groups]
 
 
-def _floats(path: str, number: int, texts: list[str]) -> list[float]:
+def _parse_floats(path: str, number: int, texts: list[str]) -> list[float]:
     values = []
     for text in texts:
         try:

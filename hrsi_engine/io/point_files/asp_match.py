@@ -30,15 +30,15 @@ _NUMBERS = 6  # a line of a text file
 
 def read(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
-    return _table(path, _interest_points)
+    return _make_table(path, _interest_points)
 
 
 def read_positions(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match of a text file; raise `InputError` as `read` does."""
-    return _table(path, _positions)
+    return _make_table(path, _read_positions)
 
 
-def _table(path: str, positions: Callable[[str, bytes], np.ndarray]) -> PointTable:
+def _make_table(path: str, positions: Callable[[str, bytes], np.ndarray]) -> PointTable:
     """Return the matches with the names of the images, which only the file's name says."""
     named = _NAME.match(os.path.basename(path))
     if named is None:
@@ -61,7 +61,7 @@ def _table(path: str, positions: Callable[[str, bytes], np.ndarray]) -> PointTab
     return PointTable(path, columns, ("x", "y"), lambda row: f"match {row % max(count, 1) + 1}", pairwise=True)
 
 
-def _positions(path: str, content: bytes) -> np.ndarray:
+def _read_positions(path: str, content: bytes) -> np.ndarray:
     """Return x and y ``(2 k, 2)`` of a text file, those in the first image first."""
     rows = [line.split() for line in content.decode("latin-1").splitlines() if line.strip() and line.lstrip()[0] != "#"]
     try:

@@ -32,17 +32,17 @@ def read(path: str, _layer: str = "") -> PointTable:
     require_size(path, "matches")
     require_sound(path)
     with sound_database(path) as database:
-        missing = _TABLES - _tables(database)
+        missing = _TABLES - _list_tables(database)
         if missing:
             raise InputError(f"{path}: is no database of COLMAP, it has no table {min(missing)!r}: name another file")
         names = {int(number): str(name) for number, name in database.execute("SELECT image_id, name FROM images")}
         stored = database.execute("SELECT image_id, rows, cols, data FROM keypoints").fetchall()
-        verified = database.execute(_VERIFIED).fetchall() if _VERIFIED_TABLE in _tables(database) else []
+        verified = database.execute(_VERIFIED).fetchall() if _VERIFIED_TABLE in _list_tables(database) else []
         pairs = verified or database.execute(_MATCHED).fetchall()
     if not pairs:
         raise InputError(f"{path}: holds no matches: run a matcher of COLMAP first")
     keypoints = {
-        int(number): _array(path, "keypoints", data, rows, cols, "<f4")[:, :2].astype(np.float64) - _CENTRE
+        int(number): _parse_blob(path, "keypoints", data, rows, cols, "<f4")[:, :2].astype(np.float64) - _CENTRE
         for number, rows, cols, data in stored
     }
     found = []
@@ -51,16 +51,16 @@ def read(path: str, _layer: str = "") -> PointTable:
         for number in (first, second):
             if number not in names or number not in keypoints:
                 raise InputError(f"{path}: has matches of image {number} and no keypoints of it: get the file again")
-        index = _array(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
+        index = _parse_blob(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
         found.append(KeypointMatches(names[first], names[second], keypoints[first], keypoints[second], index))
     return table_of_matches(path, found)
 
 
-def _tables(database: sqlite3.Connection) -> set[str]:
+def _list_tables(database: sqlite3.Connection) -> set[str]:
     return {str(name) for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 
-def _array(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
+def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
     """Return a blob as ``(rows, cols)``; raise `InputError` where it holds anything else."""
     content = data if isinstance(data, bytes) else b""
     whole = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2

@@ -103,11 +103,11 @@ def numbers(
     else:
         if np.isfinite(values).all() and "_" not in "".join(texts):  # Python reads 1_000 as a number
             return values
-    one_by_one = [_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
+    one_by_one = [_parse_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
     return np.array(one_by_one, dtype=np.float64)
 
 
-def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
+def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
     text = text.strip()
     if text.lower() in _EMPTY:
         return np.nan
@@ -116,11 +116,11 @@ def _number(text: str, index: int, where: Callable[[int], str], decimal_comma: b
     except ValueError:
         value = np.nan
     if not (np.isfinite(value) or (infinite and value == np.inf)) or "_" in text:
-        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {_advice(text)}")
+        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {_advise(text)}")
     return value
 
 
-def _advice(text: str) -> str:
+def _advise(text: str) -> str:
     """Return what to do with a text that is no number."""
     if any(sign in text for sign in "°º'′\""):
         return "give degrees as one decimal number, south and west negative"

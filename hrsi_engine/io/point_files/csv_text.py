@@ -37,13 +37,13 @@ def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) 
     ``renamed`` are fields (lower case) that a program calls otherwise.
     """
     try:
-        return _read(path, _encoding(path), renamed or {})
+        return _read_table(path, _find_encoding(path), renamed or {})
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
-    rows = _rows(path, encoding)
+def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
+    rows = _read_rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
     found = match_fields([renamed.get(name.lower(), name) for name in names])
     if not found:
@@ -52,7 +52,7 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
             f"add a header line, with separators ',', ';' or tab"
         )
     row_name = partial(_row_name, path, encoding)
-    separator = _separator(path, encoding)
+    separator = _find_separator(path, encoding)
     plain = _columns_by_numpy(path, encoding, separator, len(names), found)
     if plain is not None:
         return PointTable(path, plain, tuple(names), row_name)
@@ -61,9 +61,9 @@ def _read(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
     done = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
         where = partial(_row_name_after, row_name, done)
-        texts = _columns(path, chunk, len(names), where)
+        texts = _transpose(path, chunk, len(names), where)
         for field, column in found.items():
-            parts[field].append(_values(path, field, texts[column], where, decimal_comma))
+            parts[field].append(_parse_column(path, field, texts[column], where, decimal_comma))
         done += len(chunk)
     columns = {field: _join_parts(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
     return PointTable(path, columns, tuple(names), row_name)
@@ -102,7 +102,7 @@ def _columns_by_numpy(
     return {field: _join_parts(path, field, parts.pop(field)) for field in found} if parts[next(iter(found))] else None
 
 
-def _values(
+def _parse_column(
     path: str, field: str, texts: tuple[str, ...], row_name: Callable[[int], str], decimal_comma: bool
 ) -> np.ndarray:
     if field in NUMBER_FIELDS:
@@ -129,7 +129,7 @@ def _open_text(path: str, encoding: str) -> TextIO:
     return io.TextIOWrapper(_open_bytes(path), encoding=encoding, newline="")
 
 
-def _separator(path: str, encoding: str) -> str:
+def _find_separator(path: str, encoding: str) -> str:
     """Return the separator that occurs most in the header line."""
     with _open_text(path, encoding) as file:
         header = next((line for line in file if _is_header(line)), "")
@@ -141,9 +141,9 @@ def _is_header(line: str) -> bool:
     return bool(line.strip()) and not line.startswith("#")
 
 
-def _rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> Iterator[list[str]]:
+def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> Iterator[list[str]]:
     """Yield the header and every row that is not empty; on request note the line where each one ends."""
-    separator = _separator(path, encoding)
+    separator = _find_separator(path, encoding)
     with _open_text(path, encoding) as file:
         before = next((number for number, line in enumerate(file) if _is_header(line)), 0)
         file.seek(0)
@@ -155,7 +155,7 @@ def _rows(path: str, encoding: str, line_numbers: list[int] | None = None) -> It
                 yield row
 
 
-def _columns(path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str]) -> list[tuple[str, ...]]:
+def _transpose(path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str]) -> list[tuple[str, ...]]:
     """Return the columns of rows; short rows are filled up with empty fields."""
     if set(map(len, rows)) != {width}:
         rows = [_fit_rows(path, row, width, row_name, index) for index, row in enumerate(rows)]
@@ -174,7 +174,7 @@ def _fit_rows(path: str, row: list[str], width: int, row_name: Callable[[int], s
 def _row_name(path: str, encoding: str, row: int) -> str:
     """Return the line of a row by reading the file again: only error messages want it."""
     numbers: list[int] = []
-    next(islice(_rows(path, encoding, numbers), row + 1, None), None)
+    next(islice(_read_rows(path, encoding, numbers), row + 1, None), None)
     return f"line {numbers[-1]}"
 
 
@@ -182,7 +182,7 @@ def _row_name_after(row_name: Callable[[int], str], done: int, index: int) -> st
     return row_name(done + index)
 
 
-def _encoding(path: str) -> str:
+def _find_encoding(path: str) -> str:
     """Return UTF-8 or UTF-16 by the byte order mark or because every byte fits, otherwise Latin-1.
 
     The whole file passes here once: raises `InputError` for one without line breaks, which would come as one line.

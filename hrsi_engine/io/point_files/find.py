@@ -81,7 +81,7 @@ def read_points(
         return spec.tables(reference, image_ids)
     path, layer = split_spec(spec)
     table = point_reader_of(path).read(path, layer)
-    image = _options(spec).get("image")
+    image = _parse_options(spec).get("image")
     if image is not None:
         # The table with all points measured on one image
         if "image" in match_fields(table.field_names) or table.pairwise:
@@ -118,7 +118,7 @@ def read_image_points(
     InputError
         As `read_points`.
     """
-    if not isinstance(spec, PointsInMemory) and "image" not in _options(spec):
+    if not isinstance(spec, PointsInMemory) and "image" not in _parse_options(spec):
         kept = read_columns(*split_spec(spec), image_ids)
         if kept is not None:
             return kept
@@ -151,12 +151,12 @@ def split_spec(spec: str) -> tuple[str, str]:
 
     Of matches that point at keypoints of another file, that file is what has the place of the layer.
     """
-    options = _options(spec)
+    options = _parse_options(spec)
     number = f"#{options['layerid']}" if "layerid" in options else ""
     return str(spec).split("|")[0], options.get("features", options.get("layername", number))
 
 
-def _options(spec: str) -> dict[str, str]:
+def _parse_options(spec: str) -> dict[str, str]:
     """Return what stands behind the file name: ``|layername=L|image=ID``."""
     options = {}
     for part in str(spec).split("|")[1:]:

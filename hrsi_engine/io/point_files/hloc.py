@@ -42,25 +42,25 @@ HLOC = HlocBudgets()
 
 def read(path: str, features: str = "") -> PointTable:
     """Return two rows a match; ``features`` names the file of keypoints, by default the one that hloc's names tell."""
-    pairs = {name: group for name, group in _groups(path) if _has(group, _MATCHES)}
+    pairs = {name: group for name, group in _list_groups(path) if _has_item(group, _MATCHES)}
     if not pairs:
         raise InputError(
             f"{path}: holds no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, and "
             "that of the features as FILE|features=FILE"
         )
-    known = {} if all(_has(group, "keypoints0") for group in pairs.values()) else _features(path, features)
-    return table_of_matches(path, [_pair(path, name, group, known) for name, group in pairs.items()])
+    known = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
+    return table_of_matches(path, [_read_pair(path, name, group, known) for name, group in pairs.items()])
 
 
-def _pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, gdal.Group]]) -> KeypointMatches:
+def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, gdal.Group]]) -> KeypointMatches:
     """Return the matches of a group ``NAME1/NAME2``."""
     first, _, second = name.partition("/")
-    other = _array(path, group, _MATCHES).ravel().astype(np.int64)
+    other = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
     here = np.flatnonzero(other >= 0)
     rows = np.column_stack([here, other[here]])
-    if _has(group, "keypoints0") and _has(group, "keypoints1"):
+    if _has_item(group, "keypoints0") and _has_item(group, "keypoints1"):
         return KeypointMatches(
-            first, second, _positions(path, group, "keypoints0"), _positions(path, group, "keypoints1"), rows
+            first, second, _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1"), rows
         )
     for image in (first, second):
         if image not in known:
@@ -68,14 +68,16 @@ def _pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, g
                              "as FILE|features=FILE")  # fmt: skip
     (one, features_one), (two, features_two) = known[first], known[second]
     return KeypointMatches(
-        one, two, _positions(path, features_one, _KEYPOINTS), _positions(path, features_two, _KEYPOINTS), rows
+        one, two, _read_positions(path, features_one, _KEYPOINTS), _read_positions(path, features_two, _KEYPOINTS), rows
     )
 
 
-def _features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]]:
+def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]]:
     """Return images' names and groups by the name that pairs have for them."""
     file = features or _features_beside(path)
-    found = {name.replace("/", "-"): (name, group) for name, group in _groups(file) if _has(group, _KEYPOINTS)}
+    found = {
+        name.replace("/", "-"): (name, group) for name, group in _list_groups(file) if _has_item(group, _KEYPOINTS)
+    }
     if not found:
         raise InputError(f"{file}: holds no features of hloc (groups with {_KEYPOINTS!r}): name another file")
     return found
@@ -91,7 +93,7 @@ def _features_beside(path: str) -> str:
     return os.path.join(folder, max(fitting, key=len))
 
 
-def _groups(path: str) -> list[tuple[str, gdal.Group]]:
+def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
     """Return all groups of an HDF5 file with their names; raise `InputError` where it cannot be read."""
     if not os.path.isfile(path):
         raise InputError(f"{path}: no such file: check the path")
@@ -116,19 +118,19 @@ def _groups(path: str) -> list[tuple[str, gdal.Group]]:
     return groups
 
 
-def _has(group: gdal.Group, name: str) -> bool:
+def _has_item(group: gdal.Group, name: str) -> bool:
     return name in (group.GetMDArrayNames() or ())
 
 
-def _positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
+def _read_positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
     """Return keypoints ``(n, 2)``, float64."""
-    values = _array(path, group, name)
+    values = _read_array(path, group, name)
     if values.ndim != 2 or values.shape[1] < 2:
         raise InputError(f"{path}: {name!r} is {values.shape}, not (n, 2): get the file again")
     return values[:, :2].astype(np.float64)
 
 
-def _array(path: str, group: gdal.Group, name: str) -> np.ndarray:
+def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
     """Return the numbers of an array of a group."""
     values: np.ndarray | None = None
     with gdal_messages() as messages:

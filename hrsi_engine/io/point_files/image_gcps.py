@@ -26,7 +26,7 @@ def read(path: str, _layer: str = "") -> PointTable:
     image = image_id(path)
     height = np.array([gcp.GCPZ for gcp in gcps])
     columns = {
-        "id": np.array([_name(image, gcp, number) for number, gcp in enumerate(gcps, start=1)], dtype=str),
+        "id": np.array([_gcp_name(image, gcp, number) for number, gcp in enumerate(gcps, start=1)], dtype=str),
         "image": np.full(len(gcps), image),
         "sample": np.array([gcp.GCPPixel for gcp in gcps]) - 0.5,
         "line": np.array([gcp.GCPLine for gcp in gcps]) - 0.5,
@@ -39,12 +39,12 @@ def read(path: str, _layer: str = "") -> PointTable:
     return PointTable(path, columns, tuple(columns), lambda row: f"GCP {row + 1}", geometry, crs)
 
 
-def _name(image: str, gcp: gdal.GCP, number: int) -> str:
+def _gcp_name(image: str, gcp: gdal.GCP, number: int) -> str:
     name = str(gcp.Id).strip()
     return f"{image}-{name or number}" if not name or name.isdigit() else name
 
 
-def _recognises(path: str, _name: str, _head: bytes) -> bool:
+def _recognises(path: str, _gcp_name: str, _head: bytes) -> bool:
     return open_dataset(path)[0] is not None
 
 

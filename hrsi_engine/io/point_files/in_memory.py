@@ -39,7 +39,7 @@ class PointsInMemory(InMemory):
 
     def __new__(cls, points: Any) -> PointsInMemory:
         """Name the points by their kind and number: ``DataFrame of 12 points``."""
-        made = super().__new__(cls, f"{type(points).__name__} of {_count(points)} points")
+        made = super().__new__(cls, f"{type(points).__name__} of {_count_points(points)} points")
         made.points = points
         return made
 
@@ -85,7 +85,7 @@ class PointsInMemory(InMemory):
         InputError
             Columns that differ in length, texts that are no numbers, or what is no table at all.
         """
-        columns, labels, places = _columns_of(self.points), _row_labels(self.points), _places(self.points, self)
+        columns, labels, places = _columns_of(self.points), _row_labels(self.points), _places_of(self.points, self)
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             told = ", ".join(f"{name} {count}" for name, count in lengths.items())
@@ -111,7 +111,7 @@ class PointsInMemory(InMemory):
         return numbers(texts, lambda row: f"{self}, {at(row)}, column {field!r}", infinite=True)
 
 
-def _count(points: Any) -> int:
+def _count_points(points: Any) -> int:
     if isinstance(points, PointTables):
         return sum(len(table) for table in (points.ground, points.image) if table is not None)
     if isinstance(points, Mapping):
@@ -148,7 +148,7 @@ def _columns_of(points: Any) -> dict[str, Any]:
 
 def _row_labels(points: Any) -> Sequence[Any]:
     index = getattr(points, "index", None)
-    return list(index) if index is not None and not callable(index) else range(1, _count(points) + 1)
+    return list(index) if index is not None and not callable(index) else range(1, _count_points(points) + 1)
 
 
 def _has_places(points: Any) -> bool:
@@ -159,7 +159,7 @@ def _has_places(points: Any) -> bool:
         return False
 
 
-def _places(points: Any, name: str) -> tuple[np.ndarray, str] | None:
+def _places_of(points: Any, name: str) -> tuple[np.ndarray, str] | None:
     """Return x, y, z ``(n, 3)`` of a table of places and its CRS as WKT."""
     if not _has_places(points):
         return None

@@ -39,12 +39,12 @@ def write_columns(folder: str, points: ImagePoints) -> None:
         What its layer `LAYER` holds, in the same order.
     """
     columns: dict[str, Any] = {
-        "schema": np.int64(_SCHEMA), "mark": np.array(_mark(folder)),
+        "schema": np.int64(_SCHEMA), "mark": np.array(_database_mark(folder)),
         "sample": points.xy[:, 0], "line": points.xy[:, 1], "sigma": points.sigma_px, "quality": points.quality,
     }  # fmt: skip
     for name, ids in zip(_NUMBERED, (points.ids, points.image_ids, points.kind), strict=True):
         names, number = find_unique_ids(ids)
-        columns |= {f"{name}_names": names, name: number.astype(np.int32)}
+        columns |= {f"{name}_decode_names": names, name: number.astype(np.int32)}
     write_arrays(os.path.join(folder, COLUMNS_FILE), columns)
 
 
@@ -69,11 +69,11 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
         return None
     try:
         found = read_arrays(columns)
-        if found["schema"] != _SCHEMA or str(found["mark"]) != _mark(folder):
+        if found["schema"] != _SCHEMA or str(found["mark"]) != _database_mark(folder):
             return None
         rows = len(found["id"])
-        numbered = [_names(found[f"{name}_names"], found[name], rows) for name in _NUMBERED]
-        floats = {name: _floats(found[name], rows) for name in _FLOATS}
+        numbered = [_decode_names(found[f"{name}_decode_names"], found[name], rows) for name in _NUMBERED]
+        floats = {name: _decode_floats(found[name], rows) for name in _FLOATS}
     except DAMAGED:
         return None
     xy, sigma = np.column_stack([floats["sample"], floats["line"]]), floats["sigma"]
@@ -85,7 +85,7 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
     return PointTables(None, ImagePoints(ids, images, xy, sigma, np.asarray(numbered[2]), floats["quality"], source))
 
 
-def _mark(folder: str) -> str:
+def _database_mark(folder: str) -> str:
     """Return what tells the GeoPackage from itself after a change, whose count SQLite keeps in the first bytes.
 
     Copies and archives keep the mark.
@@ -94,7 +94,7 @@ def _mark(folder: str) -> str:
     return files_mark([path, f"{path}-wal"], times=False)
 
 
-def _names(names: np.ndarray, number: np.ndarray, rows: int) -> NameColumn:
+def _decode_names(names: np.ndarray, number: np.ndarray, rows: int) -> NameColumn:
     if names.dtype.kind != "U" or names.ndim != 1 or number.dtype != np.int32 or number.shape != (rows,):
         raise ValueError("names")
     if rows and not (number.min() >= 0 and number.max() < len(names)):
@@ -102,7 +102,7 @@ def _names(names: np.ndarray, number: np.ndarray, rows: int) -> NameColumn:
     return NameColumn(names, number)
 
 
-def _floats(column: np.ndarray, rows: int) -> np.ndarray:
+def _decode_floats(column: np.ndarray, rows: int) -> np.ndarray:
     if column.dtype != np.float64 or column.shape != (rows,) or np.isinf(column).any():
         raise ValueError("floats")
     return column

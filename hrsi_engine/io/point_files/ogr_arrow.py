@@ -30,7 +30,7 @@ class ArrowColumns(NamedTuple):
 
 def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool) -> ArrowColumns | None:
     """Return the fields ``names`` (ours -> the layer's) of a layer, None where the stream does not serve it."""
-    stream = _stream(layer)
+    stream = _open_stream(layer)
     fid = layer.GetFIDColumn() or "OGC_FID"
     if stream is None:
         return None
@@ -38,8 +38,8 @@ def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: boo
     for batch in stream:
         if fid not in batch or any(name not in batch for name in names.values()):
             return None
-        fields = {field: _field(field, batch[name]) for field, name in names.items()}
-        place = _positions(layer, batch) if with_geometry else np.empty((len(batch[fid]), 3))
+        fields = {field: _read_field(field, batch[name]) for field, name in names.items()}
+        place = _read_positions(layer, batch) if with_geometry else np.empty((len(batch[fid]), 3))
         if place is None or any(column is None for column in fields.values()):
             return None
         batches.append((fields, batch[fid], place))  # type: ignore[arg-type]
@@ -52,14 +52,14 @@ def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: boo
     )
 
 
-def _stream(layer: ogr.Layer) -> Any:
+def _open_stream(layer: ogr.Layer) -> Any:
     try:
         return layer.GetArrowStreamAsNumPy(["USE_MASKED_ARRAYS=YES"])
     except (AttributeError, ImportError, RuntimeError):  # GDAL before 3.6, or without its arrays
         return None
 
 
-def _field(field: str, column: np.ndarray) -> np.ndarray | None:
+def _read_field(field: str, column: np.ndarray) -> np.ndarray | None:
     """Return a column as numbers or texts, None where it is neither."""
     kind, missing = column.dtype.kind, np.ma.getmaskarray(column)
     plain = np.ma.getdata(column)
@@ -79,7 +79,7 @@ def _field(field: str, column: np.ndarray) -> np.ndarray | None:
     return None  # OGR has its own way of writing real numbers and dates as text
 
 
-def _positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def _read_positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return the points of a batch ``(n, 3)``, NaN where there are none, None where they are not all plain points."""
     column = batch.get(layer.GetGeometryColumn() or "wkb_geometry")
     if column is None or column.dtype.kind != "V" or column.dtype.itemsize not in _WKB_BYTES:

@@ -92,20 +92,20 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str) -> PointT
     quick = arrow_columns(layer, wanted, has_geometry) if by_columns else None
     if quick is not None:
         ids = quick.feature_ids
-        columns = {f: _column(source, f, names[found[f]], quick.values[f], ids) for f in found}
+        columns = {f: _read_column(source, f, names[found[f]], quick.values[f], ids) for f in found}
         return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", quick.geometry, _crs(layer))
     values: dict[str, list] = {field: [] for field in found}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
-    plan = [(values[field].append, index, _getter(field, types[index])) for field, index in found.items()]
+    plan = [(values[field].append, index, _choose_getter(field, types[index])) for field, index in found.items()]
     layer.ResetReading()
     for feature in layer:
         feature_ids.append(feature.GetFID())
         for append, index, get in plan:
             append(get(feature, index))
         if has_geometry:
-            positions.append(_position(source, feature))
-    columns = {f: _column(source, f, names[found[f]], values[f], feature_ids) for f in found}
+            positions.append(_read_position(source, feature))
+    columns = {f: _read_column(source, f, names[found[f]], values[f], feature_ids) for f in found}
     geometry = np.array(positions, dtype=np.float64).reshape(-1, 3) if has_geometry else None
     return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
 
@@ -124,19 +124,19 @@ def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, st
     return not geometry or found.longest[geometry] <= OGR_POINTS.point_bytes
 
 
-def _getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
-    return _float if field in NUMBER_FIELDS and field_type in _NUMERIC else _text
+def _choose_getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
+    return _get_float if field in NUMBER_FIELDS and field_type in _NUMERIC else _get_text
 
 
-def _float(feature: ogr.Feature, index: int) -> float:
+def _get_float(feature: ogr.Feature, index: int) -> float:
     return feature.GetFieldAsDouble(index) if feature.IsFieldSetAndNotNull(index) else np.nan
 
 
-def _text(feature: ogr.Feature, index: int) -> str:
+def _get_text(feature: ogr.Feature, index: int) -> str:
     return feature.GetFieldAsString(index) if feature.IsFieldSetAndNotNull(index) else ""
 
 
-def _column(
+def _read_column(
     source: str, field: str, name: str, values: Sequence | np.ndarray, feature_ids: Sequence[int] | np.ndarray
 ) -> np.ndarray:
     if field not in NUMBER_FIELDS:
@@ -155,7 +155,7 @@ def _column(
     return column
 
 
-def _position(source: str, feature: ogr.Feature) -> tuple[float, float, float]:
+def _read_position(source: str, feature: ogr.Feature) -> tuple[float, float, float]:
     """Return x, y, z of a point or of a multi-point of one part; NaN where there is none."""
     geometry = feature.GetGeometryRef()
     if geometry is None or geometry.IsEmpty():

@@ -23,7 +23,7 @@ def read(path: str, _layer: str = "") -> PointTable:
         raise InputError(f"{path}: is no GeoJSON feature collection ({error}): check the file") from None
     if not isinstance(features, list):
         raise InputError(f"{path}: 'features' is no list: check the file")
-    rows = [_row(path, number, feature) for number, feature in enumerate(features)]
+    rows = [_read_feature(path, number, feature) for number, feature in enumerate(features)]
     numbers = np.array([row[2] for row in rows], dtype=np.float64).reshape(-1, 5)
     columns = {
         "id": np.array([row[0] for row in rows], dtype=str),
@@ -36,7 +36,7 @@ def read(path: str, _layer: str = "") -> PointTable:
     )
 
 
-def _row(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:
+def _read_feature(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:
     """Return id, file name and column, row, lon, lat, height of one feature."""
     try:
         properties, coordinates = feature["properties"], feature["geometry"]["coordinates"]

@@ -35,15 +35,15 @@ def read(path: str, _layer: str = "") -> PointTable:
         rows = [row for row in csv.reader(islice(lines, offset, None)) if row]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read ({error}): save the points again in the Georeferencer") from None
-    return _table(path, crs, rows)
+    return _read_table(path, crs, rows)
 
 
-def _table(path: str, crs: str, rows: list[list[str]]) -> PointTable:
+def _read_table(path: str, crs: str, rows: list[list[str]]) -> PointTable:
     names = [name.strip() for name in rows[0]] if rows else []
     lower = [name.lower() for name in names]
     body = [(number, row) for number, row in enumerate(rows[1:], start=1) if _is_enabled(lower, row)]
     off = len(rows) - 1 - len(body)
-    x, y, column, line = (_column(path, lower, aliases, body) for aliases in (("mapx",), ("mapy",), _X, _Y))
+    x, y, column, line = (_get_column(path, lower, aliases, body) for aliases in (("mapx",), ("mapy",), _X, _Y))
     image = image_id(os.path.splitext(path)[0])
     columns = {
         "id": np.array([f"{image}-{number}" for number, _ in body], dtype=str),
@@ -61,7 +61,7 @@ def _is_enabled(names: list[str], row: list[str]) -> bool:
     return index >= len(row) or row[index].strip() != "0"
 
 
-def _column(path: str, names: list[str], aliases: tuple[str, ...], body: list[tuple[int, list[str]]]) -> np.ndarray:
+def _get_column(path: str, names: list[str], aliases: tuple[str, ...], body: list[tuple[int, list[str]]]) -> np.ndarray:
     index = next((names.index(alias) for alias in aliases if alias in names), None)
     if index is None:
         raise InputError(f"{path}: has no field {aliases[0]!r}: save the points again in the Georeferencer")

@@ -32,11 +32,11 @@ def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
     horizontal, height = positive(table, "sigma_xy"), positive(table, "sigma_h")
     if not table.columns.keys() & _MORE_THAN_SIGMAS:
         return np.column_stack([horizontal, height]), None
-    sigma = _axes(table, horizontal)
+    sigma = _axis_sigmas(table, horizontal)
     covariance = np.full((len(table), 3, 3), np.nan)
     covariance[:, range(3), range(3)] = sigma**2
     for row, column, element, correlation in PAIRS:
-        value = _pair(table, sigma[:, row], sigma[:, column], element, correlation)
+        value = _covariance(table, sigma[:, row], sigma[:, column], element, correlation)
         covariance[:, row, column] = covariance[:, column, row] = value
     both = np.sqrt((sigma[:, 0] ** 2 + sigma[:, 1] ** 2) / 2.0)
     return np.column_stack([np.where(np.isnan(both), horizontal, both), sigma[:, 2]]), covariance
@@ -56,7 +56,7 @@ def positive(table: PointTable, field: str) -> np.ndarray:
     return values
 
 
-def _axes(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
+def _axis_sigmas(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
     """Return the standard deviations of east, north and height ``(n, 3)``."""
     columns = []
     for axis, (variance, name) in enumerate(ACCURACY_FIELDS):
@@ -67,7 +67,7 @@ def _axes(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def _pair(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
+def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
     """Return the covariance of two coordinates with these sigmas ``(n,)``, NaN where none is given."""
     nothing = np.full(len(table), np.nan)
     value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)

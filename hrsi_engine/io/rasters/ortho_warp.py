@@ -155,16 +155,16 @@ def warp_chunk(
         opaque = 1 if source.data_type != gdal.GDT_Byte else 255
         image.GetRasterBand(len(bands) + 1).WriteArray((mask != 0) * opaque)
         image.GetRasterBand(len(bands) + 1).SetColorInterpretation(gdal.GCI_AlphaBand)
-    target = _target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
+    target = _make_target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
         with gdal_messages() as messages, config_option(*SCRATCH):
             _write_table(table, positions, window[:2] - 0.5)
-            target.SetMetadata(_geolocation(table, step), "GEOLOCATION")
+            target.SetMetadata(_geolocation_metadata(table, step), "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
         if not done:
             raise OutputError(f"{source.path}: GDAL cannot warp it ({messages[-1] if messages else 'unknown reason'})")
-        return _pixels(source, target, warp, whole)
+        return _read_pixels(source, target, warp, whole)
     finally:
         gdal.Unlink(table)
 
@@ -188,7 +188,7 @@ def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
     return not whole and (warp.nodata is None or not source.has_gaps)
 
 
-def _target(source: OrthoSource, columns: int, rows: int, nodata: float, with_alpha: bool) -> gdal.Dataset:
+def _make_target(source: OrthoSource, columns: int, rows: int, nodata: float, with_alpha: bool) -> gdal.Dataset:
     """Return an empty chunk in memory."""
     bands = len(source.bands) + with_alpha
     dataset = gdal.GetDriverByName("MEM").Create("", columns, rows, bands, source.data_type)
@@ -212,7 +212,7 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
     del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
 
 
-def _geolocation(table: str, step: int) -> dict[str, str]:
+def _geolocation_metadata(table: str, step: int) -> dict[str, str]:
     """Return the metadata that place the table's nodes at the centres of every ``step``-th pixel."""
     return {
         "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
@@ -253,7 +253,7 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
     )  # fmt: skip
 
 
-def _pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) -> Pixels:
+def _read_pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) -> Pixels:
     count = len(source.bands)
     values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
     valid = values[count] != 0 if _with_alpha(source, warp, whole) else None

@@ -255,8 +255,8 @@ def write_orthoimage(
     figures = OrthoFigures()
 
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
-        _fill(dataset, source, grid, chunks, warp, figures, part)
-        dataset.SetMetadata({**_metadata(made_from, figures), **(lineage or {})})
+        _write_chunks(dataset, source, grid, chunks, warp, figures, part)
+        dataset.SetMetadata({**_make_metadata(made_from, figures), **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
@@ -277,7 +277,7 @@ def _write_tiles(
 ) -> None:  # fmt: skip
     """Write a tiled file that ``fill`` fills; ``path`` is what errors name."""
     with gdal_messages() as messages:
-        dataset = _create(target, options, source, grid, warp)
+        dataset = _create_file(target, options, source, grid, warp)
         created = dataset is not None
         if created:
             fill(dataset)
@@ -286,7 +286,7 @@ def _write_tiles(
         raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
 
 
-def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
+def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid, warp: Warp) -> gdal.Dataset | None:
     """Create a tiled file for the chunks, with the bands' descriptions."""
     count = len(source.bands)
     dataset = gdal.GetDriverByName("GTiff").Create(path, grid.columns, grid.rows, count, source.data_type, options)
@@ -314,14 +314,14 @@ def _create(path: str, options: list[str], source: OrthoSource, grid: Grid, warp
     return dataset
 
 
-def _metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
+def _make_metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
     return {
         FINGERPRINT: fingerprint(made_from),
         FIGURES: json_text(figures.summary()),
     }
 
 
-def _fill(
+def _write_chunks(
     dataset: gdal.Dataset, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp,
     figures: OrthoFigures, progress: Progress,
 ) -> None:  # fmt: skip
@@ -330,7 +330,7 @@ def _fill(
     for done, chunk in enumerate(islice(chunks, total)):
         advance(progress, done / total, f"warping {os.path.basename(source.path)}")
         if chunk.step:
-            _count(figures, chunk)
+            _count_pixels(figures, chunk)
         if chunk.pixels is not None:
             figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
 
@@ -343,7 +343,7 @@ def chunk_size(scale: float) -> tuple[int, int]:
     return CHUNKS.columns_per_row * rows, rows
 
 
-def _count(figures: OrthoFigures, chunk: OrthoChunk) -> None:
+def _count_pixels(figures: OrthoFigures, chunk: OrthoChunk) -> None:
     figures.unknown += chunk.unknown
     figures.errors_px.append(chunk.errors_px)
     pixels = chunk.window.columns * chunk.window.rows

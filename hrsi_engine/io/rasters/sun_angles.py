@@ -89,7 +89,7 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
     SunReading or None
         The angles as stated; else from the time of the acquisition; None where neither is known.
     """
-    texts = [*_texts(path)]
+    texts = [*_read_texts(path)]
     for source, text in texts:
         stated = _read_angles(text)
         if stated is not None:
@@ -108,11 +108,11 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
 
 def read_time(path: str) -> datetime | None:
     """Return when an image was taken (UTC), by its delivery or its name; None where they do not tell."""
-    told = (_time_in(text) for _source, text in _texts(path))
+    told = (_time_in(text) for _source, text in _read_texts(path))
     return next((time for time in told if time is not None), None) or _time_of_name(path)
 
 
-def _texts(path: str) -> Iterator[tuple[str, str]]:
+def _read_texts(path: str) -> Iterator[tuple[str, str]]:
     """Yield what is written about an image, with where: in its STAC item, itself, the files that belong to it."""
     if (item := item_of(path)) is not None:
         yield f"the STAC item {item.id}", item.sun_text()
@@ -158,7 +158,7 @@ def _read_angles(text: str) -> SunAngles | None:
 def _time_in(text: str) -> datetime | None:
     for rule in _TIMES:
         if found := rule.search(text):
-            return _time(*found.groups())
+            return _parse_time(*found.groups())
     return None
 
 
@@ -166,13 +166,13 @@ def _time_of_name(path: str) -> datetime | None:
     name = os.path.basename(path)
     for rule in _TIMES_IN_NAMES:
         if found := rule.search(name):
-            return _time(*found.groups())
+            return _parse_time(*found.groups())
     if (found := _MAXAR_NAME.search(name)) and found[2] in _MONTHS:
-        return _time(f"20{found[1]}", str(_MONTHS.index(found[2]) + 1), *found.groups()[2:])
+        return _parse_time(f"20{found[1]}", str(_MONTHS.index(found[2]) + 1), *found.groups()[2:])
     return None
 
 
-def _time(year: str, month: str, day: str, hour: str, minute: str, second: str | None) -> datetime | None:
+def _parse_time(year: str, month: str, day: str, hour: str, minute: str, second: str | None) -> datetime | None:
     try:
         return datetime(int(year), int(month), int(day), int(hour), int(minute), int(float(second or 0.0)), tzinfo=UTC)
     except ValueError:  # digits that are no time

@@ -126,7 +126,7 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
     """
     low, high = _range_of(rpc)
     slack = CROPS.range_share * (high - low)
-    in_scene = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
+    in_scene = place.to_scene(_corners_of(np.zeros(2), np.array(size) - 1.0))
     inside = (in_scene.min(axis=0) >= low - slack).all() and (in_scene.max(axis=0) <= high + slack).all()
     if not inside:
         if _begins_a_larger_scene(rpc, size):
@@ -141,7 +141,7 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
         _, by_ground = rpc.project_with_metric_jacobian(middle)
         return not bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)
     # a scene's RPC begins at 0; one that was moved begins where the scene's first pixel is, seen from the crop
-    own_begin = place.to_scene(_corners(low, high)).min(axis=0)
+    own_begin = place.to_scene(_corners_of(low, high)).min(axis=0)
     told = np.abs(place.first) > CROPS.first_px * np.abs(place.matrix).max() * (place.matrix != np.eye(2)).any()
     nearer = np.sign(np.abs(own_begin) - np.abs(low)) * told
     if (nearer < 0.0).any() or (nearer > 0.0).any():
@@ -171,9 +171,9 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     """
     (a, b), (c, d) = place.matrix.tolist()
     if not b and not c:
-        moved = rpc if (a, d) == (1.0, 1.0) else _scale(rpc, place)
+        moved = rpc if (a, d) == (1.0, 1.0) else _scale_pixels(rpc, place)
         return moved.shift(-place.first[0], -place.first[1]) if moved is rpc else moved
-    corners = place.to_scene(_corners(np.zeros(2), np.array(size) - 1.0))
+    corners = place.to_scene(_corners_of(np.zeros(2), np.array(size) - 1.0))
     low, high = corners.min(axis=0), corners.max(axis=0)
     area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
     try:
@@ -187,7 +187,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     return found.rpc
 
 
-def _scale(rpc: RPC, place: CropPlace) -> RPC:
+def _scale_pixels(rpc: RPC, place: CropPlace) -> RPC:
     """Return the RPC in pixels of another size or direction; OFF and SCALE take it, signs go into the numerators."""
     a, d = place.matrix[0, 0], place.matrix[1, 1]
     return replace(
@@ -207,5 +207,5 @@ def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
     return off - scale, off + scale
 
 
-def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])

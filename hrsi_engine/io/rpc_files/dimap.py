@@ -35,7 +35,7 @@ _IMAGE_DOMAIN = ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain"
 def read(path: str) -> RpcReading:
     """Return the RPC of a DIMAP RPC file, or of the one that a product file names, with the scene's size and height."""
     root = read_xml(path)
-    if _first(root, _GROUND_TO_IMAGE) is not None:
+    if _first_pixel(root, _GROUND_TO_IMAGE) is not None:
         product = product_beside(path)
         described = None if product is None else read_xml(product)
     else:
@@ -46,7 +46,7 @@ def read(path: str) -> RpcReading:
 
 
 def _read_model(path: str, root: Element) -> RpcReading:
-    model, validity = _first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
+    model, validity = _first_pixel(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
     if model is None or validity is None:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: get the file again")
     coefficients = {element.tag: element.text or "" for element in model}
@@ -59,7 +59,9 @@ def _read_model(path: str, root: Element) -> RpcReading:
     if first is None:
         raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
     return RpcReading(
-        rpc.shift(-first, -first), _size(_domain(root), first), sensor=element_text(root, "METADATA_PROFILE") or ""
+        rpc.shift(-first, -first),
+        _scene_size(_domain(root), first),
+        sensor=element_text(root, "METADATA_PROFILE") or "",
     )
 
 
@@ -108,16 +110,16 @@ def _scene_height(product: Element | None) -> float | None:
     return height if math.isfinite(height) else None
 
 
-def _first(root: Element, names: tuple[str, ...]) -> Element | None:
+def _first_pixel(root: Element, names: tuple[str, ...]) -> Element | None:
     return next((element for name in names for element in root.iter(name)), None)
 
 
 def _domain(root: Element) -> dict[str, str]:
-    element = _first(root, _IMAGE_DOMAIN)
+    element = _first_pixel(root, _IMAGE_DOMAIN)
     return {} if element is None else {child.tag: (child.text or "").strip() for child in element}
 
 
-def _size(domain: dict[str, str], first: int) -> tuple[int, int] | None:
+def _scene_size(domain: dict[str, str], first: int) -> tuple[int, int] | None:
     """Return the scene's size where the validity domain begins at the first pixel."""
     if domain.get("FIRST_COL") != str(first) or domain.get("FIRST_ROW") != str(first):
         return None

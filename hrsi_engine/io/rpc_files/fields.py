@@ -56,7 +56,7 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
     names = names or GDAL_NAMES
     numbers: dict[str, float | np.ndarray | None] = {}
     for field in SCALARS:
-        numbers[field] = _number(where, names[field], values.get(field))
+        numbers[field] = _parse_number(where, names[field], values.get(field))
     for field in POLYNOMIALS:
         name = names[field]
         texts = values.get(field)
@@ -67,10 +67,10 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         numbers[field] = np.array(
             [*map(float, texts)]
             if plain
-            else [_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)]
+            else [_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)]
         )
     for field in ERRORS:
-        numbers[field] = _optional(where, names[field], values.get(field))
+        numbers[field] = _parse_optional(where, names[field], values.get(field))
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
 
 
@@ -157,7 +157,7 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
     return rpc
 
 
-def _number(where: str, name: str, text: Text | None) -> float:
+def _parse_number(where: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
     if isinstance(text, str) and _PLAIN_NUMBER.fullmatch(text):
         return float(text)
@@ -167,13 +167,13 @@ def _number(where: str, name: str, text: Text | None) -> float:
     rest = text.strip()[match.end() :] if match else ""
     if match is None or (rest and not (rest[0].isspace() or rest[0] in ",;")):
         raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed")
-    return _double(match.group())
+    return _parse_double(match.group())
 
 
-def _optional(where: str, name: str, text: Text | None) -> float | None:
+def _parse_optional(where: str, name: str, text: Text | None) -> float | None:
     if not isinstance(text, str) or not text.strip():
         return None
-    return _known(_number(where, name, text))
+    return _known(_parse_number(where, name, text))
 
 
 def _known(value: float) -> float | None:
@@ -189,7 +189,7 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
     entries: dict[str, str] = {}
     for name, value in pairs:
         before = entries.setdefault(name, value)
-        if before is value or re.sub(r"_\d+$", "", name) not in names or _numbers(before) == _numbers(value):
+        if before is value or re.sub(r"_\d+$", "", name) not in names or _find_numbers(before) == _find_numbers(value):
             continue
         raise InputError(
             f"{where}: {name} stands there twice, as {shorten(before)} and as {shorten(value)}: get the file again"
@@ -197,12 +197,12 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
     return entries
 
 
-def _numbers(text: str) -> list[float]:
+def _find_numbers(text: str) -> list[float]:
     """Return the numbers among the words of a text; units are none."""
-    return [_double(word) for word in re.split(r"[,;\s]+", text) if _NUMBER.fullmatch(word)]
+    return [_parse_double(word) for word in re.split(r"[,;\s]+", text) if _NUMBER.fullmatch(word)]
 
 
-def _double(number: str) -> float:
+def _parse_double(number: str) -> float:
     """Return the value of a number, whose exponent Fortran writes with a D."""
     return float(number.replace("d", "e").replace("D", "e"))
 

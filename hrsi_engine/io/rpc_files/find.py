@@ -122,19 +122,19 @@ def product_reader_of(path: str) -> RpcReader | None:
 
 def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return the RPC of an image that is already open; raise `InputError` where it has none."""
-    sources = _sources(path, dataset)
+    sources = _rank_sources(path, dataset)
     if not sources:
         raise InputError(
             f"{path}: has no RPC, inside or beside it: "
             "put its _RPC.TXT, .RPB, XML or .geom file beside it under the same name"
         )
     found = sources[0][1]()
-    ignored = tuple(title + _difference(found.rpc, read) for title, read in sources[1:])
+    ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
     sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "")
     return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize), sensor=sensor)
 
 
-def _difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
+def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
     """Return in words how far off another source is: `` (500 px off)``; nothing for the same RPC."""
     try:
         other = read_other().rpc
@@ -160,7 +160,7 @@ def read_rpc_or_none(path: str) -> FoundRpc | None:
     if found is not None:
         return found
     dataset = open_raster(path)
-    return rpc_of_dataset(path, dataset) if _sources(path, dataset) else None
+    return rpc_of_dataset(path, dataset) if _rank_sources(path, dataset) else None
 
 
 def rpc_in_folder(folder: str, image_path: str) -> str:
@@ -188,11 +188,11 @@ def side_files(path: str) -> dict[str, list[str]]:
     """Return the RPC files that stand beside an image under its name, by format in the order of `RPC_READERS`."""
     files = siblings(path)
     stem = os.path.splitext(os.path.basename(path))[0].lower()
-    return {key: [file for name in reader.beside(stem) if (file := _existing(files, name, path, reader))]
+    return {key: [file for name in reader.beside(stem) if (file := _find_side_file(files, name, path, reader))]
             for key, reader in RPC_READERS.items()}  # fmt: skip
 
 
-def _existing(files: dict[str, str], name: str, path: str, reader: RpcReader) -> str | None:
+def _find_side_file(files: dict[str, str], name: str, path: str, reader: RpcReader) -> str | None:
     """Return the side file of a name where it is there and of the reader's format."""
     file = files.get(name)
     if file is None or file == path or not (path.startswith("/vsi") or os.path.isfile(file)):
@@ -200,7 +200,7 @@ def _existing(files: dict[str, str], name: str, path: str, reader: RpcReader) ->
     return file if reader.recognises(name, read_head(file)) else None
 
 
-def _sources(path: str, dataset: gdal.Dataset) -> list[Source]:
+def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return every source of an image's RPC, the one that wins first: what its STAC item says, if it is of one."""
     named = _of_item(path, dataset)
     return [*named, *(source for source in _with_the_image(path, dataset) if source[0] not in dict(named))]
@@ -234,7 +234,7 @@ def _with_the_image(path: str, dataset: gdal.Dataset) -> list[Source]:
     for key, files in side_files(path).items():
         ranked = before if key in BEFORE_THE_TAG else after
         ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
-    return [*before, *_inside(path, dataset), *after]
+    return [*before, *_sources_inside(path, dataset), *after]
 
 
 def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
@@ -253,7 +253,7 @@ def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
     for place, (reader, file) in enumerate(files):
         if _reads_as(reader, file, metadata):
             return [sources.pop(place), *sources]
-    return [*_inside(path, dataset), *sources]
+    return [*_sources_inside(path, dataset), *sources]
 
 
 def _reads_as(reader: RpcReader, file: str, metadata: dict[str, str]) -> bool:
@@ -291,7 +291,7 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
         raise InputError(f"{path}: {error}") from None
 
 
-def _inside(path: str, dataset: gdal.Dataset) -> list[Source]:
+def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the RPC in the image itself (tag, NITF, VRT …) and that of its ``.aux.xml``."""
     name = os.path.basename(path)
     found: list[Source] = []

@@ -52,8 +52,8 @@ def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC,
 
 def _shift_and_scale(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float, float]:
     """Return (shift, scale) of full = shift + scale * chip, in coordinates from the pixel centre."""
-    chip = np.array([_field(path, metadata, f"ICHIP_OP_{axis}_{corner}") for corner in CORNERS]) - 0.5
-    full = np.array([_field(path, metadata, f"ICHIP_FI_{axis}_{corner}") for corner in CORNERS]) - 0.5
+    chip = np.array([_read_field(path, metadata, f"ICHIP_OP_{axis}_{corner}") for corner in CORNERS]) - 0.5
+    full = np.array([_read_field(path, metadata, f"ICHIP_FI_{axis}_{corner}") for corner in CORNERS]) - 0.5
     extent = chip.max() - chip.min()
     if not extent > 0.0:
         raise InputError(f"{path}: ICHIPB gives the chip no extent along {axis}: the file is damaged, get it again")
@@ -65,7 +65,7 @@ def _shift_and_scale(path: str, metadata: Mapping[str, str], axis: str) -> tuple
     return float(shift), float(scale)
 
 
-def _field(path: str, metadata: Mapping[str, str], name: str) -> float:
+def _read_field(path: str, metadata: Mapping[str, str], name: str) -> float:
     try:
         return float(metadata[name])
     except (KeyError, ValueError):

@@ -23,13 +23,13 @@ _MARK = re.compile(rb"(LINE_OFF|LINE_NUM_COEFF_1)[:=\s]", re.IGNORECASE)
 
 def read(path: str) -> RpcReading:
     """Return the RPC of a ``_RPC.TXT`` file; units behind the numbers are skipped."""
-    entries = entries_of(path, _entries(read_text(path)), GDAL_NAMES.values())
+    entries = entries_of(path, _split_entries(read_text(path)), GDAL_NAMES.values())
     values: dict[str, str | list[str] | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
     values |= {name: [entries[key] for key in _NUMBERED[name] if key in entries] or None for name in POLYNOMIALS}
     return RpcReading(rpc_from_text(path, values))
 
 
-def _entries(text: str) -> Iterator[tuple[str, str]]:
+def _split_entries(text: str) -> Iterator[tuple[str, str]]:
     """Yield each name (capitals) with the text of its value; a colon, an equals sign or blanks stand between them."""
     for line in text.splitlines():
         name, _, value = line.replace("=", " ", 1).replace(":", " ", 1).strip().partition(" ")

@@ -98,10 +98,10 @@ def put_back(image_path: str, names: set[str]) -> tuple[str, ...]:
 
 def stale_files(image_path: str, rpc: RPC) -> list[str]:
     """Return the ``.RPB`` and ``_RPC.TXT`` files of an image that hold another RPC than ``rpc``."""
-    return [file for file in plain_files(image_path) if not _holds(file, rpc)]
+    return [file for file in plain_files(image_path) if not _holds_rpc(file, rpc)]
 
 
-def _holds(path: str, rpc: RPC) -> bool:
+def _holds_rpc(path: str, rpc: RPC) -> bool:
     try:
         return same_numbers(rpc, read_rpc(path).rpc)
     except InputError:

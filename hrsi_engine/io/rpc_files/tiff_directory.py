@@ -102,12 +102,12 @@ def read_directory(path: str) -> Directory | None:
         return None
     try:
         with open(path, "rb") as file:
-            return _read(path, file)
+            return _read_entries(path, file)
     except (struct.error, OSError, OverflowError, ValueError):  # the last: an offset of 2^63 or more
         raise InputError(f"{path}: the TIFF directory is cut short or damaged: get the file again") from None
 
 
-def _read(path: str, file: BinaryIO) -> Directory | None:
+def _read_entries(path: str, file: BinaryIO) -> Directory | None:
     head = file.read(16)
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None or len(head) < 8:
@@ -127,14 +127,14 @@ def _read(path: str, file: BinaryIO) -> Directory | None:
     size = struct.calcsize(code) + word_bytes
     table = file.read(size * count + word_bytes)
     entries = tuple(
-        _entry(struct.unpack_from(code, table, start), table[start + size - word_bytes : start + size])
+        _make_entry(struct.unpack_from(code, table, start), table[start + size - word_bytes : start + size])
         for start in range(0, size * count, size)
     )
     following = struct.unpack_from(directory.word, table, size * count)[0]
     return replace(directory, entries=entries, following=following)
 
 
-def _entry(numbers: tuple[int, int, int], field: bytes) -> TagEntry:
+def _make_entry(numbers: tuple[int, int, int], field: bytes) -> TagEntry:
     tag, kind, count = numbers
     return TagEntry(tag, kind, count, field)
 
@@ -169,11 +169,11 @@ def edit_directory(path: str, changes: Mapping[int, Field | None]) -> bool:
         for tag, field in changes.items():
             old = entries.pop(tag, None)
             if field is not None:
-                entries[tag] = _place(file, directory, tag, old, field)
+                entries[tag] = _place_value(file, directory, tag, old, field)
         return _write_table(file, directory, replace(directory, entries=tuple(entries[tag] for tag in sorted(entries))))
 
 
-def _place(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
+def _place_value(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None, field: Field) -> TagEntry:
     """Write a value over the old one where it fits, else at the end of the file; return its entry."""
     word_bytes = struct.calcsize(directory.word)
     if len(field.content) <= word_bytes:
@@ -182,10 +182,10 @@ def _place(file: BinaryIO, directory: Directory, tag: int, old: TagEntry | None,
         file.seek(directory.place(old))
         file.write(field.content)
         return TagEntry(tag, field.kind, field.count, old.field)
-    return TagEntry(tag, field.kind, field.count, _append(file, directory, field.content))
+    return TagEntry(tag, field.kind, field.count, _append_value(file, directory, field.content))
 
 
-def _append(file: BinaryIO, directory: Directory, content: bytes) -> bytes:
+def _append_value(file: BinaryIO, directory: Directory, content: bytes) -> bytes:
     """Write ``content`` at the end of the file; return the value field that points to it."""
     end = file.seek(0, os.SEEK_END)
     file.write(b"\0" * (-end % ALIGNMENT))
@@ -202,12 +202,12 @@ def _write_table(file: BinaryIO, old: Directory, new: Directory) -> bool:
     if last > first:
         in_the_way = _values_between(old, new, first, last)
         if in_the_way is None:
-            pointer = _append(file, new, new.pack())
+            pointer = _append_value(file, new, new.pack())
             file.seek(8 if new.big else 4)
             file.write(pointer)
             return False
         for entry in in_the_way:
-            new = _relocate(file, new, entry)
+            new = _relocate_value(file, new, entry)
     file.seek(new.offset)
     file.write(new.pack())
     return True
@@ -221,18 +221,18 @@ def _values_between(old: Directory, new: Directory, first: int, last: int) -> li
         if not entry.is_inline and start < last and start + entry.length > first:
             spans.append((start, start + entry.length, entry))
     covered = first
-    for start, end, _entry in sorted(spans, key=lambda span: span[0]):
+    for start, end, _make_entry in sorted(spans, key=lambda span: span[0]):
         if start > covered + 1:  # one byte may pad a value of odd length
             return None
         covered = max(covered, end)
     return [entry for _start, _end, entry in spans] if covered >= last else None
 
 
-def _relocate(file: BinaryIO, directory: Directory, entry: TagEntry) -> Directory:
+def _relocate_value(file: BinaryIO, directory: Directory, entry: TagEntry) -> Directory:
     """Copy one value to the end of the file and point its entry there; entries that changed since are left alone."""
     if entry not in directory.entries:
         return directory
     file.seek(directory.place(entry))
-    field = _append(file, directory, file.read(entry.length))
+    field = _append_value(file, directory, file.read(entry.length))
     moved = replace(entry, field=field)
     return replace(directory, entries=tuple(moved if item == entry else item for item in directory.entries))

@@ -71,16 +71,16 @@ def set_numbers(
     the metadata domain, unless an older original is there already. ``lineage`` becomes items of the metadata, in place
     of those of an earlier run.
     """
-    directory = _directory(path)
-    changes: dict[int, Field | None] = {TAG_RPC: _doubles(directory, numbers)}
-    xml = _metadata(path, directory)
+    directory = _require_directory(path)
+    changes: dict[int, Field | None] = {TAG_RPC: _doubles_field(directory, numbers)}
+    xml = _read_metadata(path, directory)
     told = xml
     if keep_original and not _ORIGINAL_ITEM.search(xml):
         told = _with_original(told, read_numbers(path) if original is None else original)
     if lineage:
-        told = _with_items(_LINEAGE_ITEM.sub("", told), [_item(name, value) for name, value in lineage.items()])
+        told = _with_items(_LINEAGE_ITEM.sub("", told), [_write_item(name, value) for name, value in lineage.items()])
     if told != xml:
-        changes[TAG_METADATA] = _text(told)
+        changes[TAG_METADATA] = _text_field(told)
     return edit_directory(path, changes)
 
 
@@ -89,18 +89,18 @@ def restore_numbers(path: str) -> bool:
 
     Returns False where the file keeps no original. Raises `InputError` where what it keeps is damaged.
     """
-    directory = _directory(path)
-    xml = _metadata(path, directory)
+    directory = _require_directory(path)
+    xml = _read_metadata(path, directory)
     kept = dict(_ORIGINAL_ITEM.findall(xml)).get(_DOUBLES_ITEM)
     if kept is None:
         return False
     cleaned = _LINEAGE_ITEM.sub("", _ORIGINAL_ITEM.sub("", xml))
-    numbers = None if kept == _ABSENT else _parse(path, kept)
+    numbers = None if kept == _ABSENT else _parse_original(path, kept)
     edit_directory(
         path,
         {
-            TAG_RPC: None if numbers is None else _doubles(directory, numbers),
-            TAG_METADATA: _text(cleaned) if "<Item" in cleaned else None,
+            TAG_RPC: None if numbers is None else _doubles_field(directory, numbers),
+            TAG_METADATA: _text_field(cleaned) if "<Item" in cleaned else None,
         },
     )
     return True
@@ -109,25 +109,25 @@ def restore_numbers(path: str) -> bool:
 def keeps_original(path: str) -> bool:
     """Return whether a file keeps the RPC that it had before the first writing in place."""
     directory = read_directory(path)
-    return directory is not None and bool(_ORIGINAL_ITEM.search(_metadata(path, directory)))
+    return directory is not None and bool(_ORIGINAL_ITEM.search(_read_metadata(path, directory)))
 
 
-def _directory(path: str) -> Directory:
+def _require_directory(path: str) -> Directory:
     directory = read_directory(path)
     if directory is None:
         raise InputError(f"{path}: is not a TIFF file, so its RPC cannot be written in place: write a copy or a VRT")
     return directory
 
 
-def _doubles(directory: Directory, numbers: list[float]) -> Field:
+def _doubles_field(directory: Directory, numbers: list[float]) -> Field:
     return Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))
 
 
-def _text(xml: str) -> Field:
+def _text_field(xml: str) -> Field:
     return Field(ASCII, xml.encode("utf-8", "surrogateescape") + b"\0")
 
 
-def _metadata(path: str, directory: Directory) -> str:
+def _read_metadata(path: str, directory: Directory) -> str:
     content = read_value(path, directory, TAG_METADATA) or b""
     return content.rstrip(b"\0").decode("utf-8", "surrogateescape")
 
@@ -137,7 +137,7 @@ def _with_original(xml: str, numbers: list[float] | None) -> str:
     items = {_DOUBLES_ITEM: _ABSENT if numbers is None else " ".join(number.hex() for number in numbers)}
     if numbers is not None:
         items |= {GDAL_NAMES[name]: repr(value) for name, value in zip(SCALARS, numbers[2:12], strict=True)}
-    return _with_items(xml, [_item(name, value, ORIGINAL_DOMAIN) for name, value in items.items()])
+    return _with_items(xml, [_write_item(name, value, ORIGINAL_DOMAIN) for name, value in items.items()])
 
 
 def _with_items(xml: str, items: Iterable[str]) -> str:
@@ -146,12 +146,12 @@ def _with_items(xml: str, items: Iterable[str]) -> str:
     return f"{body}{''.join(items)}{_END}\n"
 
 
-def _item(name: str, value: str, domain: str = "") -> str:
+def _write_item(name: str, value: str, domain: str = "") -> str:
     where = f' domain="{domain}"' if domain else ""
     return f'<Item name="{name}"{where}>{escape(value)}</Item>\n'
 
 
-def _parse(path: str, kept: str) -> list[float]:
+def _parse_original(path: str, kept: str) -> list[float]:
     try:
         numbers = [float.fromhex(text) for text in kept.split()]
     except (ValueError, OverflowError):

@@ -189,7 +189,7 @@ def _create_copy(source: gdal.Dataset, temporary: str, target_path: str, rpc: RP
     """Let GDAL copy pixels and metadata; a virtual dataset brings the new RPC, so that the tag is written once."""
     virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
     virtual.SetMetadata(gdal_metadata(rpc), "RPC")
-    report, cancelled = _callback(progress, f"writing {os.path.basename(target_path)}")
+    report, cancelled = _make_callback(progress, f"writing {os.path.basename(target_path)}")
     written = False
     with gdal_messages() as messages:
         copy = gdal.GetDriverByName("GTiff").CreateCopy(
@@ -205,7 +205,7 @@ def _create_copy(source: gdal.Dataset, temporary: str, target_path: str, rpc: RP
         raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
 
 
-def _callback(progress: Progress, message: str) -> tuple[Callable[..., int], list[bool]]:
+def _make_callback(progress: Progress, message: str) -> tuple[Callable[..., int], list[bool]]:
     """Return a progress callback for GDAL, and a list that is not empty once the user cancelled."""
     cancelled: list[bool] = []
 

@@ -67,7 +67,7 @@ def content_mark(path: str) -> str:
         32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
     """
     if path.startswith("/vsi"):
-        archive = _archive(path)
+        archive = _find_archive(path)
         return _virtual_mark(path) if archive is None else files_mark([archive])
     dataset, _ = open_dataset(path)
     listed = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
@@ -90,7 +90,7 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
         with open(name, "rb", buffering=0) as file:
             whole = total <= CONTENT_SAMPLING.whole_bytes
             if times and not whole:
-                state.update(_times(file.fileno()))
+                state.update(_change_times(file.fileno()))
             for block in read_places(file, [(0, size)] if whole else places_of(size, size / total)):
                 state.update(block)
     return state.hexdigest()
@@ -115,12 +115,12 @@ def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[b
             length -= len(block)
 
 
-def _times(descriptor: int) -> bytes:
+def _change_times(descriptor: int) -> bytes:
     status = os.fstat(descriptor)
     return f"{status.st_mtime_ns}\0{status.st_ctime_ns}\0".encode()
 
 
-def _archive(path: str) -> str | None:
+def _find_archive(path: str) -> str | None:
     """Return the file of this machine that a virtual path leads into; None where there is none."""
     start = path.find("/", 1) + 1  # behind /vsizip/; what follows is relative, or begins with a further slash
     ends = [at for at in range(start + 1, len(path)) if path[at] == "/"]

@@ -36,13 +36,13 @@ def only_writer(folder: str | None) -> Iterator[None]:
     lock = None
     try:
         with holding_signals():  # one between making something and knowing of it would leave it behind
-            made = _make(folder)
-            lock = _take(os.path.join(folder, LOCK))
+            made = _make_folders(folder)
+            lock = _take_lock(os.path.join(folder, LOCK))
         yield
     finally:
         with holding_signals():
             if lock is not None:
-                _release(lock, os.path.join(folder, LOCK))
+                _release_lock(lock, os.path.join(folder, LOCK))
             for path in reversed(made):
                 with contextlib.suppress(OSError):  # it holds results
                     os.rmdir(path)
@@ -66,12 +66,12 @@ def remove_dead_lock(folder: str) -> None:
     path = os.path.join(folder, LOCK)
     if os.path.exists(path):
         with contextlib.suppress(InputError, OSError):
-            lock = _take(path)
+            lock = _take_lock(path)
             if lock is not None:
-                _release(lock, path)
+                _release_lock(lock, path)
 
 
-def _make(folder: str) -> list[str]:
+def _make_folders(folder: str) -> list[str]:
     """Make a folder; return those that were made, the outermost first."""
     missing, path = [], os.path.abspath(folder)
     while not os.path.lexists(path):
@@ -95,7 +95,7 @@ def _make_all(folder: str) -> None:
             raise InputError(f"{folder} cannot be made ({error.strerror}): choose another `output_dir`") from None
 
 
-def _take(path: str) -> int | None:
+def _take_lock(path: str) -> int | None:
     """Return the descriptor of a lock's file, locked; None where the file system knows no locks."""
     while True:
         try:
@@ -121,7 +121,7 @@ def _take(path: str) -> int | None:
         os.close(descriptor)  # its owner removed the file meanwhile: that lock keeps nobody out
 
 
-def _release(descriptor: int, path: str) -> None:
+def _release_lock(descriptor: int, path: str) -> None:
     """Remove a lock's file and release the lock, in the order that the system allows."""
     if sys.platform == "win32":  # open files cannot be removed there
         os.close(descriptor)

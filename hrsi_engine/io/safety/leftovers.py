@@ -110,7 +110,7 @@ def is_dead(path: str) -> bool:
     if found is None:
         return False
     machine, pid, began = found.groups()
-    if machine != _machine():
+    if machine != _machine_name():
         with contextlib.suppress(OSError):
             return time.time() - os.stat(path).st_mtime > LEFTOVERS.old_s
         return False
@@ -123,13 +123,13 @@ def is_writer_running(words: str) -> bool:
     if found is None:
         return False
     machine, pid, began = found.groups()
-    return machine != _machine() or is_running(int(pid), int(began))
+    return machine != _machine_name() or is_running(int(pid), int(began))
 
 
 def is_running(pid: int, began: int) -> bool:
     """Return whether a process runs that has this number and began then (0: not known)."""
     if pid == os.getpid():
-        return began == _began(pid)
+        return began == _began_at(pid)
     if sys.platform == "win32":  # signal 0 would end the process there; files in use cannot be removed anyway
         return False
     try:
@@ -138,7 +138,7 @@ def is_running(pid: int, began: int) -> bool:
         return False
     except OSError:
         pass  # it runs for another user
-    now = _began(pid)
+    now = _began_at(pid)
     return not (began and now) or now == began
 
 
@@ -150,15 +150,15 @@ def writer() -> str:
 @cache
 def _words_of(own: int) -> str:
     """Return the words of this process by its number, which a fork has another of; they never change."""
-    return f"{_machine()}-{own}-{_began(own)}"
+    return f"{_machine_name()}-{own}-{_began_at(own)}"
 
 
 @cache
-def _machine() -> str:
+def _machine_name() -> str:
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
-def _began(pid: int) -> int:
+def _began_at(pid: int) -> int:
     """Return when a process began, in clock ticks since the machine did; 0 where the system does not tell."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:

@@ -62,9 +62,9 @@ def flush(path: str) -> None:
     """Have a file or folder written to the disk itself."""
     if os.path.isdir(path):
         with contextlib.suppress(OSError):  # some network file systems, and Windows, cannot flush folders
-            _flush(path, os.O_RDONLY)
+            _flush_path(path, os.O_RDONLY)
     else:
-        _flush(path, os.O_RDWR)
+        _flush_path(path, os.O_RDWR)
 
 
 def flush_files(paths: Sequence[str]) -> None:
@@ -76,7 +76,7 @@ def flush_files(paths: Sequence[str]) -> None:
         flush(path)
 
 
-def _flush(path: str, flags: int) -> None:
+def _flush_path(path: str, flags: int) -> None:
     descriptor = os.open(path, flags)
     try:
         os.fsync(descriptor)

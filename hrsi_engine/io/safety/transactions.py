@@ -100,8 +100,8 @@ class Transaction:
         try:
             flush_files([old for what, old, _ in self._steps if what == "rename" and os.path.isfile(old)])
             for signpost in signposts:
-                _write(signpost, {"journal": journal, "writer": writer()})
-            _write(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
+                _write_journal(signpost, {"journal": journal, "writer": writer()})
+            _write_journal(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
         except OSError as error:
             for file in signposts:
                 with contextlib.suppress(OSError):
@@ -143,13 +143,13 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
 
 def _finish_in(folder: str) -> list[str]:
     signpost, journal = os.path.join(folder, SIGNPOST), os.path.join(folder, JOURNAL)
-    elsewhere = _read(signpost, _SIGNPOST_KEYS)
+    elsewhere = _read_journal(signpost, _SIGNPOST_KEYS)
     if elsewhere is not None and not is_writer_running(elsewhere["writer"]):
         if os.path.exists(elsewhere["journal"]):
             journal = elsewhere["journal"]
         else:  # its writer had not come to the journal: nothing was changed
             os.remove(signpost)
-    left = _read(journal, _JOURNAL_KEYS)
+    left = _read_journal(journal, _JOURNAL_KEYS)
     if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
         return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
     steps = _own_steps(journal, left["steps"])
@@ -177,7 +177,7 @@ def _own_steps(journal: str, steps: Iterable[Sequence[object]]) -> list[tuple[st
 def _leads_to(folder: str, journal: str, file: str = "") -> bool:
     """Return whether a folder's signpost leads to this journal, and is this file where one is named."""
     path = os.path.join(folder, SIGNPOST)
-    signpost = _read(path, _SIGNPOST_KEYS)
+    signpost = _read_journal(path, _SIGNPOST_KEYS)
     return signpost is not None and signpost["journal"] == journal and file in ("", path)
 
 
@@ -202,7 +202,7 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
         ) from None
 
 
-def _write(path: str, content: dict[str, object]) -> None:
+def _write_journal(path: str, content: dict[str, object]) -> None:
     temporary = temporary_name(path)
     try:
         with open(temporary, "w", encoding="utf-8") as file:
@@ -215,7 +215,7 @@ def _write(path: str, content: dict[str, object]) -> None:
             os.remove(temporary)
 
 
-def _read(path: str, keys: dict[str, type]) -> dict[str, Any] | None:
+def _read_journal(path: str, keys: dict[str, type]) -> dict[str, Any] | None:
     """Return a journal's or signpost's content; None where there is none, or one that is not whole."""
     try:
         content = read_json(path, "report")
