@@ -75,6 +75,8 @@ def triangulate(
     check_ids: str | Iterable[str] | None = None,
     ground_crs: str | None = None,
     height_datum: str = "layer",
+    gcp_epoch: float | None = None,
+    strict_datum: bool = False,
     sigma_image: float = 0.5,
     sigma_gcp_xy: float = 0.2,
     sigma_gcp_h: float = 0.3,
@@ -172,6 +174,13 @@ def triangulate(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    gcp_epoch : float, optional
+        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
+        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
+        the accuracy of that (at least 1957).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     sigma_image : float, optional
         Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
     sigma_gcp_xy : float, optional
@@ -332,6 +341,7 @@ def tie_points(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     search_margin: float = 128.0,
     cells: int = 12,
     per_cell: int = 0,
@@ -379,6 +389,9 @@ def tie_points(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     search_margin : float, optional
         How far the RPCs may be off when tie points are searched; the search widens where it finds
         nothing (unit px; at least 0; default 128).
@@ -445,6 +458,8 @@ def adjust(
     check_ids: str | Iterable[str] | None = None,
     ground_crs: str | None = None,
     height_datum: str = "layer",
+    gcp_epoch: float | None = None,
+    strict_datum: bool = False,
     sigma_image: float = 0.5,
     sigma_gcp_xy: float = 0.2,
     sigma_gcp_h: float = 0.3,
@@ -522,6 +537,13 @@ def adjust(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    gcp_epoch : float, optional
+        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
+        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
+        the accuracy of that (at least 1957).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     sigma_image : float, optional
         Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
     sigma_gcp_xy : float, optional
@@ -643,6 +665,8 @@ def evaluate(
     check_ids: str | Iterable[str] | None = None,
     ground_crs: str | None = None,
     height_datum: str = "layer",
+    gcp_epoch: float | None = None,
+    strict_datum: bool = False,
     sigma_image: float = 0.5,
     sigma_gcp_xy: float = 0.2,
     sigma_gcp_h: float = 0.3,
@@ -714,6 +738,13 @@ def evaluate(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    gcp_epoch : float, optional
+        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
+        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
+        the accuracy of that (at least 1957).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     sigma_image : float, optional
         Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
     sigma_gcp_xy : float, optional
@@ -791,6 +822,8 @@ def refine(
     check_ids: str | Iterable[str] | None = None,
     ground_crs: str | None = None,
     height_datum: str = "layer",
+    gcp_epoch: float | None = None,
+    strict_datum: bool = False,
     sigma_image: float = 0.5,
     sigma_gcp_xy: float = 0.2,
     sigma_gcp_h: float = 0.3,
@@ -856,6 +889,13 @@ def refine(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    gcp_epoch : float, optional
+        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
+        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
+        the accuracy of that (at least 1957).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     sigma_image : float, optional
         Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
     sigma_gcp_xy : float, optional
@@ -967,6 +1007,8 @@ def rpc_info(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
+    crs: str | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
     threads: int = 0,
@@ -994,6 +1036,12 @@ def rpc_info(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    crs : str, optional
+        List the coordinate operations between this CRS and WGS84 at the images' place: which one is
+        taken, and which lack their grid (EPSG:code or WKT).
     output_dir : path, optional
         Directory for report and layers; without it the result is only printed.
     overwrite : bool, optional
@@ -1038,6 +1086,7 @@ def project(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     threads: int = 0,
@@ -1068,6 +1117,9 @@ def project(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     output_dir : path, optional
         Directory for report and layers; without it the result is only printed.
     overwrite : bool, optional
@@ -1111,6 +1163,7 @@ def localize(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     threads: int = 0,
@@ -1140,6 +1193,9 @@ def localize(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     output_dir : path, optional
         Directory for report and layers; without it the result is only printed.
     overwrite : bool, optional
@@ -1166,6 +1222,7 @@ def fit_rpc(
     *,
     ground_crs: str | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     id: str | None = None,
     common_denominator: bool = False,
     min_height: float | None = None,
@@ -1193,6 +1250,9 @@ def fit_rpc(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     id : str, optional
         Id of the image, which names the file; by default the stem of the table.
     common_denominator : bool, optional
@@ -1234,6 +1294,7 @@ def gcps_from_reference(
     threads: int = 0,
     dem_datum: str | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     sigma_dem: float | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
@@ -1277,6 +1338,9 @@ def gcps_from_reference(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     sigma_dem : float, optional
         Standard deviation of the DEM's heights; by default from the size of its cells (unit m; at least
         1e-06).
@@ -1324,6 +1388,7 @@ def interest_points(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -1407,6 +1472,9 @@ def interest_points(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1448,6 +1516,7 @@ def match(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     report: bool = True,
@@ -1512,6 +1581,9 @@ def match(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1615,6 +1687,7 @@ def orthorectify(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     terrain_points: Points | None = None,
     ground_crs: str | None = None,
     fill_gaps: int = 0,
@@ -1661,6 +1734,9 @@ def orthorectify(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     terrain_points : path or table or array or GroundPoints or ImagePoints, optional
         Points whose heights make the terrain, instead of a DEM: the layer ground_points of a
         triangulation.
@@ -2018,6 +2094,7 @@ def register(
     dem_datum: str | None = None,
     height: float | None = None,
     height_datum: str = "layer",
+    strict_datum: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     report: bool = True,
@@ -2058,6 +2135,9 @@ def register(
     height_datum : str, optional
         What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
         egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional

@@ -39,13 +39,14 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
-        how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
+        how = block_inputs.with_dem(how, options.dem, options.points)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
     warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
     entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
-    reasons += ground_reasons(result, dem_surface(options.dem, options.points.height_datum), how.sigma_dem_m)
+    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
+    reasons += ground_reasons(result, surface, how.sigma_dem_m)
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest)

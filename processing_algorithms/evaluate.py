@@ -86,7 +86,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     refuse_idle_matches(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
     images = open_input_images(options.images, context)
     cameras = _open_sets(options, images, context)
-    surface = dem_surface(options.dem, options.points.height_datum)
+    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")

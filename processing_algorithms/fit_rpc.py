@@ -10,6 +10,7 @@ from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warning
 from ..hrsi_engine.foundation.in_memory import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
+from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.position_tables import read_correspondences
@@ -40,6 +41,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     check_folder(options.folder, context)
     table = read_correspondences(options.points, ground_crs=options.ground_crs, height_datum=options.height_datum)
+    require_strict_datums(table.operations, options.strict_datum)
     require_plain_name(options.id or "rpc", "the id")
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
     name = f"{options.id or stem}_RPC.TXT"
@@ -66,7 +68,10 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
         "check": None if check is None else {"points": check[0], "max_px": check[1].max_px, "rms_px": check[1].rms_px},
         "height_min_m": low, "height_max_m": high,
-        "warnings": [*table.warnings, *fit.warnings, *height_warnings],
+        "warnings": [
+            *table.warnings, *list_operation_warnings(table.operations), *fit.warnings, *height_warnings
+        ],
+        "crs_operations": [use.entry() for use in table.operations],
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_rpc_text(str(folder / name), fit.rpc)

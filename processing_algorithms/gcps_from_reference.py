@@ -7,8 +7,10 @@ import numpy as np
 from ..hrsi_engine.block.reference_places import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
+from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.geopackage.declared_layers import ReferenceGcpRows, RejectedMatchRows
 from ..hrsi_engine.io.geopackage.layers import Layer
+from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
 from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions
@@ -26,23 +28,33 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     images = open_input_images(options.images, context)
     if context.dry_run:
         reference_control.open_reference(options.reference.reference, options.reference.reference_band)
-        dem_surface(options.dem, options.height_datum)
+        _open_dem(options)
         return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
     matching = context.stage(0.0, 0.9)
     found = reference_control.find_reference_control(
-        images, options.reference, dem_surface(options.dem, options.height_datum), options.sigma_dem, matching
+        images, options.reference, _open_dem(options), options.sigma_dem, matching
     )
     ground, measured = reference_control.reference_points(found)
     if not len(ground):
         raise SolveError(f"{options.reference.reference}: no GCP was found: {'; '.join(found.warnings)}")
     report: Report = {
         **context.record, "points": len(ground),
-        "measurements": len(measured), "reference": found.entries, "warnings": found.warnings,
+        "measurements": len(measured), "reference": found.entries,
+        "warnings": [*found.warnings, *list_operation_warnings(found.operations)],
+        "crs_operations": [use.entry() for use in found.operations],
     }  # fmt: skip
     sigma_m = tuple(ground.sigma_m[0])
     layers = [_make_layer(found, sigma_m, used=True), _make_layer(found, sigma_m, used=False)]
     write_folder(options.folder, report, LAYERS_FILE, layers, context)
     return report
+
+
+def _open_dem(options: GcpsFromReferenceOptions) -> GridSurface | None:
+    """Return the DEM; raises `InputError` where its datum has to be replaced and may not."""
+    surface = dem_surface(options.dem, options.height_datum)
+    if surface is not None:
+        require_strict_datums(surface.operations, options.strict_datum)
+    return surface
 
 
 def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.block.block import GroundPoints, Image
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
+from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
@@ -28,7 +29,8 @@ def run(options: ProjectOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     images = open_input_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
-    ids, ground, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
+    points, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
+    ids, ground = points.ids, points.ground
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
         return plan_folder(options.folder, LAYERS_FILE, counts, warnings, context)
@@ -41,6 +43,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "images": [image.id for image in images],
         "from_file": bool(options.points), "count": len(columns["id"]), "warnings": warnings,
+        "crs_operations": [use.entry() for use in points.operations],
     }  # fmt: skip
     if not options.folder.output_dir:
         names = ("id", "image", "sample", "line")
@@ -54,19 +57,19 @@ def run(options: ProjectOptions, context: Context) -> Report:
     return report
 
 
-def _from_file(
-    file: str, options: ProjectOptions, surface: HeightSurface | None
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _from_file(file: str, options: ProjectOptions, surface: HeightSurface | None) -> tuple[GroundPoints, list[str]]:
     heights = None if surface is None else lambda lonlat: surface_heights(surface, lonlat)
     tables = read_points(
         file, ground_crs=options.ground_crs, height_datum=options.terrain.height_datum, surface=heights
     )
     if tables.ground is None:
         raise InputError(f"{file}: has no ground positions (geometry, lon and lat, x and y): add them")
-    return tables.ground.ids, tables.ground.ground, list(tables.warnings)
+    operations = tables.ground.operations
+    require_strict_datums(operations, options.terrain.strict_datum)
+    return tables.ground, [*tables.warnings, *list_operation_warnings(operations)]
 
 
-def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _from_lines(surface: HeightSurface | None) -> tuple[GroundPoints, list[str]]:
     """Return the text behind the coordinates as ids."""
     ground, rest = parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split())
     missing = np.flatnonzero(np.isnan(ground[:, 2]))
@@ -75,7 +78,8 @@ def _from_lines(surface: HeightSurface | None) -> tuple[np.ndarray, np.ndarray, 
     if missing.size and surface is not None:
         ground[missing, 2] = surface_heights(surface, ground[missing, :2])
     lost = np.count_nonzero(np.isnan(ground[:, 2]))
-    return np.array(rest, dtype=str), ground, [f"the DEM has no height for {lost} points"] if lost else []
+    points = GroundPoints.create(np.array(rest, dtype=str), ground)
+    return points, [f"the DEM has no height for {lost} points"] if lost else []
 
 
 def _project_points(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:

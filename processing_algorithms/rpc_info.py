@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import (
     PairGeometry,
@@ -14,7 +16,10 @@ from ..hrsi_engine.block.imaging_geometry import (
     find_rpc_warnings,
 )
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.ground.geodesy import WGS84
+from ..hrsi_engine.ground.geoids import how_to_get_grids
+from ..hrsi_engine.ground.operation_uses import CrsOperation, OperationUse
 from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
@@ -52,10 +57,43 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
             view.image.id: _image_entry(view, geometry) for view, geometry in zip(views, geometries, strict=True)
         },
         "pairs": [_pair_entry(pair) for pair in pairs],
+        "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
     }
     write_folder(options.folder, report, LAYERS_FILE, _make_layers(report, views), context)
     return report
+
+
+def _list_operations(crs: str | None, views: Sequence[ViewDirection]) -> list[dict[str, Any]]:
+    """Return the operations between a CRS and WGS84 at the images' place: those taken first, then the others.
+
+    Those that lack a grid are told with how to get it.
+    """
+    if crs is None:
+        return []
+    operations = operations_of(crs)
+    place = np.concatenate([view.centre for view in views])
+    uses = operations.uses_at("images", place)
+    taken = {use.number: use for use in uses}
+    rows = []
+    for number, operation in enumerate(operations.operations):
+        if number in taken or operation.covers(place).any():
+            rows.append(_operation_entry(operation, taken.get(number)))
+    rows += [
+        _operation_entry(operation, None, missing=True)
+        for operation in operations.unavailable
+        if operation.covers(place).any() and not operation.is_ballpark
+    ]
+    return sorted(rows, key=lambda row: (not row["taken"], row["accuracy_m"] is None, row["accuracy_m"] or 0.0))
+
+
+def _operation_entry(operation: CrsOperation, use: OperationUse | None, missing: bool = False) -> dict[str, Any]:
+    return {
+        "name": operation.name, "code": operation.code or None, "accuracy_m": operation.accuracy_m,
+        "sigma_plan_m": operation.sigma_m[0], "sigma_height_m": operation.sigma_m[1], "area": operation.area or None,
+        "grid": ", ".join(operation.grids) or None, "taken": use is not None, "missing": missing,
+        "advice": how_to_get_grids(", ".join(operation.grids), is_geoid=False) if missing else None,
+    }  # fmt: skip
 
 
 def _choose_surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
@@ -137,7 +175,19 @@ def summarise(report: Report) -> str:
     if report["pairs"]:
         lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]
         lines += [_pair_line(pair, width) for pair in report["pairs"]]
+    if report["crs_operations"]:
+        lines += ["", "         accuracy  coordinate operation to WGS84"]
+        lines += [_operation_line(row) for row in report["crs_operations"]]
     return "\n".join(lines)
+
+
+def _operation_line(row: Mapping[str, Any]) -> str:
+    state = "taken" if row["taken"] else "missing" if row["missing"] else ""
+    accuracy = "?" if row["accuracy_m"] is None else f"{row['accuracy_m']:g} m"
+    grid = f"; grid {row['grid']}" if row["grid"] else ""
+    return f"{state:8} {accuracy:>8}  {row['name']} ({row['code'] or 'no code'}){grid}" + (
+        f": {row['advice']}" if row["advice"] else ""
+    )
 
 
 def _pair_line(pair: Mapping[str, Any], width: int) -> str:

@@ -67,12 +67,12 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     with plausibility.explain_failures(reasons):
         laser = read_laser_points(images, options.laser, context)
         how = with_free_control(how, options.dem, options.points, laser, places)
-        how = block_inputs.with_dem(how, options.dem, options.points.height_datum)
+        how = block_inputs.with_dem(how, options.dem, options.points)
         part = context.stage(read_at, adjusted_at)
         result, few = adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
-    surface = dem_surface(options.dem, options.points.height_datum)
+    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     offset = dem_offset.offset_warning(result, surface, how.sigma_dem_m)
     reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
     warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
@@ -88,7 +88,7 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
     points, how, pairs = options.points, options.adjustment, None
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if options.tie_points == AUTOMATIC_TIES:
-        surface = dem_surface(options.dem, points.height_datum)
+        surface = dem_surface(options.dem, points.height_datum, points.gcp_epoch)
         pairs = count_pairs(images, options.search, surface, earlier.image_ids)
     if pairs and not points.gcps and not points.image_points and not earlier.ties:
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
@@ -103,7 +103,7 @@ def _automatic_ties(
     """Return tie points, warnings, the folders to discard when the results are written, and the report's entries."""
     if options.tie_points != AUTOMATIC_TIES:
         return [], [], (), {}
-    surface = dem_surface(options.dem, options.points.height_datum)
+    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     folder = options.output.folder.output_dir
     found, finished = find_ties(images, options.search, surface, folder, context, earlier.image_ids)
     points = found.image_points

@@ -31,6 +31,7 @@ from .result import (
     VarianceComponent,
 )
 from .statistics.precision import Precision, compute_deletion_tests
+from .statistics.shared_shifts import propagate_shifts
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 
@@ -104,8 +105,10 @@ def assemble_adjustment(
     covariance = _compute_covariance(problem, solution, precise, cameras, factor)
     covariance[~placed] = np.nan
     covariance = _expand_rows(len(block.points), points, covariance)
+    shifts = _propagate_operation_shifts(problem, loop, solution)
+    variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
-        ground_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+        ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))
     heights, laser = _judge_heights(problem, solution, precise)
     plan = _judge_plan(problem, solution, precise)
     redundancy_numbers, statistic = _compute_reliability(problem, solution, precise, found.tie_variance)
@@ -160,7 +163,18 @@ def assemble_adjustment(
         survey_factors=found.survey_factors,
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares),
+        operation_shifts_m=shifts,
     )
+
+
+def _propagate_operation_shifts(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
+    """Return by how much the errors of the GCPs' coordinate operations move each point of the block, None without."""
+    observations, block = problem.observations, problem.block
+    of_surveys = block.points.operation_shifts_m(observations.points)
+    if not of_surveys[observations.surveyed].any():
+        return None
+    moved = propagate_shifts(loop, solution, observations.surveyed, of_surveys)
+    return _expand_rows(len(block.points), observations.points, moved)
 
 
 def _join_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray) -> JointCameras:

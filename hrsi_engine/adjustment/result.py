@@ -316,6 +316,9 @@ class Adjustment:
         Why the model is what it is, where a rule chose it.
     joint : JointCameras or None
         What is known of the cameras together, for a block that others join.
+    operation_shifts_m : (points, 3, errors) ndarray or None
+        East, north and up by which one standard deviation of each shared error of the GCPs' coordinate operations
+        moves a position; ``ground_sigma_m`` has them, ``ground_covariance_m2`` does not. None without any.
     """
 
     block: Block
@@ -356,6 +359,7 @@ class Adjustment:
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     choice: ModelChoice | None = None
     joint: JointCameras | None = None
+    operation_shifts_m: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return (
@@ -392,6 +396,28 @@ class Adjustment:
             scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
             scale = np.where(self._has_sigmas_of_gcps(covariance), scale, 1.0)
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
+
+    def covariance_to_surveys_m2(self, points: np.ndarray) -> np.ndarray:
+        """Return the covariances ``(k, 3, 3)`` of adjusted positions as seen from the points' own surveys.
+
+        The error of a coordinate operation that converted a check point as well as the GCPs shifts both, and does not
+        show.
+
+        Parameters
+        ----------
+        points : (k,) ndarray
+            Check points.
+
+        Returns
+        -------
+        (k, 3, 3) ndarray
+            Of east, north and height in square metres, without the surveys' own.
+        """
+        covariance = self.ground_covariance_m2[points]
+        if self.operation_shifts_m is None:
+            return covariance
+        seen = self.operation_shifts_m[points] - self.block.points.operation_shifts_m(points)
+        return np.asarray(covariance + seen @ seen.swapaxes(1, 2))
 
     def _has_sigmas_of_gcps(self, covariance: np.ndarray) -> np.ndarray:
         """Return where stated variances ``(k, 3)`` lie within those of the GCPs."""

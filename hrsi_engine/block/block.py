@@ -14,6 +14,7 @@ import numpy as np
 
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError, list_ids
+from ..ground.operation_uses import OperationUse
 from .names import find_unique_ids
 from .points import GroundPoints, ImagePoints, Measurements, Role, join_covariances, join_operations
 
@@ -229,6 +230,8 @@ class Block:
         What was corrected in the inputs.
     unmeasured : GroundPoints
         Known points that are measured on no image, with their roles.
+    operations : tuple of OperationUse
+        How the DEM and other sources beside the points came to WGS84.
     """
 
     images: tuple[Image, ...]
@@ -236,9 +239,15 @@ class Block:
     measurements: Measurements
     warnings: tuple[str, ...] = field(default=())
     unmeasured: GroundPoints = field(default_factory=lambda: GroundPoints.create([], np.empty((0, 3))))
+    operations: tuple[OperationUse, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Block: {len(self.images)} images, {len(self.points)} points, {len(self.measurements)} measurements>"
+
+    @property
+    def all_operations(self) -> tuple[OperationUse, ...]:
+        """How the points and all other sources came to WGS84."""
+        return self.points.operations + self.operations
 
     @property
     def known(self) -> np.ndarray:

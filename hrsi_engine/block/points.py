@@ -131,6 +131,30 @@ class GroundPoints(Columns):
             covariance = np.where(np.isnan(given), covariance, given)
         return covariance
 
+    def operation_shifts_m(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return by how much one standard deviation of each operation's error shifts points.
+
+        Two sources that one operation converted share its error.
+
+        Parameters
+        ----------
+        rows : (k,) ndarray or slice
+            The points.
+
+        Returns
+        -------
+        (k, 3, e) ndarray
+            East, north, height in metres for each of e errors: east and north of an operation, or its height.
+        """
+        operation = self.operation[rows]
+        columns: dict[tuple[str, int], np.ndarray] = {}
+        for number, use in enumerate(self.operations):
+            for axis, sigma_m in enumerate((use.operation.sigma_m[0], *use.operation.sigma_m)):
+                if sigma_m > 0.0:
+                    error = columns.setdefault((use.error_names[axis == 2], axis), np.zeros((len(operation), 3)))
+                    error[operation == number, axis] = sigma_m
+        return np.stack([*columns.values()], axis=2) if columns else np.zeros((len(operation), 3, 0))
+
     @classmethod
     def create(
         cls,

@@ -33,6 +33,7 @@ from pyproj.enums import TransformDirection
 from pyproj.transformer import TransformerGroup
 
 from ..foundation.errors import InputError
+from .ellipsoid import wrap_once
 from .geodesy import WGS84, WGS84_3D
 from .geoids import find_substitute, how_to_get_grids
 from .operation_uses import CrsOperation, OperationUse, with_geoid
@@ -191,25 +192,33 @@ class CrsOperations:
 
     def _convert_static(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `convert` without the motion of plates."""
-        ground, number = np.full((len(xyz), 3), np.inf), np.full(len(xyz), -1)
-        tried: dict[int, np.ndarray] = {}
-        waiting = np.arange(len(xyz)) if self._candidates else np.zeros(0, dtype=np.int64)
-        areas = [one.rectangles for one in self._candidates]
-        while len(waiting):
-            everything = len(waiting) == len(xyz)
-            chosen = self._choose(
-                xyz if everything else xyz[waiting], areas, {one: rows[waiting] for one, rows in tried.items()}
-            )
+        areas, tried = [one.rectangles for one in self._candidates], dict[int, np.ndarray]()
+        chosen = self._choose(xyz, areas) if self._candidates else np.full(len(xyz), -1)
+        if len(xyz) and not chosen.strides[0] and chosen[0] >= 0:  # one for all
+            first = int(chosen[0])
+            ground, number = self._pass(first, xyz), np.full(len(xyz), first, dtype=np.int16)
+            tried[first] = np.broadcast_to(True, len(xyz))
+        else:
+            ground, number = np.full((len(xyz), 3), np.inf), np.full(len(xyz), -1, dtype=np.int16)
             for one in np.unique(chosen[chosen >= 0]).tolist():
-                here = chosen == one
-                rows: Any = slice(None) if everything and here.all() else waiting[here]
+                rows = np.flatnonzero(chosen == one)
                 ground[rows], number[rows] = self._pass(one, xyz[rows]), one
-                tried.setdefault(one, np.zeros(len(xyz), dtype=bool))[rows] = True
-            if len(tried) == len(self._candidates) == 1:
-                break
+                tried[one] = chosen == one
+        # What a grid does not cover goes to the next operation
+        waiting = np.zeros(0, dtype=np.int64)
+        if len(self._candidates) > 1 and not np.isfinite(ground).all():
+            waiting = np.flatnonzero(~np.isfinite(ground).all(axis=1))
+        while len(waiting):
+            chosen = self._choose(xyz[waiting], areas, {one: rows[waiting] for one, rows in tried.items()})
+            for one in np.unique(chosen[chosen >= 0]).tolist():
+                rows = waiting[chosen == one]
+                ground[rows], number[rows] = self._pass(one, xyz[rows]), one
+                tried[one] = tried.get(one, np.zeros(len(xyz), dtype=bool)) | np.isin(np.arange(len(xyz)), rows)
             waiting = waiting[(chosen >= 0) & ~np.isfinite(ground[waiting]).all(axis=1)]
-        lost = np.flatnonzero(~np.isfinite(ground[:, :2]).all(axis=1)) if self.substitute is not None else ()
-        if self.substitute is not None and len(lost):
+        if self.substitute is None:
+            return ground, number
+        lost = np.flatnonzero(~np.isfinite(ground).all(axis=1))
+        if len(lost):
             flat, which = self.horizontal._convert_static(xyz[lost])
             axis = self.crs.sub_crs_list[1].axis_info[0]
             up = -axis.unit_conversion_factor if axis.direction == "down" else axis.unit_conversion_factor
@@ -231,9 +240,19 @@ class CrsOperations:
         return np.column_stack([*pipeline.transform(xyz[:, 0], xyz[:, 1]), xyz[:, 2]])
 
     def _pass_back(self, one: int, lonlat: np.ndarray) -> np.ndarray:
-        """Return x, y ``(n, 2)`` of positions by one of the candidates, backwards."""
-        xyz = lonlat[:, 0], lonlat[:, 1], np.zeros(len(lonlat))
-        x, y, _ = self._candidates[one].pipeline.transform(*xyz, direction=TransformDirection.INVERSE)
+        """Return x, y ``(n, 2)`` of positions ``(n, 2)`` by one of the candidates, backwards.
+
+        PROJ's way back begins at height 0 on the other ellipsoid, and misses by up to a centimetre: what the way there
+        makes of that corrects it.
+        """
+        operation, pipeline, _ = self._candidates[one]
+        zero, back = np.zeros(len(lonlat)), TransformDirection.INVERSE
+        x, y, _ = pipeline.transform(lonlat[:, 0], lonlat[:, 1], zero, direction=back)
+        if not operation.is_null:
+            lon, lat, _ = pipeline.transform(x, y, zero)
+            with np.errstate(invalid="ignore"):
+                lon, lat = lonlat[:, 0] - wrap_once(lon - lonlat[:, 0]), 2.0 * lonlat[:, 1] - lat
+            x, y, _ = pipeline.transform(lon, lat, zero, direction=back)
         return np.column_stack([x, y])
 
     # ---- choice of the operation ---------------------------------------------------------------------------------
@@ -249,11 +268,14 @@ class CrsOperations:
         xy : (n, 2 or 3); areas : rectangles of each candidate; without : (n,) where a candidate is out
         """
         without = without or {}
+        if len(areas) == 1 and not without:
+            return np.broadcast_to(0, len(xy))
         if not len(xy):
             return np.zeros(0, dtype=np.int64)
         x, y = xy[:, 0], xy[:, 1]
-        if areas is not None and self.crs.is_geographic and (np.abs(x) > 180.0).any():
+        if self.crs.is_geographic and (np.abs(x) > 180.0).any():
             x = (x + 180.0) % 360.0 - 180.0
+        # Where each area holds all points or none, what is chosen for one holds for all
         low_x, low_y, high_x, high_y = np.fmin.reduce(x), np.fmin.reduce(y), np.fmax.reduce(x), np.fmax.reduce(y)
         met = [
             (one, r)
@@ -261,10 +283,9 @@ class CrsOperations:
             for r in rectangles
             if not (high_x < r[0] or low_x > r[2] or high_y < r[1] or low_y > r[3])
         ]
-        if not without and all(r[0] <= low_x and r[1] <= low_y and r[2] >= high_x and r[3] >= high_y for _, r in met):
-            chosen, x, y = np.full(len(x), -1), np.array([low_x]), np.array([low_y])  # one operation serves all points
-        else:
-            chosen = np.full(len(x), -1)
+        whole = all(r[0] <= low_x and r[1] <= low_y and r[2] >= high_x and r[3] >= high_y for _, r in met)
+        if whole and not without:
+            x, y = np.array([low_x]), np.array([low_y])
         best, accuracy = np.full(len(x), -1), np.full(len(x), np.inf)
         within = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(x), 1))
         for one, r in met:
@@ -284,8 +305,7 @@ class CrsOperations:
         for one, candidate in enumerate(self._candidates):  # outside all areas: the first that needs no grid
             if not candidate.operation.grids:
                 best[(best < 0) & ~without.get(one, np.zeros(len(x), dtype=bool))] = one
-        chosen[:] = best
-        return chosen
+        return best if len(best) == len(xy) else np.broadcast_to(best, len(xy))
 
     def _look_up(self) -> tuple[list[_Candidate], tuple[CrsOperation, ...]]:
         """Return the operations in PROJ's order: those that can be used here, and those that lack a grid."""

@@ -159,13 +159,14 @@ def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
     return find_geoid(datum).heights(ground)
 
 
-def how_to_get_grids(files: str = "us_nga_egm08_25.tif") -> str:
+def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) -> str:
     """Return where grids come from, for messages: ``files`` as projsync names them, separated by commas."""
-    folder = pyproj.datadir.get_user_data_dir()
     commands = " and ".join(f"projsync --file {file.strip()}" for file in files.split(","))
+    other = ", or name the file of a geoid grid as the height datum" if is_geoid else ""
+    folder = pyproj.datadir.get_data_dir().split(os.pathsep)[0]
     return (
-        f"run {commands} (grids go to {folder}), set PROJ_NETWORK=ON to have PROJ fetch what it needs, or name the "
-        "file of a geoid grid as the height datum"
+        f"run {commands} (into {pyproj.datadir.get_user_data_dir()}), set PROJ_NETWORK=ON, or copy the grid from "
+        f"Debian's proj-data or QGIS's share/proj to {folder}{other}"
     )
 
 

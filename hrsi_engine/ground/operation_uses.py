@@ -1,12 +1,27 @@
-"""What PROJ's database states of a coordinate operation, and which points of which source went through it."""
+"""What PROJ's database states of a coordinate operation, which points went through it, and what a user should know."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .geoids import GEOID, Geoid
+from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
+from .geoids import GEOID, Geoid, how_to_get_grids
+
+
+@thresholds
+class OperationThresholds:
+    """Which losses of accuracy by a missing grid are told."""
+
+    least_loss_m: float = threshold(
+        0.1, "m", "accuracy lost for want of a grid from which a warning tells of it", "issue 36: none above is silent"
+    )
+
+
+OPERATIONS = OperationThresholds()
 
 
 class CrsOperation(NamedTuple):
@@ -102,6 +117,11 @@ class OperationUse(NamedTuple):
     takes_plate_for_wgs84: bool = False
 
     @property
+    def error_names(self) -> tuple[str, str]:
+        """What tells the errors of positions and of heights from those of other operations."""
+        return self.operation.code or self.operation.name, self.operation.name
+
+    @property
     def is_substituted(self) -> bool:
         """Whether another geoid stands in for the one that is meant."""
         return self.geoid is not None and bool(self.geoid.stands_for)
@@ -137,3 +157,116 @@ def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:
     return flat._replace(
         name=name, accuracy_m=accuracy_m, sigma_m=(flat.sigma_m[0], height_m), grids=(*flat.grids, geoid.file)
     )
+
+
+def describe_missing_grid(use: OperationUse) -> str:
+    """Return what a better operation lacks, in one sentence; empty where nothing is lost.
+
+    Parameters
+    ----------
+    use : OperationUse
+        What was used instead.
+
+    Returns
+    -------
+    str
+        With the loss in metres.
+    """
+    better = use.better
+    if better is None or use.loss_m < OPERATIONS.least_loss_m:
+        return ""
+    stated = "not known" if use.operation.accuracy_m is None else f"{use.operation.accuracy_m:g} m"
+    best = "not known" if better.accuracy_m is None else f"{better.accuracy_m:g} m"
+    loss = "an unknown accuracy" if np.isnan(use.loss_m) else f"{use.loss_m:.2g} m of accuracy"
+    return (
+        f"{use.source}: {use.crs} goes to WGS84 by {use.operation.name} (accuracy {stated}); {better.name} ({best}) "
+        f"lacks its grid {', '.join(better.grids)}: {loss} is lost"
+    )
+
+
+def describe_substitute(use: OperationUse) -> str:
+    """Return which geoid stands in for which, in one sentence; empty where none does.
+
+    Parameters
+    ----------
+    use : OperationUse
+        With the geoid that was used.
+
+    Returns
+    -------
+    str
+        With its standard deviation.
+    """
+    if use.geoid is None or not use.geoid.stands_for:
+        return ""
+    return (
+        f"{use.source}: the geoid of {use.geoid.stands_for} is not installed, {use.geoid.name} stands in: heights "
+        f"share an error of {GEOID.substitute_sigma_m:g} m"
+    )
+
+
+def advise_grids(use: OperationUse) -> str:
+    """Return how to get the grids that are missing.
+
+    Parameters
+    ----------
+    use : OperationUse
+        Some grid is missing.
+
+    Returns
+    -------
+    str
+        Commands.
+    """
+    if use.is_substituted:
+        return how_to_get_grids(", ".join(use.geoid_grids)) if use.geoid_grids else how_to_get_grids()
+    return how_to_get_grids("" if use.better is None else ", ".join(use.better.grids), is_geoid=False)
+
+
+def list_operation_warnings(uses: Sequence[OperationUse], epoch_advice: str = "") -> list[str]:
+    """Return what a user should know of operations: grids and geoids that are missing, plates, ballpark operations.
+
+    Parameters
+    ----------
+    uses : sequence of OperationUse
+        What converted the inputs.
+    epoch_advice : str
+        What to do about the motion of plates, where something can be done.
+
+    Returns
+    -------
+    list of str
+        Warnings.
+    """
+    told = []
+    for use in uses:
+        for text in (describe_missing_grid(use), describe_substitute(use)):
+            if text:
+                told.append(f"{text}: {advise_grids(use)}")
+        if use.operation.is_ballpark:
+            told.append(
+                f"{use.source}: PROJ knows no operation from {use.crs} to WGS84 and takes one datum for the other"
+            )
+        if use.takes_plate_for_wgs84:
+            told.append(
+                f"{use.source}: {use.crs} moves with its plate and is taken for WGS84 ({use.operation.name}): they may "
+                f"differ by {use.operation.accuracy_m:g} m in plan, which all its points share"
+                + (f"; {epoch_advice}" if epoch_advice else "")
+            )
+    return list(dict.fromkeys(told))
+
+
+def require_strict_datums(uses: Iterable[OperationUse], strict_datum: bool) -> None:
+    """Raise `InputError` for a geoid or a grid that is missing, where ``strict_datum`` allows no replacement.
+
+    Parameters
+    ----------
+    uses : iterable of OperationUse
+        What converted the inputs.
+    strict_datum : bool
+        Whether the best operation has to be at hand.
+    """
+    for use in uses if strict_datum else ():
+        text = describe_substitute(use) or describe_missing_grid(use)
+        if text:
+            raise InputError(f"{text}: {advise_grids(use)}; or leave out `strict_datum`")

@@ -146,5 +146,7 @@ def assemble_result(
     }  # fmt: skip
     verdict = Verdict.create(summarise_accuracy(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
+    told = tuple(reason.message for reason in verdict.reasons)
+    report["warnings"] = [text for text in report["warnings"] if not text.startswith(told)]
     lap("judge")
     return BlockResult(adjustment, left, refined, report, verdict)

@@ -14,6 +14,7 @@ from ..block.block import GroundPoints, Role
 from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
+from .coordinate_operations import operation_entries, untested_accuracy
 from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
@@ -74,6 +75,8 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "cross_validation": _cross_validation(result),
         "heights": [asdict(source) for source in result.heights],
         "plan": None if result.plan is None else asdict(result.plan),
+        "crs_operations": operation_entries(result.block.all_operations),
+        "untested_by_check_points": untested_accuracy(result),
         "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),
     }
 
@@ -186,7 +189,7 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
     points = result.block.points.role == Role.CHECK
     entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
     entry["predicted"] = predict_accuracy(
-        result.ground_covariance_m2[points], result.survey_covariance_m2(np.flatnonzero(points))
+        result.covariance_to_surveys_m2(np.flatnonzero(points)), result.survey_covariance_m2(np.flatnonzero(points))
     )
     return entry
 

@@ -26,6 +26,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
+from .coordinate_operations import add_untested
 from .tables import choose_positions
 
 
@@ -94,10 +95,28 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     flat = by_values.reshape(len(chosen), 2 * ACCURACY_GRID.nodes**2, -1)
     squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
     total = 0.5 * squares / ACCURACY_GRID.nodes**2
+    # What the GCPs' coordinate operations may be off by shifts an image as a whole, at a given height
+    if result.operation_shifts_m is not None:
+        at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
+        shift_m = at_height @ _compute_image_shifts_m(result, np.arange(part.start, part.stop)[known])
+        operations = 0.5 * np.sum(shift_m**2, axis=(1, 2))
+        shared, total = shared + operations, total + operations
     total[~np.isfinite(total)] = np.nan
     bias[known] = np.sqrt(np.maximum(shared, 0.0))
     rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
     return bias, rand
+
+
+def _compute_image_shifts_m(result: Adjustment, images: np.ndarray) -> np.ndarray:
+    """Return the mean shift ``(k, 3, e)`` of the points on each of some images by the errors of operations."""
+    shifts_m = result.operation_shifts_m if result.operation_shifts_m is not None else np.zeros((0, 3, 0))
+    rows = result.block.measurements
+    mean = np.zeros((len(images), *shifts_m.shape[1:]))
+    for place, image in enumerate(images.tolist()):
+        seen = shifts_m[rows.point[rows.image == image]]
+        seen = seen[np.isfinite(seen).all(axis=(1, 2))]
+        mean[place] = seen.mean(axis=0) if len(seen) else 0.0
+    return mean
 
 
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:
@@ -124,16 +143,28 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         "HRSI_BLOCK": list_ids(report["images"], ACCURACY_GRID.most_ids),
         "HRSI_REPORT": report_path,
         "HRSI_VERDICT": report["verdict"]["level"],
+        **({"HRSI_CRS_OPERATIONS": _name_operations(report["crs_operations"])} if report.get("crs_operations") else {}),
         **{f"HRSI_{name}_M": f"{value:.4g}" for name, value in accuracy.items() if value is not None},
         **({"HRSI_ACCURACY_FROM": source} if any(value is not None for value in accuracy.values()) else {}),
     }
 
 
+def _name_operations(entries: Sequence[Mapping[str, Any]]) -> str:
+    """Return the coordinate operations of a report in one line, each once."""
+    named = [
+        f"{entry['name']} ({entry['code'] or 'no code'}, "
+        f"{'accuracy unknown' if entry['accuracy_m'] is None else format(entry['accuracy_m'], 'g') + ' m'})"
+        for entry in entries
+    ]
+    return "; ".join(dict.fromkeys(named))
+
+
 def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:
     """Return CE90 and LE90 of the check points; without any, the worst that is predicted for a part of the block."""
-    check = report["check"]
+    check, untested = report["check"], report.get("untested_by_check_points")
     if check["ce90_m"] is not None:
-        return {"CE90": check["ce90_m"], "LE90": check["le90_m"]}, FROM_CHECKS
+        keys = {"CE90": "ce90_m", "LE90": "le90_m"}
+        return {name: add_untested(check[key], untested, key) for name, key in keys.items()}, FROM_CHECKS
     found = {name: [part[f"{name.lower()}_m"] for part in report["parts"]] for name in ("CE90", "LE90")}
     return {
         name: max(values) if values and None not in values else None for name, values in found.items()

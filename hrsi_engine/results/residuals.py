@@ -237,7 +237,7 @@ def _ground_sigmas(result: Adjustment) -> np.ndarray:
     known = np.flatnonzero(block.known & (block.rays_per_point() >= 2))
     covariance = unit_sigma(result) ** 2 * result.survey_covariance_m2(known)
     check = block.points.role[known] == Role.CHECK
-    covariance[check] += result.ground_covariance_m2[known[check]]
+    covariance[check] += result.covariance_to_surveys_m2(known[check])
     sigma = np.full((len(block.points), 3), np.nan)
     sigma[known] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
     sigma[np.isinf(sigma)] = np.nan  # not surveyed

@@ -14,6 +14,7 @@ from ..adjustment.intersection import intersect_points
 from ..adjustment.observations import select_points
 from ..adjustment.result import Adjustment, CameraEstimates, Decision
 from ..block.block import Block, Image
+from ..block.points import Role
 from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
 from ..refinement.refine import Refinement
 
@@ -100,7 +101,16 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         status="converged" if converged else "stopped at the iteration limit",
         history=(), solves=0, findings=(), variance_components=(), parts=(), cross_validation=None,
         warnings=tuple(warning for found in refinements for warning in found.warnings),
+        operation_shifts_m=_operation_shifts(block),
     )  # fmt: skip
+
+
+def _operation_shifts(block: Block) -> np.ndarray | None:
+    """Return the shifts of `Adjustment` where each image rests on GCPs alone: the mean of theirs, at every point."""
+    of_gcps = block.points.operation_shifts_m(np.flatnonzero(block.points.role == Role.GCP))
+    if not of_gcps.any():
+        return None
+    return np.broadcast_to(of_gcps.mean(axis=0), (len(block.points), *of_gcps.shape[1:]))
 
 
 def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:

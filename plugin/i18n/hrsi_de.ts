@@ -392,6 +392,10 @@
       <translation>Grobe Fehler der Passpunkte</translation>
     </message>
     <message>
+      <source>GCP epoch</source>
+      <translation>Epoche der Passpunkte</translation>
+    </message>
+    <message>
       <source>GCP ids</source>
       <translation>Namen der Passpunkte</translation>
     </message>
@@ -1062,6 +1066,10 @@
     <message>
       <source>Stop the adjustment</source>
       <translation>Die Ausgleichung anhalten</translation>
+    </message>
+    <message>
+      <source>Strict datum</source>
+      <translation>Datum ohne Ersatz</translation>
     </message>
     <message>
       <source>Strips</source>

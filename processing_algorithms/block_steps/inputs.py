@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -13,13 +14,20 @@ from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, group_tiles
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.large_arrays import finite_rows
+from ...hrsi_engine.ground.crs_operations import operations_of
+from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
+from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.tracks import build_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
 from ..interface.declare import Log
 from ..interface.option_groups import NO_TIES, DemOptions, PointFiles, SearchOptions
 
+EPOCH_ADVICE = "`gcp_epoch` with the year of the images counts with that where PROJ knows the motion"
+IMAGES_ASKED = 10  # for the time when they were taken
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
 
@@ -56,7 +64,7 @@ def read_block(
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
-    surface = None if dem is None else dem_surface(dem, points.height_datum)
+    surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
     pairs: list[ImagePoints] = []
     for purpose, spec in _point_files(points, tie_points):
         read = read_points if purpose == GCPS else read_image_points
@@ -66,6 +74,7 @@ def read_block(
             height_datum=points.height_datum,
             image_ids=[image.id for image in images],
             surface=None if surface is None else partial(surface_heights, surface),
+            epoch=points.gcp_epoch,
         )
         if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
@@ -87,7 +96,38 @@ def read_block(
     if not any(len(table) for table in measured):
         raise InputError("there are no image points: give `image_points`, or let 'triangulate' find `tie_points`")
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
-    return block, warnings + list(block.warnings)
+    block = replace(block, operations=() if surface is None else surface.operations)
+    require_strict_datums(block.all_operations, points.strict_datum)
+    return block, [*warnings, *block.warnings, *_tell_operations(block)]
+
+
+def _tell_operations(block: Block) -> list[str]:
+    """Return what the user should know of the coordinate operations."""
+    return [*list_operation_warnings(block.all_operations, EPOCH_ADVICE), *_tell_motion(block)]
+
+
+def _tell_motion(block: Block) -> list[str]:
+    """Return by how much plate-fixed datums that are taken for WGS84 lie off it when the images were taken."""
+    fixed = dict.fromkeys(use.crs for use in block.all_operations if use.takes_plate_for_wgs84)
+    known = finite_rows(block.points.ground)
+    if not fixed or not known.any():
+        return []
+    times = (read_time(image.path) for image in block.images[:IMAGES_ASKED] if image.path)
+    time = next((time for time in times if time is not None), None)
+    if time is None:
+        return []
+    year = round(time.year + (time.timetuple().tm_yday - 1) / 365.25, 1)
+    place, told = np.median(block.points.ground[known], axis=0)[None], []
+    for crs in fixed:
+        with suppress(InputError):
+            motion = operations_of(crs).motion_in(year)
+            if motion is not None:
+                east, north, _ = ground_difference_m(motion.move(place), place)[0].tolist()
+                told.append(
+                    f"in {year:g}, when the images were taken, WGS84 lies {np.hypot(east, north):.2f} m off {crs} "
+                    f"({east:+.2f} m east, {north:+.2f} m north): `gcp_epoch` {year:g} counts with that"
+                )
+    return told
 
 
 def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
@@ -187,10 +227,10 @@ def join_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
     )  # fmt: skip
 
 
-def with_dem(options: AdjustOptions, dem: DemOptions, height_datum: str) -> AdjustOptions:
+def with_dem(options: AdjustOptions, dem: DemOptions, points: PointFiles) -> AdjustOptions:
     """Return options of an adjustment with the DEM opened that is to hold the heights of tie points."""
     if options.sigma_dem_m is None:
         return options
     if not dem.dem:
         raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
-    return replace(options, dem=dem_surface(dem, height_datum))
+    return replace(options, dem=dem_surface(dem, points.height_datum, points.gcp_epoch))

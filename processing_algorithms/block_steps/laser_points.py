@@ -98,7 +98,7 @@ def with_free_control(
     if not places:
         return options
     sigma_m = options.sigma_dem_m
-    surface = dem_surface(dem, files.height_datum)
+    surface = dem_surface(dem, files.height_datum, files.gcp_epoch)
     if surface is not None and sigma_m is None:
         sigma_m = dem_sigma_m(cell_size_m(surface, places[0][len(places[0]) // 2]))
     return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m)

@@ -25,7 +25,7 @@ def input_reasons(
 
     The sigmas are those of the RPCs' errors where the user states them.
     """
-    surface = None if dem is None else dem_surface(dem, points.height_datum)
+    surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
     for image in block.images:
         if doubt := pixel_doubt(image):

@@ -13,6 +13,7 @@ from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlace
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
 from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     ImageGcps,
@@ -28,6 +29,7 @@ from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
+from .inputs import EPOCH_ADVICE
 from .inputs import read_block as read_files
 
 
@@ -56,6 +58,7 @@ class FromReference(NamedTuple):
     """What matching gave: images, places found, accuracy of the reference, report entries and warnings.
 
     excessive : whether an RPC lies farther beside the reference than both can explain
+    operations : how the reference and the DEM came to WGS84
     """
 
     images: Sequence[Image]
@@ -64,6 +67,7 @@ class FromReference(NamedTuple):
     entries: Report
     warnings: list[str]
     excessive: bool = False
+    operations: tuple[OperationUse, ...] = ()
 
 
 def find_reference_control(
@@ -72,6 +76,7 @@ def find_reference_control(
     surface: HeightSurface | None,
     sigma_dem_m: float | None,
     context: Context,
+    epoch: float | None = None,
 ) -> FromReference:
     """Match images with a reference orthoimage.
 
@@ -81,6 +86,7 @@ def find_reference_control(
     options : the orthoimage
     surface : heights of its points; without, `InputError` says so
     sigma_dem_m : standard deviation of these heights; None tells it from the size of the DEM's cells
+    epoch : year in which a CRS fixed to a plate is brought to WGS84
 
     Raises
     ------
@@ -95,14 +101,20 @@ def find_reference_control(
     with_pixels = [image for image in images if image.raster is not None]
     if not with_pixels:
         raise InputError("a reference can only be matched with images that have pixels: name the images themselves")
-    reference = open_reference(path, options.reference_band)
+    reference = open_reference(path, options.reference_band, epoch)
     control = match_reference(with_pixels, reference, surface, options.matching, context.progress)
     sigma_h_m = sigma_dem_m
     if sigma_h_m is None:
         sigma_h_m = (
             dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
         )
-    accuracy = ReferenceAccuracy(options.reference_sigma or usual_sigma_m(reference.gsd_m), sigma_h_m)
+    # What their coordinate operations may be off by adds to both
+    of_dem = tuple(getattr(surface, "operations", ()))
+    operations = reference.operations + of_dem
+    plan_m = max((use.operation.sigma_m[0] for use in reference.operations), default=0.0)
+    height_m = max((use.operation.sigma_m[1] for use in of_dem), default=0.0)
+    sigma_xy_m = options.reference_sigma or usual_sigma_m(reference.gsd_m)
+    accuracy = ReferenceAccuracy(float(np.hypot(sigma_xy_m, plan_m)), float(np.hypot(sigma_h_m, height_m)))
     control, wrong_parts = drop_wrong_parts(with_pixels, control, accuracy)
     shifts = [
         compute_reference_shift(image, found, control.ground, accuracy)
@@ -121,7 +133,7 @@ def find_reference_control(
         },
     }  # fmt: skip
     excessive = any(shift.is_excessive for shift in known)
-    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive)
+    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, operations)
 
 
 def usual_sigma_m(gsd_m: float) -> float:
@@ -223,7 +235,10 @@ def read_reference_block(
     Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside
     it than both can explain, it is the reference that is believed, and the user is told.
     """
-    found = find_reference_control(images, reference, dem_surface(dem, files.height_datum), sigma_dem_m, context)
+    found = find_reference_control(
+        images, reference, dem_surface(dem, files.height_datum, files.gcp_epoch), sigma_dem_m, context, files.gcp_epoch
+    )
+    require_strict_datums(found.operations, files.strict_datum)
     ground, measured = reference_points(found)
     control = files
     if files.gcp_ids:
@@ -237,4 +252,6 @@ def read_reference_block(
         found.warnings.append(contradiction)
     elif len(ground):
         places = ReferencePlaces(ground.ids, ground.ground, found.accuracy.sigma_xy_m, found.excessive)
-    return block, places, [*found.warnings, *warnings], {"reference": found.entries}
+    block = replace(block, operations=found.operations)
+    told = list_operation_warnings(found.operations, EPOCH_ADVICE)
+    return block, places, [*found.warnings, *dict.fromkeys([*told, *warnings])], {"reference": found.entries}

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind, algorithm_module
-from ..interface.option_groups import POINTS, Common, ResultFolder, ground_crs_option, height_datum_option
+from ..interface.option_groups import (
+    POINTS,
+    Common,
+    ResultFolder,
+    ground_crs_option,
+    height_datum_option,
+    strict_datum_option,
+)
 
 
 @options(kw_only=True)
@@ -14,6 +21,7 @@ class FitRpcOptions:
     points: str = option(help="Table of correspondences: a CSV or vector layer", kind=Kind.POINTS, metavar=POINTS)
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
+    strict_datum: bool = strict_datum_option()
     id: str | None = option(
         None, "Id of the image, which names the file; by default the stem of the table", metavar="ID"
     )

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, algorithm_module
-from ..interface.option_groups import MandatoryDem, MandatoryReference, ResultFolder, height_datum_option, images_option
+from ..interface.option_groups import (
+    MandatoryDem,
+    MandatoryReference,
+    ResultFolder,
+    height_datum_option,
+    images_option,
+    strict_datum_option,
+)
 
 LAYERS_FILE, LAYER = "gcps.gpkg", "gcps"
 
@@ -17,6 +24,7 @@ class GcpsFromReferenceOptions:
     reference: MandatoryReference = nest_options(MandatoryReference)
     dem: MandatoryDem = nest_options(MandatoryDem)
     height_datum: str = height_datum_option()
+    strict_datum: bool = strict_datum_option()
     sigma_dem: float | None = option(
         None,
         "Standard deviation of the DEM's heights; by default from the size of its cells",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ...hrsi_engine.foundation.options import nest_options, options
-from ..interface.declare import Algorithm, algorithm_module
+from ...hrsi_engine.foundation.options import nest_options, option, options
+from ..interface.declare import Algorithm, Kind, algorithm_module
 from ..interface.option_groups import Common, OptionalFolder, TerrainOptions, images_option
 
 LAYERS_FILE = "rpc_info.gpkg"
@@ -15,6 +15,13 @@ class RpcInfoOptions:
 
     images: tuple[str, ...] = images_option()
     terrain: TerrainOptions = nest_options(TerrainOptions)
+    crs: str | None = option(
+        None,
+        "List the coordinate operations between this CRS and WGS84 at the images' place: which one is taken, and which "
+        "lack their grid (EPSG:code or WKT)",
+        kind=Kind.CRS,
+        metavar="CRS",
+    )
     folder: OptionalFolder = nest_options(OptionalFolder)
     common: Common = nest_options(Common)
 
@@ -36,6 +43,7 @@ ALGORITHM = Algorithm(
     module=algorithm_module(__name__),
     examples=(
         "hrsi rpc-info block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal",
+        "hrsi rpc-info block/image_*.tif --crs EPSG:23030",
     ),
     layers=(f"{LAYERS_FILE}|layername=images",),
 )  # fmt: skip

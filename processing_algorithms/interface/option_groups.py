@@ -12,6 +12,7 @@ from ...hrsi_engine.measurement.tie_options import TieOptions
 from .declare import Kind
 
 DATUMS = "layer|ellipsoidal|egm96|egm2008|FILE"
+EARLIEST_EPOCH = 1957.0  # no image from space is older
 POINTS = "FILE[|layername=L]"
 #: Words instead of a file of tie points: those that matching finds, and none.
 AUTOMATIC_TIES, NO_TIES = "auto", "none"
@@ -134,6 +135,16 @@ def height_datum_option() -> Any:
     )
 
 
+def strict_datum_option() -> Any:
+    """Return the field of whether a missing grid is an error."""
+    return option(
+        False,
+        "Stop where the geoid that is meant or the grid of a better coordinate operation is not installed, instead of "
+        "going on with the next best one",
+        advanced=True,
+    )
+
+
 @options
 class DemOptions:
     """A DEM of the ground."""
@@ -180,6 +191,7 @@ class TerrainOptions:
     dem: DemOptions = nest_options(DemOptions)
     height: float | None = option(None, "Ellipsoidal height of the ground, instead of a DEM", unit="m", metavar="M")
     height_datum: str = height_datum_option()
+    strict_datum: bool = strict_datum_option()
 
 
 # ---- points ----------------------------------------------------------------------------------------------------------
@@ -208,6 +220,15 @@ class PointFiles:
     )
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
+    gcp_epoch: float | None = option(
+        None,
+        "Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate (ETRS89, "
+        "GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with the accuracy of that",
+        minimum=EARLIEST_EPOCH,
+        advanced=True,
+        metavar="YEAR",
+    )
+    strict_datum: bool = strict_datum_option()
     sigmas: DefaultSigmas = nest_options(DefaultSigmas)
 
 

@@ -15,6 +15,7 @@ from ...hrsi_engine.block.imaging_geometry import ViewDirection
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.crs_operations import operations_of
+from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
@@ -70,6 +71,7 @@ class BlockPlan:
     grids: Mapping[str, MapGrid]
     gsd_m: Mapping[str, float]
     warnings: list[str]
+    operations: tuple[OperationUse, ...] = ()
 
 
 def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
@@ -122,9 +124,16 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
     crs = _choose_crs(options.crs, np.concatenate(list(below.values())))
     resolution = options.resolution or round_resolution(min(gsd.values()) / _metres_per_unit(crs))
     _require_resolution(resolution, crs, min(gsd.values()))
-    warnings = [*terrain.warnings, *_terrain_warnings(images, terrain)]
+    operations = operations_to_map(crs, terrain, below)
+    warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
-    return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings)
+    return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings, operations)
+
+
+def operations_to_map(crs: str, terrain: Terrain, below: Mapping[str, np.ndarray]) -> tuple[OperationUse, ...]:
+    """Return how the terrain came to WGS84, and by what the orthoimages' map is reached from there."""
+    ground = np.concatenate(list(below.values()))
+    return (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
 
 
 def _check_images(images: Sequence[Image]) -> None:

@@ -148,6 +148,7 @@ def write_report(
     name = f"EPSG:{code}" if code else str(crs.name)
     report: Report = {
         **context.record, "seconds": {"total": round(seconds, 3)}, "crs": {**context.record["crs"], "map": name},
+        "crs_operations": [use.entry() for use in plan.operations],
         "grid": {"crs": name, "wkt": plan.crs, "resolution": plan.resolution},
         "resampling": options.resampling, "error_px": options.error_px,
         "images": {key: {"gsd_m": plan.gsd_m[key], **entry} for key, entry in entries.items()},

@@ -90,7 +90,8 @@ class DemHeights:
 
     @property
     def overall_m(self) -> float:
-        return DEM.by_all * self.sigma_m
+        datum_m = max((use.operation.sigma_m[1] for use in getattr(self.dem, "operations", ())), default=0.0)
+        return float(np.hypot(DEM.by_all * self.sigma_m, datum_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the heights of the DEM where the points lie."""

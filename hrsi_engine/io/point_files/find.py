@@ -46,6 +46,7 @@ def read_points(
     image_ids: Sequence[str] = (),
     surface: Surface | None = None,
     adjusted: bool = False,
+    epoch: float | None = None,
 ) -> PointTables:
     """Return the ground points and the image points of a file.
 
@@ -65,6 +66,8 @@ def read_points(
         Ellipsoidal heights (n,) at lon, lat (n, 2), for points without a height.
     adjusted : bool
         Whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed.
+    epoch : float, optional
+        Year in which a CRS fixed to a plate is brought to WGS84.
 
     Returns
     -------
@@ -76,7 +79,7 @@ def read_points(
     InputError
         Names file, layer, row, field or id, and what to do.
     """
-    reference = Reference(ground_crs or "", height_datum, surface, adjusted)
+    reference = Reference(ground_crs or "", height_datum, surface, adjusted, epoch)
     if isinstance(spec, PointsInMemory):
         return spec.tables(reference, image_ids)
     path, layer = split_spec(spec)
@@ -100,12 +103,13 @@ def read_image_points(
     height_datum: str = "layer",
     image_ids: Sequence[str] = (),
     surface: Surface | None = None,
+    epoch: float | None = None,
 ) -> PointTables:
     """Return the image points of a file of which nothing else is wanted: as `read_points`, and quicker where it can be.
 
     Parameters
     ----------
-    spec, ground_crs, height_datum, image_ids, surface
+    spec, ground_crs, height_datum, image_ids, surface, epoch
         As of `read_points`.
 
     Returns
@@ -122,7 +126,9 @@ def read_image_points(
         kept = read_columns(*split_spec(spec), image_ids)
         if kept is not None:
             return kept
-    return read_points(spec, ground_crs=ground_crs, height_datum=height_datum, image_ids=image_ids, surface=surface)
+    return read_points(
+        spec, ground_crs=ground_crs, height_datum=height_datum, image_ids=image_ids, surface=surface, epoch=epoch
+    )
 
 
 def several_specs(text: str) -> list[str]:

@@ -153,7 +153,7 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
-    covariance = result.ground_covariance_m2[check] + result.survey_covariance_m2(check)
+    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
     covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]

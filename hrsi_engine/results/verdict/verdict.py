@@ -9,9 +9,10 @@ from typing import Any
 
 from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
+from ..coordinate_operations import add_untested
 from ..figures import block_report
 from ..residuals import compute_residuals
-from . import connections, ground_truth, solution, systematic
+from . import connections, datums, ground_truth, solution, systematic
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
@@ -20,6 +21,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *ground_truth.ON_GROUND_TRUTH,
     *connections.ON_CONNECTIONS,
     *systematic.ON_FIELDS,
+    *datums.ON_DATUMS,
 )
 
 #: Reasons that are consequences of any wrong points.
@@ -150,6 +152,7 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     gcps = report["control"]["points"]
     text += f"; {_format_count(gcps, 'GCP')}, {_format_count(check['points'], 'check point')}"
     accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
+    accuracy += _describe_untested(check, report.get("untested_by_check_points"))
     return f"{text}: {accuracy}" if accuracy else text
 
 
@@ -169,6 +172,15 @@ def _describe_check_points(check: Mapping[str, Any]) -> str:
     if predicted.get("ce90_m") is not None:
         parts[0] += f" (predicted {format_figure(predicted['ce90_m'])})"
     return ", ".join(parts)
+
+
+def _describe_untested(check: Mapping[str, Any], untested: Mapping[str, Any] | None) -> str:
+    """Return the accuracy with the error of coordinate operations, which check points share; empty without."""
+    if untested is None:
+        return ""
+    with_it = {name: add_untested(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
+    told = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
+    return f"; with the coordinate operation of GCPs and check points, which these cannot test, {told}" if told else ""
 
 
 def _describe_prediction(report: Mapping[str, Any]) -> str:

@@ -1,0 +1,73 @@
+"""What a report says of the coordinate operations that brought its inputs to WGS84, and of their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..adjustment.result import Adjustment
+from ..adjustment.statistics.precision import errors_90
+from ..block.points import Role
+from ..ground.operation_uses import OperationUse
+
+
+def operation_entries(uses: Iterable[OperationUse]) -> list[dict[str, Any]]:
+    """Return the report's ``crs_operations``.
+
+    Parameters
+    ----------
+    uses : iterable of OperationUse
+        What converted the inputs.
+
+    Returns
+    -------
+    list of dict
+        One row a source and operation, ready for JSON.
+    """
+    return [use.entry() for use in uses]
+
+
+def untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
+    """Return the CE90 and LE90 of what check points cannot test: errors of operations that they share with the GCPs.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment.
+
+    Returns
+    -------
+    dict or None
+        ``ce90_m`` and ``le90_m``; None without check points or such errors.
+    """
+    check = np.flatnonzero(result.block.points.role == Role.CHECK)
+    if result.operation_shifts_m is None or not len(check):
+        return None
+    shifts_m, own_m = result.operation_shifts_m[check], result.block.points.operation_shifts_m(check)
+    hidden = np.sum(shifts_m**2 - (shifts_m - own_m) ** 2, axis=2)
+    east, north, height = np.sqrt(np.maximum(np.nanmean(hidden, axis=0), 0.0)).tolist()
+    return errors_90(east, north, height) if max(east, north, height) > 0.0 else None
+
+
+def add_untested(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
+    """Return a figure of check points with what they cannot test; None where it was not measured.
+
+    Parameters
+    ----------
+    measured : float or None
+        ``ce90_m`` or ``le90_m`` of the check points.
+    untested : dict or None
+        As `untested_accuracy` returns it.
+    key : str
+        Which of the two.
+
+    Returns
+    -------
+    float or None
+        Metres.
+    """
+    if measured is None or untested is None:
+        return measured
+    return float(np.hypot(measured, untested[key] or 0.0))

@@ -1,0 +1,57 @@
+"""Coordinate operations: did a missing grid or geoid cost more than the block is good for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...adjustment.statistics.precision import errors_90
+from ...foundation.reasons import Level, Reason
+from ...ground.geoids import GEOID
+from ...ground.operation_uses import advise_grids, describe_missing_grid, describe_substitute
+from .evidence import Evidence
+
+
+def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
+    """A better coordinate operation lacks its grid, and costs more than the CE90 or LE90 that the block has without."""
+    accuracy = _predict_without_operations(evidence)
+    for use in evidence.result.block.all_operations:
+        text = describe_missing_grid(use)
+        limits = [value for value in accuracy.values() if value is not None]
+        if text and not use.loss_m <= min(limits, default=0.0):
+            yield Reason("datum-grid-missing", Level.DOUBTFUL, text, advise_grids(use))
+
+
+def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
+    """PROJ knows no operation from a source's datum to WGS84, and took one for the other: that may be off by 1 km."""
+    for use in evidence.result.block.all_operations:
+        if use.operation.is_ballpark:
+            yield Reason(
+                "horizontal-datum", Level.DOUBTFUL,
+                f"{use.source}: PROJ knows no operation from {use.crs} to WGS84, and takes one for the other",
+                "convert the source to WGS84 with the parameters of the national survey first",
+            )  # fmt: skip
+
+
+def find_substituted_geoids(evidence: Evidence) -> Iterator[Reason]:
+    """A geoid stands in for another one, and may be farther off than the LE90 that the block has without that."""
+    limit = _predict_without_operations(evidence)["le90_m"]
+    for use in evidence.result.block.all_operations:
+        text = describe_substitute(use)
+        if text and not GEOID.substitute_sigma_m <= (limit or 0.0):
+            yield Reason("geoid-substituted", Level.DOUBTFUL, text, advise_grids(use))
+
+
+def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
+    """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
+    variance = evidence.result.ground_covariance_m2.diagonal(axis1=1, axis2=2)
+    known = variance[np.isfinite(variance).all(axis=1)]
+    if not len(known):
+        return {"ce90_m": None, "le90_m": None}
+    east, north, height = np.sqrt(known.mean(axis=0)).tolist()
+    return errors_90(east, north, height)
+
+
+#: Every check of the coordinate operations.
+ON_DATUMS = (find_missing_grids, find_ballpark_operations, find_substituted_geoids)

@@ -1,0 +1,215 @@
+"""Coordinate operations: the same as cs2cs at every place, told with their accuracy, and nowhere else in the code."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from hrsi.benchmarks import geodesy as benchmark
+from hrsi.hrsi_engine.adjustment import adjust
+from hrsi.hrsi_engine.adjustment.options import AdjustOptions
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.crs_operations import operations_of, without_heights
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.ground.geoids import find_substitute
+from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from hrsi.tests.simulated_blocks import block as simulated_block
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Where positions may be converted: the service and the two modules that serve it.
+SERVICE = {"crs_operations.py", "geoids.py", "plate_motion.py"}
+FORBIDDEN = {
+    "Transformer",
+    "TransformerGroup",
+    "CoordinateTransformation",
+    "TransformPoint",
+    "TransformPoints",
+    "itransform",
+}
+needs_cs2cs = pytest.mark.skipif(
+    shutil.which("cs2cs") is None, reason="cs2cs is not installed: apt-get install proj-bin"
+)
+
+
+def test_nothing_else_converts_coordinates() -> None:
+    found = []
+    for room in ("hrsi_engine", "processing_algorithms"):
+        for path in (ROOT / room).rglob("*.py"):
+            if path.parent.name == "ground" and path.name in SERVICE:
+                continue
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+                names = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else [name]
+                found += [f"{path.relative_to(ROOT)}: {one}" for one in names if one in FORBIDDEN]
+    assert found == []
+
+
+@needs_cs2cs
+def test_sixty_crs_are_as_cs2cs_has_them() -> None:
+    rows = benchmark.compare_with_cs2cs()
+    assert len(rows) >= 60
+    assert all(row.same == 3 or "ballpark" in row.other for row in rows)
+    assert sum(row.same for row in rows) >= 180
+    assert max(row.largest_mm for row in rows) < 1.0
+
+
+@needs_cs2cs
+def test_each_point_of_a_file_goes_by_the_operation_of_its_area(tmp_path: Path) -> None:
+    (spain, _, of_spain), (turkey, _, of_turkey) = sorted(benchmark.compare_two_areas(tmp_path))[:2]
+    assert spain != turkey
+    assert max(of_spain, of_turkey) < 1.0
+
+
+def test_dem_cells_and_points_with_the_same_map_coordinates_lie_together(tmp_path: Path) -> None:
+    assert benchmark.compare_dem_with_points(tmp_path) < 1.0
+
+
+@pytest.mark.parametrize("code", [23030, 24879, 4267, 27700, 28355, 4807, 3031, 31467])
+def test_there_and_back(code: int) -> None:
+    operations = operations_of(f"EPSG:{code}")
+    area = operations.crs.area_of_use
+    assert area is not None
+    east = area.east if area.east > area.west else area.east + 360.0
+    lon, lat = np.meshgrid(np.linspace(area.west, east, 15)[1:-1], np.linspace(area.south, area.north, 15)[1:-1])
+    lonlat = np.column_stack([lon.ravel(), lat.ravel()])
+    back = operations.to_wgs84(np.pad(operations.from_wgs84(lonlat), ((0, 0), (0, 1))))
+    apart = benchmark.horizontal_m(back, lonlat)
+    # An operation and its inverse agree to 1e-7 degrees, that is PROJ's own; no point changes from one to another
+    assert np.nanmax(apart) < 0.02
+
+
+def test_a_ballpark_operation_serves_only_where_there_is_no_real_one() -> None:
+    alaska = operations_of("EPSG:26705")  # PROJ lists one operation for the mainland, and a ballpark one
+    assert not any(one.is_ballpark for one in alaska.operations)
+    (use,) = operations_of("EPSG:2333").uses_at("gcps.csv", np.array([[116.4, 40.0]]))  # Xian 1980
+    assert use.operation.is_ballpark
+    assert any("PROJ knows no operation" in text for text in list_operation_warnings([use]))
+
+
+def test_the_accuracy_of_positions_and_of_heights() -> None:
+    (use,) = operations_of("EPSG:24879").uses_at("gcps.csv", np.array([[-70.6, -33.5]]))
+    assert (use.operation.accuracy_m, use.operation.code) == (17.0, "EPSG:6972")
+    assert use.operation.sigma_m == pytest.approx((17.0 / np.sqrt(3.0), 0.0))
+    (exact,) = operations_of("EPSG:32719").uses_at("gcps.csv", np.array([[-70.6, -33.5]]))
+    assert exact.operation.sigma_m == (0.0, 0.0)
+    assert list_operation_warnings([exact]) == []
+
+
+def test_a_crs_loses_its_heights_alone() -> None:
+    for code, flat in (("EPSG:4979", 4326), ("EPSG:25832+5783", 25832), ("EPSG:4937", 4258)):
+        assert without_heights(pyproj.CRS.from_user_input(code)).equals(
+            pyproj.CRS.from_epsg(flat), ignore_axis_order=True
+        )
+
+
+@pytest.mark.skipif(find_substitute("any") is None, reason="no geoid grid is installed")
+def test_a_missing_geoid_is_replaced_unless_that_is_forbidden() -> None:
+    operations = operations_of("EPSG:25832+5783")
+    if operations.substitute is None or not any("for DHHN92" in one.name for one in operations.operations):
+        pytest.skip("the geoid of DHHN92 is installed")
+    ground, number = operations.convert(np.array([[6e5, 5.3e6, 100.0]]))
+    uses = operations.uses("gcps.csv", ground, number)
+    assert ground[0, 2] == pytest.approx(146.0, abs=5.0)
+    assert uses[0].operation.sigma_m[1] == 1.0
+    with pytest.raises(InputError, match=r"geoid of DHHN92 height is not installed.*projsync"):
+        require_strict_datums(uses, strict_datum=True)
+    require_strict_datums(uses, strict_datum=False)
+
+
+def test_where_no_grid_is_installed_every_loss_is_told(tmp_path: Path) -> None:
+    losses = benchmark.run_without_grids(tmp_path)
+    assert len(losses) > 20
+    assert [row for row in losses if not row[3]] == []
+
+
+def test_without_any_geoid_heights_are_an_error_that_says_what_to_do(tmp_path: Path) -> None:
+    shutil.copy(Path(pyproj.datadir.get_data_dir()) / "proj.db", tmp_path)
+    code = "from hrsi.hrsi_engine.ground.crs_operations import operations_of; operations_of('EPSG:25832+5783')"
+    environment = {
+        **os.environ,
+        **dict.fromkeys(("PROJ_DATA", "PROJ_LIB", "PROJ_USER_WRITABLE_DIRECTORY"), str(tmp_path)),
+    }
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert "no PROJ grid to convert the heights of" in done.stderr
+    assert "projsync" in done.stderr
+
+
+# ---- plates -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "place", "expected_m"),
+    [
+        # ITRF2014 plate motion model (Altamimi et al. 2017) and the national agencies' own figures, to 5 cm:
+        (7844, (147.3, -42.9), (0.05, 0.20)),  # GDA2020, 3.5 years after its epoch at 5.5 cm a year to the north
+        (4258, (10.0, 50.0), (0.64, 0.61)),  # ETRS89, 34.5 years at 2.5 cm a year to the north-east
+        (6318, (-120.0, 40.0), (-1.50, 0.27)),  # NAD83(2011): its origin is 2 m off the Earth's centre
+    ],
+)
+def test_points_on_a_plate_are_brought_to_the_year_of_the_images(
+    code: int, place: tuple[float, float], expected_m: tuple[float, float]
+) -> None:
+    at_place = np.array([[*place, 100.0]])
+    still, moved = operations_of(f"EPSG:{code}"), operations_of(f"EPSG:{code}", 2023.5)
+    shift = ground_difference_m(moved.to_wgs84(at_place), still.to_wgs84(at_place))[0]
+    assert shift[:2] == pytest.approx(expected_m, abs=0.05)
+    assert shift[2] == 0.0
+    np.testing.assert_allclose(moved.from_wgs84(moved.to_wgs84(at_place)), at_place[:, :2], atol=1e-8)
+    (before,), (after,) = still.uses_at("gcps.csv", at_place), moved.uses_at("gcps.csv", at_place)
+    assert before.takes_plate_for_wgs84
+    assert not after.takes_plate_for_wgs84
+    assert "2023.5" in after.operation.name
+    assert after.operation.sigma_m[0] < 0.1 < before.operation.sigma_m[0]
+
+
+def test_wgs84_moves_with_no_plate() -> None:
+    assert operations_of("EPSG:32632", 2023.5).motion_in(2023.5) is None
+
+
+# ---- the block ----------------------------------------------------------------------------------------------------
+
+
+def test_the_error_of_an_operation_is_in_what_the_block_predicts_and_not_in_what_its_check_points_see() -> None:
+    block, _, _ = simulated_block(gcps=10, checks=10, ties=20, noise_m=0.05)
+    use = benchmark.take_operation("EPSG:24879", (-70.6, -33.5))
+    plain = adjust(block, AdjustOptions(model="affine"))
+    shared = adjust(benchmark.name_operation(block, use), AdjustOptions(model="affine"))
+    np.testing.assert_allclose(shared.values, plain.values)
+    added = shared.ground_sigma_m**2 - plain.ground_sigma_m**2
+    # nothing but the GCPs holds the block, so that every point moves with them
+    np.testing.assert_allclose(added[:, :2], use.operation.sigma_m[0] ** 2, rtol=1e-3)
+    np.testing.assert_allclose(added[:, 2], 0.0, atol=1e-2)
+    check = np.flatnonzero(block.points.role == Role.CHECK)
+    alike, other = shared.covariance_to_surveys_m2(check), adjust(
+        benchmark.name_operation(block, use, checks=False), AdjustOptions(model="affine")
+    ).covariance_to_surveys_m2(check)  # fmt: skip
+    np.testing.assert_allclose(alike, plain.ground_covariance_m2[check], rtol=1e-2, atol=1e-3)
+    expected = plain.ground_covariance_m2[check][:, 0, 0] + use.operation.sigma_m[0] ** 2
+    np.testing.assert_allclose(other[:, 0, 0], expected, rtol=1e-3)
+
+
+def test_predicted_accuracies_cover_errors_drawn_from_the_stated_accuracy() -> None:
+    low, high = benchmark.COVERED
+    for share in benchmark.cover(benchmark.take_operation("EPSG:23030", (-3.7, 40.4))):
+        assert low <= share <= high
+
+
+def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(tmp_path: Path) -> None:
+    (spain, *figures), (chile, *_) = benchmark.run_jobs(tmp_path)
+    assert (spain, chile) == ("Spain", "Chile")
+    assert float(figures[1]) < 0.05  # pixels between the RPCs of this job and of the one on WGS84
+    report = json.loads((tmp_path / "Chile" / "map" / "report.json").read_text())
+    assert report["crs_operations"][0]["code"] == "EPSG:6972"
+    assert report["untested_by_check_points"]["ce90_m"] == pytest.approx(1.5175 * 17.0 * np.sqrt(2.0 / 3.0), rel=1e-3)
+    assert "which these cannot test" in report["verdict"]["sentence"]
+    assert report["images"]["image_1"]["err_bias_m"] == pytest.approx(17.0 / np.sqrt(3.0), rel=0.01)
