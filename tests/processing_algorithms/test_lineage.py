@@ -254,7 +254,7 @@ def test_orthoimage_names_image_rpc_and_terrain(scene: Path, tmp_path: Path) -> 
 def test_stated_errors_hold_over_sixty_blocks() -> None:
     """ERR_BIAS is the root mean square of what all points of an image share, by the truth of simulated cameras."""
     scaled, rest = [], []
-    for seed in range(20):
+    for seed in range(60):
         block, _, errors = blocks.block(gcps=5, checks=0, ties=12, seed=seed, drift=1e-4)
         result = adjust(block, AdjustOptions(model="affine", sigma_drift=1e-4))
         plain = [result.model.compute_refined_rpc(im, v) for im, v in zip(block.images, result.values, strict=True)]
@@ -268,5 +268,5 @@ def test_stated_errors_hold_over_sixty_blocks() -> None:
             rest.append((wrong - shared) / new.rpc.err_rand)
     scale, spread = (float(np.sqrt(np.mean(np.square(np.concatenate(rows))))) for rows in (scaled, rest))
     print(f"error / ERR_BIAS {scale:.2f}, error / ERR_RAND {spread:.2f}")
-    # 120 and a few hundred independent figures: 1 within 13 % and, correlated in an image, 15 %, at two sigmas
+    # 360 figures and, correlated in an image, as many: 1 within 8 and 9 % at two sigmas; an error of a quarter is seen
     assert 0.8 < scale < 1.2 and 0.8 < spread < 1.2
