@@ -106,17 +106,13 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
 
 def _is_suspicious(given: ControlFit) -> bool:
     """Return whether mistakes are worth a try: a right block hardly ever is suspicious."""
+    lift, sigma = estimate_common_lift(given.control, given.shift_m)
     return (
         not given.fits
         or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
         or bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
-        or abs(_compute_lift_sigmas(given)) > SLIP.suspicious_sigmas
+        or (sigma > 0.0 and abs(lift / sigma) > SLIP.suspicious_sigmas)
     )
-
-
-def _compute_lift_sigmas(given: ControlFit) -> float:
-    lift, sigma = estimate_common_lift(given.control, given.shift_m)
-    return lift / sigma if sigma > 0.0 else 0.0
 
 
 # ---- the mistake that explains -------------------------------------------------------------------------------------

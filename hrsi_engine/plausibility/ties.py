@@ -177,7 +177,8 @@ def judge_pairs(
     images = pairs.block.images
     flat = compute_sightlines(images, image.ravel(), xy.reshape(-1, 2))
     at_height = _move_to_height(flat, pairs.height_m)
-    apart = at_height.distance_m(_swap_pairs(at_height.ground))[::2]
+    other_ends = at_height.ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)  # the two points of a pair are adjacent
+    apart = at_height.distance_m(other_ends)[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
     length = np.hypot(*slope.T)
     starts = pairs.starts
@@ -237,11 +238,6 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
         left = away_m - design @ solved
         fits = np.abs(left) <= tolerance_m
     return left if fits.mean() >= 1.0 - TIE_CHECK.off_share else away_m
-
-
-def _swap_pairs(ground: np.ndarray) -> np.ndarray:
-    """Return the other point of each pair; the two follow each other."""
-    return ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)
 
 
 def _move_to_height(flat: Sightlines, height_m: float) -> Sightlines:
@@ -304,8 +300,8 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         return [
             Reason(
                 slip.code, Level.UNUSABLE,
-                f"of tie points{where}: {readings}; {given.share:.0%} of them do not "
-                f"join their images, and {cured:.0%} when this is undone"
+                f"of tie points{where}: {readings}; the rays of {given.share:.0%} of them do not "
+                f"intersect, and of {cured:.0%} when this is undone"
                 + (" (points of known ground would tell which it is)" if alike else ""),
                 slip.advice, ids,
             )
@@ -316,7 +312,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     return [
         Reason(
             "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
-            f"about {share:.0%} of the measurements of tie points do not join their images"
+            f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
             + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else ""),
             "check that the tie points belong to these images, the columns and ids of their file; or find them anew",
             ids, wrong,

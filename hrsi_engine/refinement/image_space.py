@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -58,12 +57,9 @@ class ImagePolynomial:
         by_monomial = np.where(
             degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
         )
-        return np.asarray(np.where(self._enters, by_monomial[:, None], 0.0).max(axis=0, initial=0.0))
-
-    @cached_property
-    def _enters(self) -> np.ndarray:
-        """Which parameters occur in the coefficients of which monomial, ``(m, p)`` bool."""
-        return np.asarray((self.mixing != 0.0).any(axis=0))
+        return np.asarray(
+            np.where((self.mixing != 0.0).any(axis=0), by_monomial[:, None], 0.0).max(axis=0, initial=0.0)
+        )
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on the observed positions."""

@@ -138,15 +138,10 @@ def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
     return float(first), float(middle), float(last)
 
 
-def ray_heights(rpc: RPC) -> tuple[float, float]:
-    """Return the two ellipsoidal heights (m) that define a ray."""
-    reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
-    return rpc.height_off - reach, rpc.height_off + reach
-
-
 def ends_of_rays(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the ground positions ``(n, 3)`` of image points at the lower, middle and upper height of their rays."""
-    low, high = ray_heights(rpc)
+    reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
+    low, high = rpc.height_off - reach, rpc.height_off + reach
     lower, middle, upper = (rpc.localize(image_px, height).ground for height in (low, (low + high) / 2.0, high))
     return lower, middle, upper
 

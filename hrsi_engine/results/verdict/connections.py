@@ -67,7 +67,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "link-left-out", Level.DOUBTFUL,
             f"most ties between images do not fit: {listed}",
-            "look at the ties between these images; without them they are held by others only",
+            "look at the ties between these images; without them these images are connected through others only",
             images=tuple(dict.fromkeys(name for first, second, _, _ in links for name in (first, second))),
         )  # fmt: skip
 
@@ -173,8 +173,8 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
         worst = block.images[int(np.argmax(np.nan_to_num(beyond)))].id
         yield Reason(
             "extrapolation", Level.DOUBTFUL,
-            f"the points of image {list_ids(ids)} do not hold its corners: the model {result.model.name} is known to "
-            f"{np.nanmax(beyond):.2g} px only there ({worst})",
+            f"the points of image {list_ids(ids)} do not determine its corners: the standard deviation of the model "
+            f"{result.model.name} is {np.nanmax(beyond):.2g} px there ({worst})",
             "measure GCPs or find ties towards the corners, or choose a model of fewer parameters (shift)",
             images=ids,
         )  # fmt: skip

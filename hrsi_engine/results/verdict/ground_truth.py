@@ -133,7 +133,7 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-ambiguous",
             Level.UNUSABLE if worst > GROUND_TRUTH.ambiguous_sigmas else Level.DOUBTFUL,
-            f"GCPs disagree by {worst:.1f} sigma and nobody can tell which is wrong: {list_ids(concerned)}; "
+            f"GCPs disagree by {worst:.1f} sigma, and the data do not show which is wrong: {list_ids(concerned)}; "
             "all are kept",
             "compare these points with their source, or measure more GCPs",
             points=concerned,
@@ -234,7 +234,8 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
         done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
         yield Reason(
             "sources-disagree", Level.DOUBTFUL,
-            f"{one.source}: {who} lie {middle:+.1f} m (median) off what holds the block otherwise; they {done}",
+            f"{one.source}: {who} differ by {middle:+.1f} m (median) from the other observations of the block's "
+            f"height; they {done}",
             "check what the heights of laser points, DEM and GCPs refer to: above a geoid and above the ellipsoid they "
             "differ by tens of metres",
         )  # fmt: skip
@@ -251,8 +252,8 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
             "heights-off-rpcs", Level.DOUBTFUL,
-            f"the heights of {' and '.join(held)} hold the block {away_m:+.1f} m from where its RPCs see it, "
-            f"{abs(away_m) / sigma_m:.0f} times what these are taken to be off",
+            f"the heights of {' and '.join(held)} put the block {away_m:+.1f} m off its height by the RPCs alone, "
+            f"{abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
             "check unit and datum of these heights (`laser_datum`, `dem_datum`): above a geoid and above the ellipsoid "
             "they differ by tens of metres",
         )  # fmt: skip
@@ -288,7 +289,7 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
     yield Reason(
         "laser-tops", Level.DOUBTFUL,
         f"{low.sum()} laser points lie {-np.median(found.residual_m[low]):.1f} m (median) lower than the {fits.sum()} "
-        "that hold the block: the lower ones are the ground where the higher are tops of trees or roofs",
+        "that are used: where these are tops of trees or roofs, the lower ones are the ground",
         "take the heights of the ground (of ATL08 those of the terrain, of SlideRule a fit without canopy), name the "
         "canopy's height in a field `canopy_m`, or name a DEM",
     )  # fmt: skip
@@ -303,7 +304,7 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
     yield Reason(
         "laser-holds-nothing", Level.DOUBTFUL,
-        f"none of the {len(found.reason)} laser points holds the block's height: {most}",
+        f"none of the {len(found.reason)} laser points is used for the block's height: {most}",
         "the layer laser_points has the reason of each; name a file with more passes over the images, or leave it out",
     )  # fmt: skip
 

@@ -78,8 +78,8 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
     yield Reason(
         "residuals-too-large",
         Level.UNUSABLE if needed >= SOLUTION.unusable_residuals * allowed else Level.DOUBTFUL,
-        f"sigma0 is {sigma0:.2g}: residuals are that many times as large as the sigmas of the observations let "
-        f"expect; image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
+        f"sigma0 is {sigma0:.2g}: residuals are that many times as large as the sigmas of the observations; "
+        f"image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
         "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
         "points are no better than that, state their sigmas as they are",
     )
