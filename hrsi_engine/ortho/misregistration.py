@@ -209,7 +209,9 @@ def _refine_shift(
 ) -> Shift:
     """Return the shift by least squares from the best whole pixel on; both windows have a border."""
     T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
-    coefficients, weight = _filter_spline(near), _make_weights(len(T))
+    coefficients = _filter_spline(near)
+    line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / SHIFT.weight_sigma) ** 2)
+    weight = (line[:, None] * line).ravel()
     d, gain, offset = np.zeros(2), float(T.std() / max(near.std(), 1e-9)), 0.0
     for _ in range(SHIFT.most_iterations):
         S, S_x, S_y = _interpolate_window(coefficients, d)
@@ -242,12 +244,6 @@ def _refine_shift(
     if sigma > options.max_sigma_px:
         return _make_failure(WindowOutcome.UNSTEADY, best)
     return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
-
-
-def _make_weights(side: int) -> np.ndarray:
-    x = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
-    line = np.exp(-0.5 * (x / SHIFT.weight_sigma) ** 2)
-    return (line[:, None] * line).ravel()
 
 
 def _filter_spline(grey: np.ndarray) -> np.ndarray:

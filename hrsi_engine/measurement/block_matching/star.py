@@ -97,8 +97,13 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
         if not lacking:
             return
         near = [replace(partner, geometry=fit_local_geometry(partner.geometry, window)) for partner in lacking]
-        places = [(partner, _predict_place(partner, window)) for partner in near]
-        seen = [(partner, place) for partner, place in places if place is not None]
+        # The windows of partners that show this window, where they show a useful part of it
+        seen = []
+        for partner in near:
+            border = TIE_WINDOWS.border_px * partner.step
+            place = predict_window(partner.geometry, window, border).inside(partner.image.known_size)
+            if min(place.samples, place.lines) >= TIE_WINDOWS.side_px + border:
+                seen.append((partner, place))
         tile = read_tile(job.reference, window, job.step) if seen else None
         if tile is None or tile.valid.mean() < TIE_WINDOWS.valid_share:
             continue
@@ -209,13 +214,3 @@ def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]
         thinned.append(PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
         start += len(row.matches)
     return thinned
-
-
-# ---- where a window is in a partner --------------------------------------------------------------------------------
-
-
-def _predict_place(partner: Partner, window: ImageWindow) -> ImageWindow | None:
-    """Return the window of a partner that shows a window of the reference; None where it shows no useful part."""
-    border = TIE_WINDOWS.border_px * partner.step
-    there = predict_window(partner.geometry, window, border).inside(partner.image.known_size)
-    return there if min(there.samples, there.lines) >= TIE_WINDOWS.side_px + border else None

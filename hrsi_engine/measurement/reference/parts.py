@@ -17,7 +17,7 @@ from ...block.block import Image
 from ...block.shared_accuracy import ORTHOIMAGE
 from ...foundation.robust_scale import robust_sigma
 from .checks import REFERENCE_CHECKS, ReferenceAccuracy
-from .matching import ImageControl, ReferenceControl
+from .matching import ReferenceControl
 
 
 class PartShift(NamedTuple):
@@ -51,7 +51,11 @@ def drop_wrong_parts(
     seen = [found for found in control.images if found.agreement is not None]
     if not seen or len(numbers) < 3:
         return control, []
-    beside = [_compute_offsets_m(by_id[found.image_id], control.ground, found) for found in seen]
+    # Where each image shows its places, less where the reference has them, in metres east and north
+    beside = []
+    for found in seen:
+        _, by_ground = by_id[found.image_id].rpc.project_with_metric_jacobian(control.ground[found.places])
+        beside.append(np.linalg.solve(by_ground[:, :, :2], found.offset_px[:, :, None])[:, :, 0])
     for index, number in enumerate(numbers):
         values = [
             away[part_of[found.places] == number] - np.median(away, axis=0)
@@ -83,8 +87,8 @@ def drop_wrong_parts(
         shifts.append(PartShift(float(lon), float(lat), float(east), float(north),
                                 REFERENCE_CHECKS.limit * float(np.sqrt(variance[index])), int(here.sum())))  # fmt: skip
     left = ~np.isin(part_of, numbers[known[wrong]])
-    found = tuple(replace(one, used=one.used & left[one.places]) for one in control.images)
-    return replace(control, images=found), shifts
+    remaining = tuple(replace(one, used=one.used & left[one.places]) for one in control.images)
+    return replace(control, images=remaining), shifts
 
 
 def _number_parts(ground: np.ndarray) -> np.ndarray:
@@ -96,9 +100,3 @@ def _number_parts(ground: np.ndarray) -> np.ndarray:
         (REFERENCE_CHECKS.parts * (ground[:, :2] - low) / size).astype(np.int64), REFERENCE_CHECKS.parts - 1
     )
     return np.asarray(cell[:, 1] * REFERENCE_CHECKS.parts + cell[:, 0])
-
-
-def _compute_offsets_m(image: Image, ground: np.ndarray, found: ImageControl) -> np.ndarray:
-    """Return where an image shows each place, less where the reference has it, in metres east and north ``(n, 2)``."""
-    _, by_ground = image.rpc.project_with_metric_jacobian(ground[found.places])
-    return np.linalg.solve(by_ground[:, :, :2], found.offset_px[:, :, None])[:, :, 0]

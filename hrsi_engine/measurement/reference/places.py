@@ -17,12 +17,13 @@ def choose_places(
     images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, points: int, window_px: int
 ) -> np.ndarray:
     """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
-    below = [_locate_ground(image, surface) for image in images]
-    below = [ground for ground in below if len(ground)]
+    rays = [intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface) for image in images]
+    below = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
     if not below:
         return np.zeros((0, 3))
-    areas = [_compute_area_px(reference, ground) for ground in below]
-    cell = max(float(np.sqrt(min(areas) / points)), 4.0)
+    # Areas in the orthoimage's pixels of the upright boxes around what the images show
+    extents = [np.ptp(reference.to_pixels(ground[:, :2]), axis=0) for ground in below]
+    cell = max(float(np.sqrt(min(np.prod(np.maximum(extent, 1.0)) for extent in extents) / points)), 4.0)
     px_per_m = float(images[0].rpc.px_per_m(below[0][len(below[0]) // 2][None])[0])
     step = max(round(1.0 / px_per_m / reference.gsd_m), 1)
     # Column and row of the cells that an image sees; evenly thinned out where there are too many
@@ -47,17 +48,6 @@ def choose_places(
     lonlat = reference.to_lonlat(np.array(spots)[strong])
     ground = np.column_stack([lonlat, surface_heights(surface, lonlat)])
     return ground[np.isfinite(ground[:, 2])]
-
-
-def _locate_ground(image: Image, surface: HeightSurface) -> np.ndarray:
-    ground, status = intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface)
-    return ground[status == Status.FOUND]
-
-
-def _compute_area_px(reference: Orthoimage, ground: np.ndarray) -> float:
-    """Return the area in the orthoimage's pixels of the upright box around an image's ground."""
-    pixels = reference.to_pixels(ground[:, :2])
-    return float(np.prod(np.maximum(np.ptp(pixels, axis=0), 1.0)))
 
 
 def _find_best_spot(
