@@ -51,30 +51,7 @@ def add_rows(
     number, count, end, last = state
     done = begin
     for row in range(begin, rows):
-        # Serial types, and what they come to
-        types[0], head, body = _NULL, 1, 0  # the key stands in the cell
-        for column in range(1, columns):
-            kind = kinds[column]
-            if kind == NUMBER_CELL:
-                real = reals[column, row]
-                if np.isnan(real):
-                    serial = _NULL
-                elif abs(real) < _WHOLE and real == np.floor(real):
-                    serial = _integer_type(int(real))
-                else:
-                    serial = _REAL
-                body += _INTEGER_BYTES[serial]
-            elif kind == INTEGER_CELL:
-                serial = _integer_type(words[column, row])
-                body += _INTEGER_BYTES[serial]
-            elif lengths[column, row] < 0:
-                serial = _NULL
-            else:
-                serial = (_TEXT if kind == TEXT_CELL else _BYTES) + 2 * lengths[column, row]
-                body += lengths[column, row]
-            types[column] = serial
-            head += _varint_bytes(serial)
-        head += 1 if head < 127 else 2  # it counts itself
+        head, body = _choose_types(types, row, kinds, words, reals, lengths)
         key = words[0, row]
         size = _varint_bytes(head + body) + _varint_bytes(key) + head + body
         # A new page where this one is full
@@ -85,7 +62,7 @@ def add_rows(
             if number == len(pages):
                 break
             pages[number] = 0
-        # The cell
+        # The cell: lengths, key, serial types, values
         page = pages[number]
         end -= size
         _write_integer(page, LEAF_HEAD + PLACE * count, PLACE, end)
@@ -98,24 +75,70 @@ def add_rows(
                 at += 1
             else:
                 at = _write_varint(page, at, types[column])
-        for column in range(1, columns):
-            serial, word = types[column], words[column, row]
-            if serial >= _BYTES:
-                for byte in range(lengths[column, row]):
-                    page[at + byte] = content[word + byte]
-                at += lengths[column, row]
-            elif serial == _REAL:
-                for byte in range(8):  # a loop of known length becomes one instruction
-                    page[at + byte] = (word >> (56 - 8 * byte)) & 255
-                at += 8
-            elif serial != _NULL:
-                if kinds[column] == NUMBER_CELL:
-                    word = int(reals[column, row])
-                _write_integer(page, at, _INTEGER_BYTES[serial], word)
-                at += _INTEGER_BYTES[serial]
+        _write_values(page, at, types, row, kinds, words, reals, lengths, content)
         count, last, done = count + 1, key, row + 1
     state[0], state[1], state[2], state[3] = number, count, end, last
     return done
+
+
+@njit(nogil=True, cache=True)
+def _choose_types(
+    types: np.ndarray, row: int, kinds: np.ndarray, words: np.ndarray, reals: np.ndarray, lengths: np.ndarray
+) -> tuple[int, int]:
+    """Fill in the serial types of a row; return the bytes of its record's head, and of its values."""
+    types[0], head, body = _NULL, 1, 0  # the key stands in the cell
+    for column in range(1, len(types)):
+        kind = kinds[column]
+        if kind == NUMBER_CELL:
+            real = reals[column, row]
+            if np.isnan(real):
+                serial = _NULL
+            elif abs(real) < _WHOLE and real == np.floor(real):
+                serial = _integer_type(int(real))
+            else:
+                serial = _REAL
+            body += _INTEGER_BYTES[serial]
+        elif kind == INTEGER_CELL:
+            serial = _integer_type(words[column, row])
+            body += _INTEGER_BYTES[serial]
+        elif lengths[column, row] < 0:
+            serial = _NULL
+        else:
+            serial = (_TEXT if kind == TEXT_CELL else _BYTES) + 2 * lengths[column, row]
+            body += lengths[column, row]
+        types[column] = serial
+        head += _varint_bytes(serial)
+    return head + (1 if head < 127 else 2), body  # the head counts itself
+
+
+@njit(nogil=True, cache=True)
+def _write_values(
+    page: np.ndarray,
+    at: int,
+    types: np.ndarray,
+    row: int,
+    kinds: np.ndarray,
+    words: np.ndarray,
+    reals: np.ndarray,
+    lengths: np.ndarray,
+    content: np.ndarray,
+) -> None:
+    """Write a row's values, of these serial types, from a place of the page on."""
+    for column in range(1, len(types)):
+        serial, word = types[column], words[column, row]
+        if serial >= _BYTES:
+            for byte in range(lengths[column, row]):
+                page[at + byte] = content[word + byte]
+            at += lengths[column, row]
+        elif serial == _REAL:
+            for byte in range(8):  # a loop of known length becomes one instruction
+                page[at + byte] = (word >> (56 - 8 * byte)) & 255
+            at += 8
+        elif serial != _NULL:
+            if kinds[column] == NUMBER_CELL:
+                word = int(reals[column, row])
+            _write_integer(page, at, _INTEGER_BYTES[serial], word)
+            at += _INTEGER_BYTES[serial]
 
 
 @njit(nogil=True, cache=True)

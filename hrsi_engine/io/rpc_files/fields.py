@@ -96,7 +96,7 @@ def rpc_from_numbers(where: str, numbers: Sequence[float]) -> RPC:
     """Return the RPC of the 92 doubles of GeoTIFF tag 50844; raise `InputError` where they make no camera."""
     scalars = dict(zip(SCALARS, numbers[2:12], strict=True))
     polynomials = {name: np.array(numbers[12 + 20 * i : 32 + 20 * i]) for i, name in enumerate(POLYNOMIALS)}
-    errors = {name: _known(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
+    errors = {name: _error_or_none(value) for name, value in zip(ERRORS, numbers[:2], strict=True)}
     return check_rpc(where, RPC(**scalars, **polynomials, **errors), GDAL_NAMES)  # type: ignore[arg-type]
 
 
@@ -173,10 +173,10 @@ def _parse_number(where: str, name: str, text: Text | None) -> float:
 def _parse_optional(where: str, name: str, text: Text | None) -> float | None:
     if not isinstance(text, str) or not text.strip():
         return None
-    return _known(_parse_number(where, name, text))
+    return _error_or_none(_parse_number(where, name, text))
 
 
-def _known(value: float) -> float | None:
+def _error_or_none(value: float) -> float | None:
     return value if math.isfinite(value) and value >= 0.0 else None
 
 
