@@ -132,19 +132,19 @@ def refine_given_matches(
     for job in jobs:
         for pair in job.pairs:
             tried[job.number, pair.number] = tried.get((job.number, pair.number), 0) + len(pair.first_xy)
-    kept = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
+    accepted = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
     pairs = [
-        PairSummary(images[a].id, images[b].id, kept.get((a, b), 0), float("nan")) for a, b in sorted(tried)
+        PairSummary(images[a].id, images[b].id, accepted.get((a, b), 0), float("nan")) for a, b in sorted(tried)
     ]  # fmt: skip
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     of_image = {number: sum(number in pair for pair in tried) for number in usable}
     holds = summarise_holds(images, usable, links, of_image, {})
     total = sum(tried.values())
     warnings = [f"{hold.image}: none of the given matches stands the tests" for hold in holds if not hold.links]
-    if 2 * sum(kept.values()) < total:
+    if 2 * sum(accepted.values()) < total:
         warnings.append(
-            f"{given.source}: {sum(kept.values())} of {total} given matches stand the tests: check that they are of "
-            "these images, in pixels of the full images"
+            f"{given.source}: {sum(accepted.values())} of {total} given matches stand the tests: check that they are "
+            "of these images, in pixels of the full images"
         )
     return TiePoints(points, ground, tuple(pairs), tuple(warnings), holds)
 

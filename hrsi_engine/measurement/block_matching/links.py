@@ -179,8 +179,8 @@ def _compute_closure(
     count = min(LINKS.neighbours, len(between))
     distance, near = trees[third].query(q, k=count, distance_upper_bound=LINKS.near_px)
     distance, near = distance.reshape(len(q), count), near.reshape(len(q), count)
-    told = np.isfinite(distance)
-    usable = told[:, 0]
+    known = np.isfinite(distance)
+    usable = known[:, 0]
     if usable.sum() < LINKS.fewest_closures:
         return None
     step = matches.second_xy[between] - matches.first_xy[between]
@@ -188,7 +188,7 @@ def _compute_closure(
     terms = np.column_stack([np.ones(len(between)), matches.first_xy[between]])
     affine = np.linalg.lstsq(terms, step, rcond=None)[0]
     left = step - terms @ affine
-    nearest = np.where(told[:, :, None], left[np.where(told, near, 0)], np.nan)
+    nearest = np.where(known[:, :, None], left[np.where(known, near, 0)], np.nan)
     expected = np.column_stack([np.ones(len(q)), q]) @ affine
     expected[usable] += np.nanmedian(nearest[usable], axis=1)
     return float(np.median(np.hypot(*(q + expected - r)[usable].T)))
@@ -207,10 +207,10 @@ def cut_weak_bridges(links: Sequence[ImageLink]) -> list[ImageLink]:
         if bridge and link.matches < LINKS.bridge_matches
         and min(loops.size[link.first], loops.size[link.second]) == 1
     }  # fmt: skip
-    kept = [link for link in sound if (link.first, link.second) not in cut]
-    size = _LinkGraph(kept).together
+    remaining = [link for link in sound if (link.first, link.second) not in cut]
+    size = _LinkGraph(remaining).together
     largest = max(size.values(), default=0)
-    cut |= {(link.first, link.second) for link in kept if size[link.first] < min(LINKS.smallest_part, largest)}
+    cut |= {(link.first, link.second) for link in remaining if size[link.first] < min(LINKS.smallest_part, largest)}
     return [link._replace(sound=link.sound and (link.first, link.second) not in cut) for link in links]
 
 

@@ -59,11 +59,11 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
     reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])
     nodes = middle + reach * _NODES
-    seen = transfer(geometry.first, geometry.second, nodes[:, :2], nodes[:, 2])
-    if not np.isfinite(seen).all():
+    positions = transfer(geometry.first, geometry.second, nodes[:, :2], nodes[:, 2])
+    if not np.isfinite(positions).all():
         return geometry
-    coefficients = _FIT @ seen
-    if np.abs(_TERMS.T @ coefficients - seen).max() > TIE_WINDOWS.miss_px:
+    coefficients = _FIT @ positions
+    if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
         return geometry
     return replace(
         geometry,

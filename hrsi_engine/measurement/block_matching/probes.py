@@ -67,13 +67,13 @@ def probe_pairs(job: ProbeJob) -> PartResult:
         second_rpc = reduce_rpc(other.rpc, step)
         second_xy = (theirs["xy"] - (step - 1) / 2.0) / step
         lines = compute_epipolar_lines(first_rpc, second_rpc, xy, heights)
-        seen = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
+        usable = np.flatnonzero(np.isfinite(lines.origin).all(axis=1))
         pairs = match_in_bands(
-            own["descriptors"][seen], theirs["descriptors"], lines.select(seen), second_xy, job.margin_px / step
+            own["descriptors"][usable], theirs["descriptors"], lines.select(usable), second_xy, job.margin_px / step
         )  # fmt: skip
         if not len(pairs):
             continue
-        places = xy[seen[pairs[:, 0]]], second_xy[pairs[:, 1]]
+        places = xy[usable[pairs[:, 0]]], second_xy[pairs[:, 1]]
         across = compute_epipolar_miss(first_rpc, second_rpc, *places, 0.5 * (heights.low_m + heights.high_m)).across_px
         order = np.argsort(across)
         count = np.searchsorted(across[order], across[order] + CHOICE.agreeing_px, side="right") - np.arange(len(order))

@@ -171,11 +171,13 @@ class TieSearch:
                 self.options.margin_px, tuple(self._features.strongest[k] for k in (a, *numbers)),
             )  # fmt: skip
             probing.append(WorkPart(f"probe-{a}", probe_pairs, job, keep=False, label=f"probing {images[a].id}"))
-        told = run_parts(
+        results = run_parts(
             probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
         )  # fmt: skip
         probes = [
-            Probe(a, b, int(told[f"probe-{a}"]["agreeing"][k]), convergence, tuple(told[f"probe-{a}"]["cells"][k]))
+            Probe(
+                a, b, int(results[f"probe-{a}"]["agreeing"][k]), convergence, tuple(results[f"probe-{a}"]["cells"][k])
+            )
             for a, others in partners.items()
             for k, (b, convergence) in enumerate(others)
         ]
@@ -273,10 +275,10 @@ class TieSearch:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
         held = Counter(number for pair in sound for number in pair)
-        few = [index for index, number in enumerate(self.usable)
+        weak = [index for index, number in enumerate(self.usable)
                if held[number] < TIE_SEARCH.few_links and number not in self.reasons]  # fmt: skip
         pairs: dict[tuple[int, int], PairCandidate] = {}
-        for index in few:
+        for index in weak:
             for a, b in self.choice.list_similar_pairs(index):
                 first, second = self.usable[a], self.usable[b]
                 partner = second if a == index else first

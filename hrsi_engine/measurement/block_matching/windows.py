@@ -115,12 +115,12 @@ def predict_window(geometry: TilePairGeometry, window: ImageWindow, border: int)
          for s in (0.0, 0.5, 1.0) for t in (0.0, 0.5, 1.0)]
     )  # fmt: skip
     heights = np.concatenate(compute_height_limits(geometry, corners))
-    seen = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
-    seen = seen[np.isfinite(seen).all(axis=1)] + geometry.bias_px
-    if not len(seen):
+    positions = transfer(geometry.first, geometry.second, np.concatenate([corners, corners]), heights)
+    positions = positions[np.isfinite(positions).all(axis=1)] + geometry.bias_px
+    if not len(positions):
         return ImageWindow(0, 0, 0, 0)
     margin = max(geometry.margin_px) + border
-    first, last = np.floor(seen.min(axis=0) - margin), np.ceil(seen.max(axis=0) + margin)
+    first, last = np.floor(positions.min(axis=0) - margin), np.ceil(positions.max(axis=0) + margin)
     return ImageWindow(int(first[0]), int(first[1]), int(last[0] - first[0]) + 1, int(last[1] - first[1]) + 1)
 
 

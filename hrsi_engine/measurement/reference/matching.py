@@ -261,8 +261,8 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     settings = LsmOptions(window_px=2 * (middle - REFERENCE_MATCHES.border) + 1, reach_px=REFERENCE_MATCHES.lsm_reach)
     first = MatchImage(template.grey, template.valid, REFERENCE_MATCHES.smoothing)
     second = MatchImage(search.grey, search.valid, REFERENCE_MATCHES.smoothing)
-    made = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
-    if made.status[0] == DONE and made.correlation[0] >= REFERENCE_MATCHES.correlation and made.gain[0] > 0.0:
-        sigma = float(np.hypot(made.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
-        return _Match(search.origin + step * made.xy[0], step * sigma, peak.score)
+    matched = match_patches(first, second, np.array([[middle, middle]]), at[None], np.eye(2)[None], settings)
+    if matched.status[0] == DONE and matched.correlation[0] >= REFERENCE_MATCHES.correlation and matched.gain[0] > 0.0:
+        sigma = float(np.hypot(matched.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
+        return _Match(search.origin + step * matched.xy[0], step * sigma, peak.score)
     return _Match(search.origin + step * at, step * REFERENCE_MATCHES.direction_sigma, peak.score)

@@ -34,8 +34,8 @@ class TileFrame:
         """
         xy = self.first.to_image(points)
         height = (self.geometry.heights_at(xy) if heights_m is None else heights_m) + raised_m
-        seen = transfer(self.geometry.first, self.geometry.second, xy, height) + self.geometry.bias_px
-        return self.second.to_tile(seen)
+        positions = transfer(self.geometry.first, self.geometry.second, xy, height) + self.geometry.bias_px
+        return self.second.to_tile(positions)
 
     def compute_jacobians(self, points: np.ndarray) -> np.ndarray:
         """Return second by first at constant height, ``(n, 2, 2)``."""
@@ -97,11 +97,11 @@ class TileFrame:
         nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), axis=-1).reshape(
             -1, 2
         )
-        seen = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
-        if not np.isfinite(seen).all():
-            seen = np.full_like(seen, NOWHERE_PX)
+        positions = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
+        if not np.isfinite(positions).all():
+            positions = np.full_like(positions, NOWHERE_PX)
         by_row, by_column = _make_interpolation_matrix(rows, count[1]), _make_interpolation_matrix(columns, count[0])
-        x, y = (by_row @ seen[..., k] @ by_column.T for k in (0, 1))
+        x, y = (by_row @ positions[..., k] @ by_column.T for k in (0, 1))
         grey = self.second.pixels
         if self.scale > 1.2:  # the second image is finer: smooth away what the first cannot show
             grey = blur(grey, 0.5 * float(np.sqrt(self.scale**2 - 1.0)))

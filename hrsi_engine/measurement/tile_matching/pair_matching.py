@@ -314,9 +314,9 @@ def _choose_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: 
 def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
     frame = task.frame
     xy, geometry = frame.first.to_image(points), frame.geometry
-    seen = frame.second.to_image(found) - geometry.bias_px
+    second_xy = frame.second.to_image(found) - geometry.bias_px
     unit = frame.second.step * max(frame.scale, 1.0)
-    return check_rpc_consistency(geometry.first, geometry.second, xy, seen, geometry.heights_at(xy), unit_px=unit)
+    return check_rpc_consistency(geometry.first, geometry.second, xy, second_xy, geometry.heights_at(xy), unit_px=unit)
 
 
 def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
