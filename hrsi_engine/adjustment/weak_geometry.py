@@ -11,7 +11,7 @@ import numpy as np
 from ..block.stack import stack_of
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
-from ..refinement.ground_area import px_per_m
+from ..refinement.ground_area import compute_px_per_m
 from ..surface.dem import HeightSurface, surface_heights
 from .equations import PointPriors
 from .observations import Observations
@@ -37,7 +37,7 @@ def set_point_priors(
     observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float | None
 ) -> tuple[PointPriors, list[str]]:
     """Return the points' priors and warnings; ``ground (m, 3)`` is where the points are at the start."""
-    image, pixels_per_m = observations.image[observations.first[:-1]], px_per_m(observations.images)
+    image, pixels_per_m = observations.image[observations.first[:-1]], compute_px_per_m(observations.images)
     priors = PointPriors.from_surveys(observations, ground)
     unknown = observations.survey_weight[:, 2] == 0.0
     if dem is not None and sigma_dem_m is not None:

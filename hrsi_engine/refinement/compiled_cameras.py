@@ -30,7 +30,7 @@ from .image_space import ImagePolynomial, correct_in_image
 from .model import Structure
 from .object_coordinates import GroundPolynomial, correct_by_ground
 from .object_space import GroundCorrection, move_position, rotate_derivatives
-from .pseudo_rays import COLUMNS, draw_ray, ends_of_rays, place_in_frame, sensor_frame
+from .pseudo_rays import COLUMNS, compute_sensor_frame, draw_ray, localize_ray_ends, place_in_frame
 from .pseudo_sensor import PseudoSensor
 
 register(correct_in_image, correct_by_ground, move_position, rotate_derivatives)
@@ -166,9 +166,9 @@ def _place_ray_end(
 
 
 def _write_rays(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
-    """Write the rays of some image points to their rows of a table, as `pseudo_rays.pseudo_rays` computes them."""
-    constants = sensor_frame(image).constants[None]
-    _draw_rays(rpc_tables([image.rpc]), constants, *ends_of_rays(image.rpc, xy[rows]), xy, rows, rays)
+    """Write the rays of some image points to their rows of a table, as `compute_pseudo_rays` does."""
+    constants = compute_sensor_frame(image).constants[None]
+    _draw_rays(rpc_tables([image.rpc]), constants, *localize_ray_ends(image.rpc, xy[rows]), xy, rows, rays)
 
 
 class Family(NamedTuple):

@@ -18,7 +18,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m, ground_difference_m
 from .estimate import Control
-from .ground_area import ground_area
+from .ground_area import compute_ground_area
 
 
 @thresholds
@@ -85,7 +85,7 @@ def _require_near(image: Image, control: Control) -> None:
 
 
 def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
-    middle = np.broadcast_to(ground_area(image).middle, ground.shape)
+    middle = np.broadcast_to(compute_ground_area(image).middle, ground.shape)
     return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
 
 

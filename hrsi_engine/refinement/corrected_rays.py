@@ -96,7 +96,7 @@ def intersect_frame_height(
     Parameters
     ----------
     constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
-    rays : (n, 18) of `pseudo_rays.pseudo_rays`; row : the image point, or all of them
+    rays : (n, 18) of `pseudo_rays.compute_pseudo_rays`; row : the image point, or all of them
     sample, line : image point of the ray in ``row``, px; z : m
     ahead : px in sample and line from there to the image point in question, whose ray is extrapolated linearly
 

@@ -35,7 +35,7 @@ class GroundArea:
         return np.asarray(difference / self.reach)
 
 
-def ground_area(image: Image) -> GroundArea:
+def compute_ground_area(image: Image) -> GroundArea:
     """Return the area of an image at the middle of its RPC's heights.
 
     Raises `SolveError` where the RPC has no ground position for the image.
@@ -53,7 +53,7 @@ def ground_area(image: Image) -> GroundArea:
     return GroundArea(ground[0], np.array([half / metres[0], half / metres[1], abs(image.rpc.height_scale)]))
 
 
-def px_per_m(images: Sequence[Image]) -> np.ndarray:
+def compute_px_per_m(images: Sequence[Image]) -> np.ndarray:
     """Return the pixels per metre on the ground in the middle of each image, ``(images,)``."""
     stack, which = stack_of(images), np.arange(len(images))
     centres = np.array([image.camera_centre_px for image in images])

@@ -16,7 +16,7 @@ import numpy as np
 from ..block.block import Image
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number
-from .ground_area import ground_area
+from .ground_area import compute_ground_area
 from .model import ALL_ROWS, Equations, ImageIndex, Linearise, Priors, RefitRPC, RowIndex, Structure
 from .model_table import OBJECT_COORDINATES_TABLE, make_models
 from .refit import refit_camera
@@ -66,7 +66,7 @@ class GroundPolynomial:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return an image's constants for `correct_by_ground` ``(6,)``: middle and half extents of its ground area."""
-        area = ground_area(image)
+        area = compute_ground_area(image)
         return np.concatenate([area.middle, area.reach])
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ class GroundPolynomial:
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Return the corrected projection of ground points."""
         # The monomials, ``(n, m)``
-        terms = np.prod(ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
+        terms = np.prod(compute_ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:

@@ -21,7 +21,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground import ellipsoid
 from ..ground.ellipsoid import Number, Triple
 from ..ground.geodesy import LocalFrame
-from .ground_area import ground_area, px_per_m
+from .ground_area import compute_ground_area, compute_px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Priors, RefitRPC, RowIndex, Structure
 from .model_table import OBJECT_SPACE_TABLE, make_models
 from .refit import refit_camera
@@ -65,7 +65,7 @@ class GroundCorrection:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the shift and the drift from the middle of the image to its edge, m."""
-        metres = 1.0 / float(px_per_m([image])[0])
+        metres = 1.0 / float(compute_px_per_m([image])[0])
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
         up = self.entries[:, 0] == UP
@@ -94,7 +94,7 @@ class GroundCorrection:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return the constants of an image ``(13,)``: axes (9) and origin (3) of its frame, half its extent R in m."""
-        area = ground_area(image)
+        area = compute_ground_area(image)
         frame, reach = LocalFrame(*(float(value) for value in area.middle)), area.reach_m
         return np.concatenate([frame.axes.ravel(), frame.origin, [reach]])
 

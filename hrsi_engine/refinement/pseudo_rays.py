@@ -111,7 +111,7 @@ COLUMNS = 18
 
 
 @lru_cache(maxsize=1024)
-def sensor_frame(image: Image) -> SensorFrame:
+def compute_sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin below the middle of the image, on the ellipsoid."""
     middle = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
     if not np.isfinite(middle).all():
@@ -119,7 +119,7 @@ def sensor_frame(image: Image) -> SensorFrame:
     centre, half_size = image.camera_centre_px, image.camera_half_size_px
     level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, centre, half_size)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
-    rays = pseudo_rays(image.rpc, level, centre + half_size * ends)
+    rays = compute_pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_estimate_sensor_heights(rays))
@@ -138,7 +138,7 @@ def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
     return float(first), float(middle), float(last)
 
 
-def ends_of_rays(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def localize_ray_ends(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the ground positions ``(n, 3)`` of image points at the lower, middle and upper height of their rays."""
     reach = max(abs(rpc.height_scale), SENSOR.least_range_m / 2.0)
     low, high = rpc.height_off - reach, rpc.height_off + reach
@@ -146,7 +146,7 @@ def ends_of_rays(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return lower, middle, upper
 
 
-def pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarray:
+def compute_pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarray:
     """Return the rays of image points ``(n, 2)`` as a table ``(n, 18)``, whose columns are named above.
 
     NaN where the RPC has no ground position for a point.
@@ -154,7 +154,7 @@ def pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarra
     constants, rays = frame.constants[None], np.empty((len(image_px), COLUMNS))
     places = []
     with np.errstate(divide="ignore", invalid="ignore"):
-        for ground in ends_of_rays(rpc, image_px):
+        for ground in localize_ray_ends(rpc, image_px):
             _, by_ground = rpc.project_with_metric_jacobian(ground)
             lon, lat, height = ground.T
             position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)

@@ -37,10 +37,10 @@ from ..camera.rpc_fit import FIT, best_fit, make_image_grid
 from ..foundation.large_arrays import finite_rows
 from ..ground import ellipsoid
 from .corrected_rays import intersect_frame_height, linearise_by_rays
-from .ground_area import ground_area, px_per_m
+from .ground_area import compute_ground_area, compute_px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
-from .pseudo_rays import SENSOR, pseudo_rays, sensor_frame
+from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
@@ -78,7 +78,7 @@ class PseudoSensor:
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres and radians; drifts are changes from the middle of the image to its edge."""
         orientation = priors.orientation or _derive_orientation(image, priors)
-        share = self.drift_factor * ground_area(image).reach_m / orientation.reach_m
+        share = self.drift_factor * compute_ground_area(image).reach_m / orientation.reach_m
         position, drift = orientation.position_m, share * orientation.position_drift_m
         angle, angle_drift = orientation.attitude_rad, share * orientation.attitude_drift_rad
         table = np.array([[position, drift, drift]] * 3 + [[angle, angle_drift, angle_drift]] * 4)
@@ -87,7 +87,7 @@ class PseudoSensor:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; rays are computed here, once."""
         constants = self.constants(image)[None]
-        rays = pseudo_rays(image.rpc, sensor_frame(image), observed_px)
+        rays = compute_pseudo_rays(image.rpc, compute_sensor_frame(image), observed_px)
         structure, used = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -106,7 +106,7 @@ class PseudoSensor:
 
     def constants(self, image: Image) -> np.ndarray:
         """Return the constants of an image for `linearise_by_rays` ``(19,)``: `SensorFrame.constants`."""
-        return sensor_frame(image).constants
+        return compute_sensor_frame(image).constants
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Return a0, aS, aL of the corrections, ``(…, 7, 3)``, of values ``(…, p)``."""
@@ -131,12 +131,12 @@ class PseudoSensor:
         """Return the corrected projection; NaN where the iteration finds no ray to the point."""
         if not np.any(values):
             return image.rpc.project(ground)
-        frame = sensor_frame(image)
+        frame = compute_sensor_frame(image)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
         place = frame.from_ground(ground)
         position = np.tile(image.camera_centre_px, (len(ground), 1))
         for _ in range(SENSOR.most_steps):
-            rays = pseudo_rays(image.rpc, frame, position)
+            rays = compute_pseudo_rays(image.rpc, frame, position)
             hit = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
             bad = ~np.isfinite(hit.by_image).all(axis=(1, 2))
@@ -165,9 +165,9 @@ class PseudoSensor:
         layer = make_image_grid(image.domain_px, shape[:2])
         position = np.tile(layer, (shape[2], 1))
         heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
-        frame = sensor_frame(image)
+        frame = compute_sensor_frame(image)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
-        rays = pseudo_rays(image.rpc, frame, position)
+        rays = compute_pseudo_rays(image.rpc, frame, position)
         z = heights.copy()
         # The Earth curves away under the frame: iterate the frame height of each ellipsoidal height
         for _ in range(SENSOR.most_steps):
@@ -192,7 +192,8 @@ class PseudoSensor:
 
 def _derive_orientation(image: Image, priors: Priors) -> Orientation:
     """Return the position and attitude errors that correspond to the priors in pixels."""
-    metres, height, reach = 1.0 / float(px_per_m([image])[0]), sensor_frame(image).height_m, ground_area(image).reach_m
+    metres = 1.0 / float(compute_px_per_m([image])[0])
+    height, reach = compute_sensor_frame(image).height_m, compute_ground_area(image).reach_m
     shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
     return Orientation(shift, shift / height, drift, drift / height, reach)
 
