@@ -158,7 +158,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedEquations:
+class EquationState:
     """Weighted observation equations, linearised at ``values``.
 
     values : (p,); roots : (n, 2, 2) R with R'R = P; matrix : (2n, p) R A by scaled parameters; right : (2n,) R v
@@ -188,7 +188,7 @@ class ObservationEquations:
         control = self.control.select(np.array([index]))
         return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
 
-    def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> WeightedEquations:
+    def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
         """Return the weighted equations at ``values``; the ``roots`` of P are those of the values if not given."""
         control = self.control
         at = self.linearise(values, control.ground)
@@ -206,16 +206,16 @@ class ObservationEquations:
         matrix = self._normalize(roots, at.by_values)
         right = np.einsum("nij,nj->ni", roots, residual).ravel()
         cost = 0.5 * float(np.sum(right**2) + np.sum(_scale(values, self.sigmas) ** 2))
-        return WeightedEquations(values, roots, matrix, right, residual, cost)
+        return EquationState(values, roots, matrix, right, residual, cost)
 
     def _normalize(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
-    def gradient(self, at: WeightedEquations) -> np.ndarray:
+    def gradient(self, at: EquationState) -> np.ndarray:
         """Return the negative gradient of the cost by the scaled parameters, ``(p,)``."""
         return np.asarray(at.matrix.T @ at.right - _scale(at.values, self.sigmas))
 
-    def compute_hessian(self, at: WeightedEquations) -> np.ndarray:
+    def compute_hessian(self, at: EquationState) -> np.ndarray:
         """Return the Hessian ``(p, p)`` of the cost by the scaled parameters, made positive definite.
 
         With A the matrix and r the residuals it is ``A' A + I - sum_i r_i H_i``; the sum by differences of A along each
@@ -268,14 +268,14 @@ def iterate_least_squares(
     freedom = max(2 * len(equations.control) - int((sigmas > 0.0).sum()), 1)
     compute_hessian = lru_cache(maxsize=1)(equations.compute_hessian)  # a refused step begins at the same place again
 
-    def by_slopes(at: WeightedEquations, damping: float) -> Step[WeightedEquations]:
+    def by_slopes(at: EquationState, damping: float) -> Step[EquationState]:
         return try_step(at, solve_step(at.matrix, at.right, at.values, sigmas, damping), damping)
 
-    def by_curvature(at: WeightedEquations, damping: float) -> Step[WeightedEquations]:
+    def by_curvature(at: EquationState, damping: float) -> Step[EquationState]:
         normal = compute_hessian(at) + damping * np.diag(_diagonal(at.matrix))
         return try_step(at, np.linalg.solve(normal, equations.gradient(at)), damping)
 
-    def try_step(at: WeightedEquations, by_values: np.ndarray, damping: float) -> Step[WeightedEquations]:
+    def try_step(at: EquationState, by_values: np.ndarray, damping: float) -> Step[EquationState]:
         braked = 0.5 * damping * float(by_values @ (_diagonal(at.matrix) * by_values))
         promised = 0.5 * float(by_values @ equations.gradient(at)) + braked
         try:
@@ -284,7 +284,7 @@ def iterate_least_squares(
             lost.append(error)
             return Step(replace(at, cost=np.inf), promised, braked)
 
-    def variance(at: WeightedEquations) -> float:
+    def variance(at: EquationState) -> float:
         return max(1.0, 2.0 * at.cost / freedom)
 
     at = equations.linearise_at(np.zeros(len(sigmas)) if values is None else values)
@@ -340,7 +340,7 @@ def solve_step(
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
 
 
-def _compute_estimate(at: WeightedEquations, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
+def _compute_estimate(at: EquationState, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
     """Return precision, redundancy and leave-one-out residuals at the solution."""
     count, p = len(at.residual), len(sigmas)
     triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
