@@ -78,7 +78,7 @@ def nest_options(options: type) -> Any:
 
 
 def option_of(part: Field[Any]) -> Option | None:
-    """Return what stands with a field; None where it is no option."""
+    """Return the description of an option's dataclass field; None where the field is no option."""
     found: Option | None = part.metadata.get(_OPTION)
     return found
 

@@ -59,7 +59,7 @@ def blur(image: np.ndarray, sigma_px: float, border: str = "mirror") -> np.ndarr
 
 
 def slopes(image: np.ndarray, smooth: np.ndarray, slope: np.ndarray, border: str = "mirror") -> tuple[np.ndarray, ...]:
-    """Return the slopes along rows and along columns, by one kernel in that direction and another across it."""
+    """Return the grey value gradients along rows and columns, from one kernel along the direction and one across it."""
     return filter_separable(image, slope, smooth, border), filter_separable(image, smooth, slope, border)
 
 
@@ -74,17 +74,17 @@ def compute_smaller_eigenvalue(xx: np.ndarray, yy: np.ndarray, xy: np.ndarray) -
 
 
 def erode(mask: np.ndarray, side: int, outside: bool = True) -> np.ndarray:
-    """Return the pixels with nothing but True in an odd square around them; ``outside`` is what lies beyond."""
+    """Return the morphological erosion of a mask by an odd square; ``outside`` is the value beyond the image's edge."""
     return np.asarray(_choose_filters().erode(mask, side, outside))
 
 
 def dilate(mask: np.ndarray, side: int) -> np.ndarray:
-    """Return the pixels with any True in an odd square around them."""
+    """Return the morphological dilation of a mask by an odd square."""
     return ~erode(~mask, side)
 
 
 def apply_opening(mask: np.ndarray, side: int) -> np.ndarray:
-    """Return what of a mask an odd square covers that lies inside it."""
+    """Return the morphological opening of a mask by an odd square."""
     return dilate(erode(mask, side), side)
 
 

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 
 class Level(IntEnum):
-    """How bad it is; the verdict is the worst level of its reasons."""
+    """Severity of a reason; the verdict has the worst level of its reasons."""
 
     OK = 0
     DOUBTFUL = 1  #: written, but look first

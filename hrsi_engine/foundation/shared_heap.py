@@ -19,7 +19,7 @@ def share_one_heap() -> None:
 
 
 def return_free_memory() -> None:
-    """Give the system what is free in the heap, where the C library is glibc; some milliseconds a gigabyte.
+    """Return the free memory of the heap to the system (glibc only); takes some milliseconds a gigabyte.
 
     It keeps what lies below anything in use otherwise, which the larger arrays of the next part do not fit into.
     """

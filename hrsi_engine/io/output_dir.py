@@ -222,7 +222,7 @@ def exists_anywhere(path: str) -> bool:
 
 
 def files_with(inputs: Iterable[str]) -> list[str]:
-    """Return the files of the inputs, with those that GDAL counts to them: side files, parts, sources of a VRT."""
+    """Return the input files and the files that GDAL lists with them: side files, parts, sources of a VRT."""
     files = []
     for file in inputs:
         with quiet():

@@ -19,7 +19,7 @@ def standard_input(example: str) -> Iterable[str]:
 
 
 def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """Return the numbers of lines ``(n, len(names))`` and what follows them in each line.
+    """Return the numbers of lines ``(n, len(names))`` and the rest of each line.
 
     Numbers are separated by blanks, tabs or commas; the last may be missing (NaN). Empty lines are skipped. Raises
     `InputError` with the number of the line.

@@ -15,7 +15,7 @@ from ..interface.declare import Context
 
 @thresholds
 class ImageLogThresholds:
-    """Which images are told in the log."""
+    """Which images are listed in the log."""
 
     images: int = threshold(20, "images", "of a larger block only images with several RPCs are told")
 

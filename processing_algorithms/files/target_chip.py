@@ -22,7 +22,7 @@ TARGET_CHIP = TargetChipThresholds()
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
-    """Return what is drawn of a target; around the approximate position where it was refused."""
+    """Return the picture of a target; around the approximate position where the measurement was refused."""
     grey, origin = None, np.zeros(2)
     middle = approximate if made.refusal else made.xy
     if raster is not None and middle is not None:

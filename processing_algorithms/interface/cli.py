@@ -79,7 +79,7 @@ def _run_words_or_page(words: Sequence[str] | None, registry: Mapping[str, Algor
 
 
 def describe(error: BaseException) -> tuple[str, int]:
-    """Return what the user reads of an error, on one line, and the exit code.
+    """Return the message of an error for the user, on one line, and the exit code.
 
     Once a signal has come, every error that ends the work is taken for its consequence.
     """
@@ -218,7 +218,7 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
 
 
 def failure_of(report: Report) -> tuple[int, str] | None:
-    """Return exit code and reason of a report that tells of no success; None of one that does."""
+    """Return exit code and reason of an unsuccessful run from its report; None where it succeeded."""
     if unsolved := report.get("unsolved"):
         return SolveError.exit_code, str(unsolved)
     if is_unusable(report):

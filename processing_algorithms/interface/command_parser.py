@@ -107,7 +107,7 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
 
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
-    """Add a declared option; it stays away from the result unless it is given."""
+    """Add a declared option to the parser; its key is missing from the result unless the option is given."""
     positional = param.kind is Kind.IMAGES
     settings = {"help": option_help(param, params), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
@@ -134,7 +134,7 @@ def option_help(param: Param, params: Sequence[Param]) -> str:
 
 
 def value_facts(param: Param) -> list[str]:
-    """Return what the declaration says of an option's value: choices, unit, range, and default or ``required``."""
+    """Return the facts on an option's value for its help: choices, unit, range, and default or ``required``."""
     facts = [
         f"one of {', '.join(param.choices)}" if param.choices else "",
         f"unit {param.unit}" if param.unit else "",
@@ -169,7 +169,7 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
 
 
 def value_name(param: Param) -> str:
-    """Return what stands for an option's value: ``PX``."""
+    """Return the placeholder of an option's value in the help: ``PX``."""
     return param.metavar or METAVARS[param.kind]
 
 

@@ -21,7 +21,7 @@ _DESCRIPTION = 72  # characters of a help text that are shown beside a word
 
 @dataclass(frozen=True)
 class Offer:
-    """What a word of the command line may be."""
+    """Completions of a word of the command line."""
 
     words: tuple[str, ...] = ()
     files: bool = False
@@ -37,7 +37,7 @@ def completion_script(shell: str, registry: Mapping[str, Algorithm]) -> str:
 
 
 def offer_of(param: Param) -> Offer:
-    """Return what the value of an option may be."""
+    """Return the completions of an option's value."""
     named = set(param.metavar.split("|")) & {"FILE", "DIR"}
     files = param.kind in READ_KINDS or bool(named)
     return Offer((*param.choices, *param.words), files, param.kind in _FOLDER_KINDS)

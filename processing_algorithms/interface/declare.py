@@ -91,7 +91,7 @@ class Param:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that it takes besides a file or a box: those in lower case of a metavar like ``auto|none|FILE``."""
+        """Words accepted besides a file or box: the lower-case ones of a metavar like ``auto|none|FILE``."""
         parts = self.metavar.split("|")
         takes_more = "FILE" in parts or self.kind is Kind.EXTENT
         return tuple(part for part in parts if part.isalnum() and part.islower()) if takes_more else ()
@@ -160,7 +160,7 @@ def _kind_of(part: Field[Any], said: Option) -> Kind:
 
 
 def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:
-    """Return the dataclass filled with values by the options' keys; what is not among them is at its default."""
+    """Return the dataclass of options with values by key; options without a value keep their default."""
     given: dict[str, Any] = {}
     for part in fields(options):  # type: ignore[arg-type]
         inner, said = inner_options_of(part), option_of(part)
@@ -355,7 +355,7 @@ def is_unusable(report: Report) -> bool:
 
 
 def plan_text(report: Report) -> str:
-    """Return what a person reads of a dry run."""
+    """Return the summary of a dry run as text."""
     lines = [f"{count} {name}" for name, count in report["counts"].items()]
     files = [f"{entry['path']}{' (replaced)' if entry['replaces'] else ''}" for entry in report["files"]]
     lines += ["would be written:", *(f"  {file}" for file in files)] if files else ["nothing would be written"]

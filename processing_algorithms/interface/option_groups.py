@@ -126,7 +126,7 @@ def ground_crs_option() -> Any:
 
 
 def height_datum_option() -> Any:
-    """Return the field of what heights refer to."""
+    """Return the option of the height datum."""
     return option(
         "layer",
         "What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96, egm2008 or a "
@@ -160,7 +160,7 @@ class DemOptions:
 
 @options
 class LaserFile:
-    """Laser points, and what their heights refer to."""
+    """File of laser points and its height datum."""
 
     laser: str | None = option(
         None,
@@ -285,7 +285,7 @@ class WorkerOptions:
 
 @options
 class SearchOptions:
-    """How tie points are found, by whom, and where what is finished is kept."""
+    """Search for tie points: method, scheduler and folder of finished parts."""
 
     search: TieOptions = nest_options(TieOptions)
     matches: str | None = option(

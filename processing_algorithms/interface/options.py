@@ -20,7 +20,7 @@ from .naming import option_label
 
 @dataclass(frozen=True)
 class OptionSource:
-    """Where the options of a run come from, besides what was typed.
+    """Origin of the options of a run that were not typed, as of a repeated run.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ TYPED = OptionSource()  #: all options are typed
 
 @dataclass(frozen=True)
 class Face:
-    """How a face calls options, and where it describes them (``{name}`` of an algorithm)."""
+    """How an interface spells options, and where it describes them (``{name}`` of an algorithm)."""
 
     label: Callable[[Param], str] = option_label
     help: str = "hrsi {name} --help"

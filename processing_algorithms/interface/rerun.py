@@ -119,7 +119,7 @@ class _Places:
         return any(map(os.path.exists, self._candidates(path)))
 
     def find_changes(self) -> Iterator[tuple[str, str]]:
-        """Yield the inputs that are not what they were, and how they differ."""
+        """Yield the inputs that have changed since the earlier run, and how they differ."""
         for entry in self._report.get("inputs") or ():
             if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):
                 continue

@@ -31,7 +31,7 @@ _REST_COLUMNS = len(" 59:59 min left")
 
 
 class Listener(Protocol):
-    """Who is told of a run."""
+    """Receiver of the progress and messages of a run."""
 
     def progress(self, fraction: float, message: str = "") -> bool:
         """Take note of how far the work is; False asks to stop."""
@@ -206,7 +206,7 @@ def spell_duration(seconds: float) -> str:
 
 
 def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
-    """Return who writes progress on a stream: nobody where it is to be quiet, a live line on a terminal."""
+    """Return the progress writer of a stream: silent where ``quiet``, a live line on a terminal, else GDAL's ticks."""
     if quiet:
         return SilentTerminal(stream)
     is_live = stream.isatty() and os.environ.get("TERM", "") != "dumb"

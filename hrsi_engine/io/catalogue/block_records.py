@@ -51,7 +51,7 @@ class BlockRecord:
 
 
 def read_record(folder: str) -> BlockRecord:
-    """Return the record in a result folder; raise `InputError` where there is none, or it is none."""
+    """Return the block record of a result folder; raise `InputError` where it is missing or invalid."""
     path = os.path.join(folder, RECORD_FILE)
     if not os.path.exists(path):
         raise InputError(f"{folder}: holds no {RECORD_FILE}: name the output directory of an earlier adjustment")
@@ -71,7 +71,7 @@ def read_record(folder: str) -> BlockRecord:
 
 
 def read_cameras(folder: str) -> dict[str, np.ndarray]:
-    """Return what is known of a block's cameras together; raise `InputError` where that is not there, or damaged."""
+    """Return the joint parameters and covariance of a block's cameras; raise `InputError` for a missing or damaged file."""
     path = os.path.join(folder, CAMERAS_FILE)
     if not os.path.exists(path):
         raise InputError(

@@ -22,7 +22,7 @@ IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix
 
 
 def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
-    """Return the images that names stand for: patterns, folders, archives, lists and items give way to what they hold.
+    """Return the image files that the names stand for: patterns, folders, archives, lists and STAC items are expanded.
 
     Raises `InputError` for one that holds no image with an RPC.
     """
@@ -45,7 +45,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
 
 
 def resolve_points(name: str) -> str:
-    """Return the file of points that a name stands for: of a result's folder its layers."""
+    """Return the file of points that a name stands for; the folder of a result stands for its GeoPackage."""
     layers = os.path.join(name, RESULT_LAYERS)
     return layers if os.path.isdir(name) and os.path.isfile(layers) else name
 

@@ -48,7 +48,7 @@ _SECRET = re.compile(r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]
 
 
 def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
-    """Return the entries of a report that tell of the run.
+    """Return the report's entries on the run: version, date, command, inputs, platform.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[
 
 
 def rpc_history(path: str) -> str:
-    """Return where an image's RPC comes from, as its metadata tells: which run refined it, else ``as delivered``."""
+    """Return the origin of an image's RPC from its metadata: the run that refined it, else ``as delivered``."""
     dataset, _ = open_dataset(path)
     told = {} if dataset is None else metadata_of(dataset)
     if "HRSI_MODEL" not in told:
@@ -98,7 +98,7 @@ def without_secrets_in(value: Any) -> Any:
 
 
 def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
-    """Return an entry for each file that options name, with the files that GDAL counts to it.
+    """Return the report's entry for each input file, including the files that GDAL lists with it.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
 
 
 def file_entry(path: str, whole: bool = True) -> dict[str, Any]:
-    """Return path, size, time of change and SHA-256 of a file; of its samples where it is large, or not ``whole``."""
+    """Return path, size, modification time and SHA-256 of a file (of samples, where it is large or not ``whole``)."""
     if path.startswith("/vsi"):
         status = virtual_status(path)
         size, time = (None, None) if status is None else (status.size, status.mtime)

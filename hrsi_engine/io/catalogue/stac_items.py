@@ -89,7 +89,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
 
 
 def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
-    """Return the images that an earlier run recorded, with what their items told of them then.
+    """Return the image paths that an earlier run recorded, with the properties of their STAC items.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Cells:
 
 
 class Texts:
-    """Words as UTF-8, each array of them once."""
+    """Cache of text columns encoded as UTF-8, by the array of their distinct values."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}

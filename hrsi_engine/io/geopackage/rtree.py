@@ -43,7 +43,7 @@ class RtreeTables:
 
 
 def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTables | None:
-    """Return an R-tree of two dimensions, None where there is nothing in it.
+    """Return a packed two-dimensional R-tree of boxes; None without any box.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from .sqlite_pages import Pages, can_have_pages
 
 @thresholds
 class RowWritingThresholds:
-    """Which way rows are written into a layer."""
+    """When rows are written by the compiled loop."""
 
     compiled_rows: int = threshold(20_000, "rows", "fewer are written before the compiled loop is loaded", "measured")
 
@@ -90,7 +90,7 @@ WITHOUT_SAFETY = ("PRAGMA synchronous = OFF", "PRAGMA journal_mode = OFF")
 
 
 def rows_of_new_file(path: str, database: sqlite3.Connection, count: int, columns: Sequence[Column]) -> Inserter:
-    """Return what rows get best through into empty tables of a file that nobody else has open.
+    """Return the faster way to insert rows into the empty tables of a new file: page writer or `sqlite3`.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ LEAST_SCALES = {
 
 
 def require_size(path: str, kind: str) -> None:
-    """Raise `InputError` for a file that is too large to be what it is read as, one of `MOST_BYTES`."""
+    """Raise `InputError` for a file larger than any of its ``kind``, one of `MOST_BYTES`."""
     size, most = file_bytes(path), MOST_BYTES[kind]
     if size is not None and size > most:
         raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({most // MIB}): "

@@ -39,7 +39,7 @@ set_http_patience()
 
 
 def check_advice(path: str, otherwise: str = "check the path") -> str:
-    """Return what to do about a file that cannot be opened; of one on a server, that it may be slow."""
+    """Return the advice on a file that cannot be opened; for a remote file, that its server may be slow."""
     if not any(server in path for server in _SERVERS):
         return otherwise
     return (
@@ -72,7 +72,7 @@ def gdal_messages() -> Iterator[list[str]]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Drop what GDAL would print; for damaged files, whose text may be in no known encoding."""
+    """Suppress GDAL's messages, as on damaged files, whose text may be in no known encoding."""
     gdal.PushErrorHandler("CPLQuietErrorHandler")
     try:
         yield
@@ -81,7 +81,7 @@ def quiet() -> Iterator[None]:
 
 
 def call_quiet(function: Callable[..., Told], *words: Any) -> Told:
-    """Return what a function returns, without what libraries say of damaged files past Python.
+    """Call a function with GDAL's messages suppressed.
 
     PROJ reads grids through the TIFF library that GDAL has report to its own handler.
     """

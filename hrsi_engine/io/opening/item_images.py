@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class StacItem:
-    """What an item tells of its image beside the pixels.
+    """Properties of an image in a STAC item, beside its pixels.
 
     id : the item's
     source : the file that it stands in
@@ -28,12 +28,12 @@ class StacItem:
 
     @property
     def platform(self) -> str:
-        """What it calls the satellite; empty where it does not say."""
+        """Name of the satellite; empty where the item states none."""
         told = self.properties.get("platform")
         return told if isinstance(told, str) else ""
 
     def sun_text(self) -> str:
-        """Return what it tells of sun and time, in the words of a delivery."""
+        """Return sun angles and acquisition time as text, in the keywords of a delivery's metadata."""
         names = {"view:sun_azimuth": "sun_azimuth", "view:sun_elevation": "sun_elevation", "datetime": "acquired",
                  "start_datetime": "acquired"}  # fmt: skip
         told = ((word, self.properties.get(key)) for key, word in names.items())

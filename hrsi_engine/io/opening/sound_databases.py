@@ -27,7 +27,7 @@ _STEPS = 100_000  # of SQLite's machine between two looks at the clock
 
 
 class Widths(NamedTuple):
-    """Of a table: its rows, and the bytes of the longest value of columns."""
+    """Number of rows of a table, and length of the longest value of columns (bytes)."""
 
     rows: int
     longest: dict[str, int]
@@ -68,7 +68,7 @@ def widths(path: str, table: str, columns: Sequence[str]) -> Widths:
 
 @contextlib.contextmanager
 def sound_database(path: str) -> Iterator[sqlite3.Connection]:
-    """Open a database for reading; what SQLite says of it, and no answer in time, become `InputError`."""
+    """Open a database for reading; errors of SQLite and timeouts become `InputError`."""
     most = database_seconds(file_bytes(path) or 0)
     end = time.thread_time() + most
     try:

@@ -22,7 +22,7 @@ _INLINE = (
 
 
 def explain_codes(codes: Iterable[str]) -> dict[str, str]:
-    """Return what is written of codes as HTML, each once and in their order.
+    """Return the documentation of the codes of reasons as HTML, each once, in their order.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def read_image_points(
     surface: Surface | None = None,
     epoch: float | None = None,
 ) -> PointTables:
-    """Return the image points of a file of which nothing else is wanted: as `read_points`, and quicker where it can be.
+    """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage where it is valid.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ ARRAY_COLUMNS = {3: ("lon", "lat", "height"), 2: ("sample", "line")}
 
 
 class PointsInMemory(InMemory):
-    """Points under the name by which messages call them.
+    """Points held in memory, with their name in messages.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class PointsInMemory(InMemory):
         return interpret(self.table(), reference, image_ids)
 
     def table(self) -> PointTable:
-        """Return the rows as a reader of files hands them over, unchecked.
+        """Return the unchecked table, as a reader of point files does.
 
         Returns
         -------

@@ -49,7 +49,7 @@ def write_columns(folder: str, points: ImagePoints) -> None:
 
 
 def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointTables | None:
-    """Return the measurements of a GeoPackage's layer from the columns beside it; None where these do not count.
+    """Return the image points of a layer from the column cache beside its file; None where the cache is not valid.
 
     Parameters
     ----------

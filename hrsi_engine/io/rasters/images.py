@@ -170,7 +170,7 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
 
 
 def pixel_doubt(image: Image) -> str:
-    """Return in words why an image's RPC may not be that of its pixels; nothing where nothing speaks against it."""
+    """Return in words why an image's RPC may not belong to its pixels; an empty text where it seems to."""
     return (
         map_grid_doubt(image.raster.path, image.raster.dataset, image.rpc)
         if isinstance(image.raster, GdalRaster)
@@ -179,7 +179,7 @@ def pixel_doubt(image: Image) -> str:
 
 
 def file_stamp(path: str) -> tuple[int, ...]:
-    """Return what tells one state of an open file from another (size, time of change); zeros where that is not known.
+    """Return size and modification time of an open file, which change with its content; zeros where unknown.
 
     For what one process keeps open; what later runs take up again is told by `content_marks.content_mark`.
     """
@@ -277,7 +277,7 @@ class GdalRaster:
         return grey, valid
 
     def content_mark(self) -> str:
-        """Return what tells the content of the file and its side files from another: `content_marks.content_mark`."""
+        """Return the fingerprint of the file and its side files: `content_marks.content_mark`."""
         return content_mark(self.path)
 
     def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:

@@ -32,7 +32,7 @@ MAP_GRID = MapGridThresholds()
 
 
 def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
-    """Return in words that an image lies on a map's grid that its RPC does not follow; nothing else where it does."""
+    """Return a warning where an image lies on a map grid that its RPC does not follow; else an empty text."""
     if dataset.GetGeoTransform(can_return_null=True) is None or not dataset.GetProjection():
         return ""
     try:

@@ -68,7 +68,7 @@ _DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata
 
 
 class SunReading(NamedTuple):
-    """The sun over an image, and what told it."""
+    """Sun angles of an image, and the source that states them."""
 
     angles: SunAngles
     source: str
@@ -107,7 +107,7 @@ def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
 
 
 def read_time(path: str) -> datetime | None:
-    """Return when an image was taken (UTC), by its delivery or its name; None where they do not tell."""
+    """Return the acquisition time (UTC) from the delivery or the file's name; None where neither states it."""
     told = (_time_in(text) for _source, text in _read_texts(path))
     return next((time for time in told if time is not None), None) or _time_of_name(path)
 

@@ -88,7 +88,7 @@ class CropPlace:
 
 
 def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | None:
-    """Return the place that a geotransform gives an image in its scene; None where it does not speak of a scene."""
+    """Return the position of a crop in its scene from its geotransform; None where that refers to no scene."""
     if geotransform is None or has_crs or not np.isfinite(geotransform).all():
         return None
     x, dx, x_by_row, y, y_by_column, dy = geotransform
@@ -102,7 +102,7 @@ def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | 
 
 
 def require_place_in_scene(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
-    """Raise `InputError` for a part of a scene whose geotransform says no place in it; a map's CRS is left alone."""
+    """Raise `InputError` for a crop whose geotransform does not give its position in the scene; map grids pass."""
     if geotransform is not None and not has_crs and _begins_a_larger_scene(rpc, size):
         low, high = _range_of(rpc)
         raise InputError(
@@ -120,7 +120,7 @@ def _begins_a_larger_scene(rpc: RPC, size: tuple[int, int]) -> bool:
 
 
 def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
-    """Return whether an RPC that stands beside a crop is that of the scene it was cut from, or else the crop's own.
+    """Return whether the RPC beside a crop is that of the full scene; else it is the crop's own.
 
     Raises `InputError` where it can be neither, or either.
     """

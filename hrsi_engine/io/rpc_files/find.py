@@ -174,7 +174,7 @@ def rpc_in_folder(folder: str, image_path: str) -> str:
 
 
 def rpc_for_image(rpc_path: str, image_path: str) -> FoundRpc:
-    """Return the RPC that any file holds, as that of another image: a scene's RPC is moved to the image's crop."""
+    """Return the RPC of any file for another image; the RPC of a scene is moved to the image's crop."""
     reader = rpc_reader_of(rpc_path)
     if reader is None:
         return read_rpc(rpc_path)

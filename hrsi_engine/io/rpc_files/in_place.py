@@ -39,7 +39,7 @@ _AFTER_RPB = ("rpc-txt", "isd")
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
-    """Give one image another RPC and keep the original in it; see `prepare_in_place`.
+    """Replace the RPC of one image and keep the original inside the file; see `prepare_in_place`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 def prepare_in_place(
     path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = UNTOLD
 ) -> tuple[str, ...]:
-    """Make everything ready to give an image another RPC; it has it when the changes are committed.
+    """Prepare the replacement of an image's RPC; it takes effect when the changes are committed.
 
     Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image,
     or must be out of the way so that the new RPC wins, is part of the changes.
@@ -160,7 +160,7 @@ def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]
 
 
 def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-txt") -> tuple[str, ...]:
-    """Make an RPC file of a ``kind`` of `SIDECARS` ready; it is there when the changes are committed.
+    """Prepare an RPC file of a ``kind`` of `SIDECARS`; it appears when the changes are committed.
 
     A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
     would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside. Returns notices for the log.

@@ -52,7 +52,7 @@ def is_rpc_file(path: str) -> bool:
 
 
 def set_aside(path: str, changes: Transaction) -> str:
-    """Have an RPC file taken out of the way: our own removed, a vendor's renamed; return a notice for the log."""
+    """Schedule the removal of our own RPC file, or the renaming of a vendor's; return a notice for the log."""
     if is_ours(path):
         changes.remove(path)
         return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
@@ -62,7 +62,7 @@ def set_aside(path: str, changes: Transaction) -> str:
 
 
 def keep_original(path: str, changes: Transaction) -> None:
-    """Have a vendor's RPC file copied to ``<name>.original`` before it is overwritten; nothing for our own or none."""
+    """Schedule a copy ``<name>.original`` of a vendor's RPC file that will be overwritten; not for our own."""
     if is_rpc_file(path) and not is_ours(path):
         copy_bytes(path, changes.new_file(_free_name(path)))
 

@@ -65,7 +65,7 @@ def set_numbers(
     lineage: Mapping[str, str] | None = None,
     original: list[float] | None = None,
 ) -> bool:
-    """Write the tag into a TIFF file, where it stands; return False where its directory had to move.
+    """Write the RPC tag into a TIFF file in place; return False where the directory had to move.
 
     With ``keep_original`` the old doubles (or those of ``original``, where the RPC came from beside the image) go into
     the metadata domain, unless an older original is there already. ``lineage`` becomes items of the metadata, in place

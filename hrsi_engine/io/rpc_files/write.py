@@ -27,7 +27,7 @@ from .tiff_directory import read_directory
 
 @dataclass(frozen=True)
 class Lineage:
-    """What a file with a refined RPC tells of itself.
+    """Provenance stored in a file with a refined RPC.
 
     Parameters
     ----------

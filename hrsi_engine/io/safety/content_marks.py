@@ -76,7 +76,7 @@ def content_mark(path: str) -> str:
 
 
 def files_mark(paths: Iterable[str], times: bool = True) -> str:
-    """Return what tells the states of files from one another, by their contents; `content_mark` says how.
+    """Return the common fingerprint of files, by their contents; `content_mark` says how.
 
     Without ``times`` copies of large files have the same mark, but a change between the blocks that count is not seen,
     unless the format itself counts changes at its beginning, as SQLite's does.
@@ -97,7 +97,7 @@ def files_mark(paths: Iterable[str], times: bool = True) -> str:
 
 
 def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
-    """Return start and length of the blocks of a file that count; ``share`` of all that is read falls to it."""
+    """Return start and length of the blocks of a file that are hashed; ``share`` is its part of all that is read."""
     edge = max(int(CONTENT_SAMPLING.edge_bytes * share), CONTENT_SAMPLING.least_edge_bytes)
     count = max(int(CONTENT_SAMPLING.blocks * share), 1)
     # Not at equal distances: lines and tiles of an image have them too. Odd steps of the golden ratio are as even
@@ -107,7 +107,7 @@ def places_of(size: int, share: float = 1.0) -> list[tuple[int, int]]:
 
 
 def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield what an unbuffered file holds from each start on, as far as its length and the file go, block by block."""
+    """Yield the bytes of an unbuffered file at these places (start, length), block by block."""
     for start, length in places:
         file.seek(start)
         while length > 0 and (block := file.read(min(length, _READ_BYTES))):

@@ -42,7 +42,7 @@ class PartStore:
         return sum(name.endswith(".npz") for name in names)
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Return what was kept under a key; None where there is no file, or a damaged one."""
+        """Return the stored result of a key; None where the file is missing or damaged."""
         path = str(self._path(key))
         try:
             require_size(path, "result")

@@ -18,7 +18,7 @@ _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 @contextmanager
 def only_writer(folder: str | None) -> Iterator[None]:
-    """Keep other runs from writing into a folder; it is made where missing, and goes again where it stays empty.
+    """Lock a folder against other runs; it is made where missing, and removed again where it stays empty.
 
     Parameters
     ----------

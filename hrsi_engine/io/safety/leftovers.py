@@ -45,7 +45,7 @@ LEFTOVERS = LeftoverThresholds()
 
 
 def temporary_name(path: str) -> str:
-    """Return a hidden name in the folder of ``path``, with its extension, that tells who writes it."""
+    """Return a hidden file name in the folder of ``path``, with its extension and the writing process in it."""
     folder, name = os.path.split(path)
     stem, extension = os.path.splitext(name)
     return os.path.join(folder, f".{stem[:100]}.{writer()}-{secrets.token_hex(4)}.tmp{extension}")
@@ -61,7 +61,7 @@ def temporary_folder(folder: str) -> str:
 
 @contextmanager
 def open_hidden_folder(folder: str) -> Iterator[str]:
-    """Give a hidden folder inside ``folder`` for what is needed for a while; it goes with all that it holds.
+    """Provide a temporary hidden folder inside ``folder``, which is removed with its content at the end.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def open_hidden_folder(folder: str) -> Iterator[str]:
 
 
 def is_unfinished(folder: str) -> bool:
-    """Return whether a folder is one of `temporary_folder`, whose files count only when they leave it."""
+    """Return whether a folder was made by `temporary_folder` and holds unfinished files."""
     return os.path.basename(folder).startswith(FOLDER_PREFIX)
 
 
@@ -143,7 +143,7 @@ def is_running(pid: int, began: int) -> bool:
 
 
 def writer() -> str:
-    """Return the words that name this process: machine, process and its beginning."""
+    """Return the identifier of this process: machine, process number and start time."""
     return _words_of(os.getpid())
 
 
@@ -159,7 +159,7 @@ def _machine_name() -> str:
 
 
 def _began_at(pid: int) -> int:
-    """Return when a process began, in clock ticks since the machine did; 0 where the system does not tell."""
+    """Return the start time of a process in clock ticks since boot; 0 where the system does not state it."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
             return int(file.read().rpartition(")")[2].split()[19])

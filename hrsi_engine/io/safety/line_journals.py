@@ -49,14 +49,14 @@ class LineJournal:
         os.fsync(self._file.fileno())
 
     def discard(self) -> None:
-        """Remove all entries: what they tell of stands elsewhere now, or nobody wants it."""
+        """Remove the journal: its entries are saved elsewhere or no longer needed."""
         begun = self.is_begun
         self.leave()
         if begun:
             remove_journal(self._folder)
 
     def leave(self) -> None:
-        """Close the journal, and let it lie for `find_orphan_journals`."""
+        """Close the journal and leave it on the disk for `find_orphan_journals`."""
         if self._file is not None:
             self._file.close()
         self._file = None

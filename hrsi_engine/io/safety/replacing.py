@@ -33,7 +33,7 @@ REPLACING = ReplacingThresholds()
 
 @contextmanager
 def replacing(path: str) -> Iterator[str]:
-    """Give a temporary name in the folder of ``path``; at the end it is flushed to disk and renamed to ``path``.
+    """Provide a temporary name in the folder of ``path``; at the end the file is flushed and renamed to ``path``.
 
     Anything raised inside removes the temporary file and leaves ``path`` as it was; failures of the disk become
     `OutputError`. The temporary name keeps the extension, because GDAL and the readers choose by it, and begins

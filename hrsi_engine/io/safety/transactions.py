@@ -129,7 +129,7 @@ class Transaction:
 
 
 def recover_folders(folders: Iterable[str]) -> list[str]:
-    """Carry out what killed processes left of changes in these folders, and remove their hidden files.
+    """Complete the committed changes of killed processes in these folders, and remove their hidden files.
 
     Returns notices for the log. What belongs to a process that still runs is left alone.
     """
