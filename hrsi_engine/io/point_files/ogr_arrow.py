@@ -29,7 +29,7 @@ class ArrowColumns(NamedTuple):
 
 
 def arrow_columns(layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool) -> ArrowColumns | None:
-    """Return fields of a layer from OGR's Arrow stream (``names``: ours -> the layer's); None where that is impossible."""
+    """Return fields of a layer from OGR's Arrow stream (``names``: ours -> the layer's), or None."""
     stream = _open_stream(layer)
     fid = layer.GetFIDColumn() or "OGC_FID"
     if stream is None:
