@@ -152,7 +152,7 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     gcps = report["control"]["points"]
     text += f"; {_format_count(gcps, 'GCP')}, {_format_count(check['points'], 'check point')}"
     accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
-    accuracy += _describe_prediction(check, report.get("untested_by_check_points"))
+    accuracy += _describe_operation_error(check, report.get("untested_by_check_points"))
     return f"{text}: {accuracy}" if accuracy else text
 
 
@@ -174,7 +174,7 @@ def _describe_check_points(check: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _describe_prediction(check: Mapping[str, Any], untested: Mapping[str, Any] | None) -> str:
+def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, Any] | None) -> str:
     """Return the accuracy with the error of coordinate operations, which check points share; empty without."""
     if untested is None:
         return ""
