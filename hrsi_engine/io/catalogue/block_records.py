@@ -71,7 +71,7 @@ def read_record(folder: str) -> BlockRecord:
 
 
 def read_cameras(folder: str) -> dict[str, np.ndarray]:
-    """Return the joint parameters and covariance of a block's cameras; or `InputError` without a sound file."""
+    """Return the joint parameters and covariance of a block's cameras; raise `InputError` without a valid file."""
     path = os.path.join(folder, CAMERAS_FILE)
     if not os.path.exists(path):
         raise InputError(
