@@ -69,13 +69,10 @@ def read_block(
     for purpose, spec in _point_files(points, tie_points):
         read = read_points if purpose == GCPS else read_image_points
         tables = read(
-            spec,
-            ground_crs=points.ground_crs,
-            height_datum=points.height_datum,
+            spec, ground_crs=points.ground_crs, height_datum=points.height_datum, epoch=points.gcp_epoch,
             image_ids=[image.id for image in images],
             surface=None if surface is None else partial(surface_heights, surface),
-            epoch=points.gcp_epoch,
-        )
+        )  # fmt: skip
         if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
         if tables.image is not None:
@@ -88,17 +85,22 @@ def read_block(
         measured.append(join_image_points(pairs))
     measured, left_out = _of_whole_block(measured, images)
     warnings += left_out
-    if ground and not any(len(table) for table in measured):
-        raise InputError(
-            f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, "
-            "sample and line to the layer"
-        )
     if not any(len(table) for table in measured):
-        raise InputError("there are no image points: give `image_points`, or let 'triangulate' find `tie_points`")
+        raise InputError(_describe_missing(points, bool(ground)))
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=() if surface is None else surface.operations)
     require_strict_datums(block.all_operations, points.strict_datum)
     return block, [*warnings, *block.warnings, *_tell_operations(block)]
+
+
+def _describe_missing(points: PointFiles, has_ground: bool) -> str:
+    """Return what to say where no point is measured on any image."""
+    if has_ground:
+        return (
+            f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, sample "
+            "and line to the layer"
+        )
+    return "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
 
 
 def _tell_operations(block: Block) -> list[str]:

@@ -103,18 +103,14 @@ def find_reference_control(
         raise InputError("a reference can only be matched with images that have pixels: name the images themselves")
     reference = open_reference(path, options.reference_band, epoch)
     control = match_reference(with_pixels, reference, surface, options.matching, context.progress)
+    of_dem = tuple(getattr(surface, "operations", ()))
     sigma_h_m = sigma_dem_m
     if sigma_h_m is None:
         sigma_h_m = (
             dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
         )
-    # What their coordinate operations may be off by adds to both
-    of_dem = tuple(getattr(surface, "operations", ()))
-    operations = reference.operations + of_dem
-    plan_m = max((use.operation.sigma_m[0] for use in reference.operations), default=0.0)
-    height_m = max((use.operation.sigma_m[1] for use in of_dem), default=0.0)
     sigma_xy_m = options.reference_sigma or usual_sigma_m(reference.gsd_m)
-    accuracy = ReferenceAccuracy(float(np.hypot(sigma_xy_m, plan_m)), float(np.hypot(sigma_h_m, height_m)))
+    accuracy = _add_operations(ReferenceAccuracy(sigma_xy_m, sigma_h_m), reference.operations, of_dem)
     control, wrong_parts = drop_wrong_parts(with_pixels, control, accuracy)
     shifts = [
         compute_reference_shift(image, found, control.ground, accuracy)
@@ -133,7 +129,18 @@ def find_reference_control(
         },
     }  # fmt: skip
     excessive = any(shift.is_excessive for shift in known)
-    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, operations)
+    return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, reference.operations + of_dem)
+
+
+def _add_operations(
+    accuracy: ReferenceAccuracy, of_reference: Sequence[OperationUse], of_dem: Sequence[OperationUse]
+) -> ReferenceAccuracy:
+    """Return the accuracy of a reference's places with the errors of the coordinate operations that made them."""
+    plan_m = max((use.operation.sigma_m[0] for use in of_reference), default=0.0)
+    height_m = max((use.operation.sigma_m[1] for use in of_dem), default=0.0)
+    return ReferenceAccuracy(
+        float(np.hypot(accuracy.sigma_xy_m, plan_m)), float(np.hypot(accuracy.sigma_h_m, height_m))
+    )
 
 
 def usual_sigma_m(gsd_m: float) -> float:
