@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ..block.block import Block
 from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
@@ -89,32 +89,25 @@ def assemble_adjustment(
 ) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block = problem.observations, problem.block
-    shares = _compute_prior_share(loop, precise.parameters)
     sums = _count_sums(problem, loop, solution, precise)
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
-    prior_share = shares[:, own]
+    prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
     cameras = deliver_cameras(problem, loop, solution)
-    rows, points, camera = observations.rows, observations.points, observations.camera_of_image
+    points, camera = observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    kept = (solution.weight > 0.0) & placed[observations.point]
     part_of_image = _number_parts(problem)
     # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
     # A sigma0 below 1 is the image points' own too: it makes no survey better than it was said to be.
     factor = np.array([max(sums.sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
     covariance = _compute_covariance(problem, solution, precise, cameras, factor)
-    covariance[~placed] = np.nan
-    covariance = _expand_rows(len(block.points), points, covariance)
+    covariance = _expand_rows(len(block.points), points, np.where(placed[:, None, None], covariance, np.nan))
     shifts = _propagate_operation_shifts(problem, loop, solution)
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))
     heights, laser = _judge_heights(problem, solution, precise)
     plan = _judge_plan(problem, solution, precise)
-    redundancy_numbers, statistic = _compute_reliability(problem, solution, precise, found.tie_variance)
-    if found.failed is not None:
-        statistic = np.where(np.isnan(statistic), found.failed, statistic)
-    measurements = len(block.measurements)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
     return Adjustment(
         block=block,
@@ -127,16 +120,9 @@ def assemble_adjustment(
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
         ground_sigma_m=ground_sigma,
         ground_covariance_m2=covariance,
-        residual_px=_expand_rows(measurements, rows, np.where(kept[:, None], cameras.residual, np.nan)),
-        weight=_expand_rows(measurements, rows, np.where(kept, solution.factor, 0.0), 0.0),
-        redundancy_numbers=_expand_rows(measurements, rows, redundancy_numbers),
-        statistic=_expand_rows(measurements, rows, statistic),
-        decision=_expand_rows(measurements, rows, found.decision, int(Decision.KEPT)),
+        **_describe_measurements(problem, found, solution, precise, cameras.residual, placed[observations.point]),
         prior_share=prior_share[camera],
-        sigma0=sums.sigma0,
-        observations=sums.observations,
-        unknowns=sums.unknowns,
-        redundancy=sums.redundancy,
+        **asdict(sums),
         converged=solution.converged,
         status=solution.status,
         history=tuple(loop.history),
@@ -146,8 +132,7 @@ def assemble_adjustment(
         parts=_describe_parts(problem, part_of_image, ground_sigma, prior_share),
         cross_validation=found.cross_validation,
         warnings=(
-            *problem.warnings,
-            *found.warnings,
+            *(*problem.warnings, *found.warnings),
             *_warn_of_weak_parameters(problem, loop, prior_share),
             *_warn_of_heights(heights),
             *_warn_of_plan(plan),
@@ -157,9 +142,7 @@ def assemble_adjustment(
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,
-        estimate_residual_px=_expand_estimate_residuals(problem, solution, kept),
         tests=found.tests,
-        estimated_sigma_px=_expand_sigmas(block, rows, found),
         survey_factors=found.survey_factors,
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares),
@@ -191,21 +174,36 @@ def _join_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squar
     )  # fmt: skip
 
 
-def _expand_sigmas(block: Block, rows: np.ndarray, found: RoundFindings) -> np.ndarray | None:
-    """Return the standard deviations of all measurements, estimated where they took part; None where as given."""
-    if found.sigma_px is None or np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
-        return None
-    sigma = block.measurements.sigma_px.copy()
-    sigma[rows] = found.sigma_px
-    return sigma
+def _describe_measurements(
+    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, residual: np.ndarray,
+    placed: np.ndarray,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the fields of an `Adjustment` that have a row for each measurement of the block.
 
-
-def _expand_estimate_residuals(problem: Problem, solution: Solution, kept: np.ndarray) -> np.ndarray | None:
-    """Return the residuals with all that was estimated, None where that is what is delivered."""
-    if problem.camera is problem.model:
-        return None
-    residual = np.where(kept[:, None], solution.normals.residual, np.nan)
-    return _expand_rows(len(problem.block.measurements), problem.observations.rows, residual)
+    ``residual (n, 2)`` are those by the delivered cameras; ``placed (n,)`` says whether a measurement's point has a
+    position.
+    """
+    block, rows, count = problem.block, problem.observations.rows, len(problem.block.measurements)
+    kept = (solution.weight > 0.0) & placed
+    redundancy_numbers, statistic = _compute_reliability(problem, solution, precise, found.tie_variance)
+    if found.failed is not None:
+        statistic = np.where(np.isnan(statistic), found.failed, statistic)
+    estimate = None
+    if problem.camera is not problem.model:  # the drift that the model does not follow was estimated beside it
+        estimate = _expand_rows(count, rows, np.where(kept[:, None], solution.normals.residual, np.nan))
+    sigma = None
+    if found.sigma_px is not None and not np.array_equal(found.sigma_px, block.measurements.sigma_px[rows]):
+        sigma = block.measurements.sigma_px.copy()
+        sigma[rows] = found.sigma_px
+    return {
+        "residual_px": _expand_rows(count, rows, np.where(kept[:, None], residual, np.nan)),
+        "weight": _expand_rows(count, rows, np.where(kept, solution.factor, 0.0), 0.0),
+        "redundancy_numbers": _expand_rows(count, rows, redundancy_numbers),
+        "statistic": _expand_rows(count, rows, statistic),
+        "decision": _expand_rows(count, rows, found.decision, int(Decision.KEPT)),
+        "estimate_residual_px": estimate,
+        "estimated_sigma_px": sigma,
+    }
 
 
 def _compute_covariance(

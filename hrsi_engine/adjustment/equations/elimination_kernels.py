@@ -111,6 +111,41 @@ def _add_pair(
 
 
 @njit(**OPTIONS)
+def _add_pairs_of_point(
+    begin: int, row0: int, count: int, weight: np.ndarray, camera: np.ndarray, terms: np.ndarray,
+    by_quantity: np.ndarray | None, u: np.ndarray, w: np.ndarray, s: np.ndarray, start: np.ndarray,
+    columns: np.ndarray, blocks: np.ndarray,
+) -> None:  # fmt: skip
+    """Add all pairs of a point's image points to the blocks; ``s (q q,)`` is overwritten."""
+    q = u.shape[1]
+    for a in range(count):
+        weight_a, at = weight[row0 + a], begin + a
+        if weight_a == 0.0:
+            continue
+        ca = camera[row0 + a]
+        if by_quantity is None:
+            s[0] = s[3] = weight_a
+            s[1] = s[2] = 0.0
+        else:
+            for c in range(q):
+                g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                for d in range(q):
+                    s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
+        _add_pair(blocks, start[ca], s, u, w, terms, begin, a, a, q)
+        for b in range(a + 1, count):
+            if weight[row0 + b] == 0.0:
+                continue
+            cb = camera[row0 + b]
+            k = _find_block(start, columns, min(ca, cb), max(ca, cb))
+            if ca <= cb:
+                s[:] = 0.0
+                _add_pair(blocks, k, s, u, w, terms, begin, a, b, q)
+            if ca >= cb:
+                s[:] = 0.0
+                _add_pair(blocks, k, s, u, w, terms, begin, b, a, q)
+
+
+@njit(**OPTIONS)
 def eliminate_points(
     rows: Arrays, most: int, camera: np.ndarray, linear: Arrays, by_quantity: np.ndarray | None, ground: np.ndarray,
     prior: Arrays, contributes: np.ndarray, start: np.ndarray, columns: np.ndarray,
@@ -160,31 +195,7 @@ def eliminate_points(
                     rest -= u[a, c, j] * g[j]
                 for i in range(m):
                     right[ca, c * m + i] += terms[at, i] * rest
-        for a in range(count):
-            weight_a, at = weight[row0 + a], begin + a
-            if weight_a == 0.0:
-                continue
-            ca = camera[row0 + a]
-            if by_quantity is None:
-                s[0] = s[3] = weight_a
-                s[1] = s[2] = 0.0
-            else:
-                for c in range(q):
-                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
-                    for d in range(q):
-                        s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
-            _add_pair(blocks, start[ca], s, u, w, terms, begin, a, a, q)
-            for b in range(a + 1, count):
-                if weight[row0 + b] == 0.0:
-                    continue
-                cb = camera[row0 + b]
-                k = _find_block(start, columns, min(ca, cb), max(ca, cb))
-                if ca <= cb:
-                    s[:] = 0.0
-                    _add_pair(blocks, k, s, u, w, terms, begin, a, b, q)
-                if ca >= cb:
-                    s[:] = 0.0
-                    _add_pair(blocks, k, s, u, w, terms, begin, b, a, q)
+        _add_pairs_of_point(begin, row0, count, weight, camera, terms, by_quantity, u, w, s, start, columns, blocks)
 
 
 @njit(**OPTIONS)
