@@ -22,7 +22,7 @@ CLOSE_S = 2  # that it has to take leave
 
 
 @contextmanager
-def connected(address: str, certificates: Certificates) -> Iterator[Any]:
+def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
     """Give a client of the Dask scheduler at an address; what nobody waits for any more is cancelled in the end.
 
     Parameters
@@ -100,7 +100,7 @@ class OnWorker:
             ) from None
 
 
-def _within(seconds: float, call: Callable[[], Any]) -> Any:
+def _wait_for(seconds: float, call: Callable[[], Any]) -> Any:
     """Return what a call returns; raise TimeoutError where it takes longer, and leave it behind.
 
     A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by Dask's
@@ -149,7 +149,7 @@ def _connect(address: str, certificates: Certificates) -> Any:
             }
             known = {name: file for name, file in given.items() if file is not None}
             security = Security(require_encryption=True, **known)
-        return _within(GIVE_UP_S, lambda: Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
+        return _wait_for(GIVE_UP_S, lambda: Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None

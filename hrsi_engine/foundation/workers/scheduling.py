@@ -19,7 +19,7 @@ import numpy as np
 
 from ..progress import Progress, advance, silent
 from .certificates import CONFIGURED, Certificates
-from .cluster import OnWorker, connected
+from .cluster import OnWorker, open_client
 from .threads import one_thread_calls, one_thread_filters, thread_count
 
 PartResult = dict[str, np.ndarray]
@@ -111,7 +111,7 @@ def run_parts(
     missing = [key for key in dict.fromkeys(wanted) if key not in results]
     before = len(results)
 
-    def done(key: str, result: PartResult) -> None:
+    def finish(key: str, result: PartResult) -> None:
         if keeper is not None and by_key[key].keep:
             keeper.save(key, result)
         results[key] = result
@@ -124,11 +124,11 @@ def run_parts(
 
     if missing:
         tell(missing[0])
-        scheduler(_graph(by_key, missing), missing, done)
+        scheduler(_build_graph(by_key, missing), missing, finish)
     return {key: results[key] for key in wanted}
 
 
-def _graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
+def _build_graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
     """Return the tasks of the wanted parts and of all that they need, as Dask takes them."""
     graph: Graph = {}
     waiting = list(wanted)
@@ -178,11 +178,11 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
         The package for workers is missing, or nobody answers at the address.
     """
     if address:
-        return _run_distributed(address, certificates)
-    return _threads(thread_count(threads))
+        return _run_on_workers(address, certificates)
+    return _run_on_threads(thread_count(threads))
 
 
-def _threads(count: int) -> Scheduler:
+def _run_on_threads(count: int) -> Scheduler:
     """Return a scheduler of threads; a run that is given up waits for the parts in work only.
 
     Parts start in the order in which a depth-first walk from the wanted ones meets them, so that few results wait for
@@ -190,7 +190,7 @@ def _threads(count: int) -> Scheduler:
     """
 
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        order = _in_order(graph, wanted)
+        order = _sort_tasks(graph, wanted)
         place = {key: number for number, key in enumerate(order)}
         users: dict[str, list[str]] = {key: [] for key in order}
         for key in order:
@@ -229,7 +229,7 @@ def _threads(count: int) -> Scheduler:
     return run
 
 
-def _in_order(graph: Graph, wanted: Sequence[str]) -> list[str]:
+def _sort_tasks(graph: Graph, wanted: Sequence[str]) -> list[str]:
     """Return the tasks of the wanted ones, each after those it needs."""
     order: dict[str, None] = {}
     waiting = list(reversed(wanted))
@@ -245,9 +245,9 @@ def _in_order(graph: Graph, wanted: Sequence[str]) -> list[str]:
     return list(order)
 
 
-def _run_distributed(address: str, certificates: Certificates) -> Scheduler:
+def _run_on_workers(address: str, certificates: Certificates) -> Scheduler:
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        with connected(address, certificates) as client:
+        with open_client(address, certificates) as client:
             from distributed import as_completed
 
             at_workers = {key: (OnWorker(call), *needs) for key, (call, *needs) in graph.items()}

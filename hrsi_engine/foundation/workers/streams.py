@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
 from .certificates import CONFIGURED, Certificates
-from .cluster import OnWorker, connected
+from .cluster import OnWorker, open_client
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -92,12 +92,12 @@ def open_calls(
     Raises
     ------
     InputError
-        As `cluster.connected`.
+        As `cluster.open_client`.
     SolveError
         Likewise.
     """
     if address:
-        with connected(address, certificates) as client:
+        with open_client(address, certificates) as client:
             ahead = max(LEAST_ELSEWHERE, AHEAD_ELSEWHERE * sum(client.nthreads().values()))
             yield Calls(lambda function, job: client.submit(OnWorker(function), job, pure=False), ahead, True)
         return

@@ -17,7 +17,7 @@ def thread_count(asked: int) -> int:
     return asked or os.cpu_count() or 1
 
 
-class _OneThreadCalls:
+class _OneThreadLimit:
     """How many runs want a library to use the thread that calls it alone; the last one gives its threads back.
 
     ``limit`` limits the library until the stack that it gets is closed, and tells whether there is anything to limit.
@@ -28,7 +28,7 @@ class _OneThreadCalls:
         self.held = False
 
     @contextmanager
-    def wanted(self) -> Iterator[None]:
+    def hold(self) -> Iterator[None]:
         with self._lock:
             if not self._runs:
                 self.held = self._limit(self._limits)
@@ -62,10 +62,10 @@ def _limit_opencv(limits: ExitStack) -> bool:
 #: Context in which calls of BLAS make no threads of their own, where threadpoolctl is there. The number is that of the
 #: process, and several runs may share one, as tasks of QGIS do. Products of small matrices from two threads at once
 #: otherwise spend a tenth of the processor's time on waiting for one another, and more on more cores.
-_calls = _OneThreadCalls(_limit_blas)
-one_thread_calls = _calls.wanted
+_calls = _OneThreadLimit(_limit_blas)
+one_thread_calls = _calls.hold
 #: The same of OpenCV's filters and features, whose threads yield the processor to one another without end.
-one_thread_filters = _OneThreadCalls(_limit_opencv).wanted
+one_thread_filters = _OneThreadLimit(_limit_opencv).hold
 
 
 def are_one_thread_calls() -> bool:
