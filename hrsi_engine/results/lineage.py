@@ -135,6 +135,7 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         ``HRSI_VERSION`` and the like.
     """
     accuracy, source = block_accuracy(report)
+    operations = _name_operations(report.get("crs_operations") or ())
     return {
         "HRSI_VERSION": report["version"],
         "HRSI_DATE": report["date"],
@@ -143,18 +144,19 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         "HRSI_BLOCK": list_ids(report["images"], ACCURACY_GRID.most_ids),
         "HRSI_REPORT": report_path,
         "HRSI_VERDICT": report["verdict"]["level"],
-        **({"HRSI_CRS_OPERATIONS": _name_operations(report["crs_operations"])} if report.get("crs_operations") else {}),
+        **({"HRSI_CRS_OPERATIONS": operations} if operations else {}),
         **{f"HRSI_{name}_M": f"{value:.4g}" for name, value in accuracy.items() if value is not None},
         **({"HRSI_ACCURACY_FROM": source} if any(value is not None for value in accuracy.values()) else {}),
     }
 
 
 def _name_operations(entries: Sequence[Mapping[str, Any]]) -> str:
-    """Return the coordinate operations of a report in one line, each once."""
+    """Return the coordinate operations of a report in one line, each once, without the exact ones."""
     named = [
         f"{entry['name']} ({entry['code'] or 'no code'}, "
         f"{'accuracy unknown' if entry['accuracy_m'] is None else format(entry['accuracy_m'], 'g') + ' m'})"
         for entry in entries
+        if entry["accuracy_m"] != 0.0
     ]
     return "; ".join(dict.fromkeys(named))
 
