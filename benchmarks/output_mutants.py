@@ -61,7 +61,7 @@ MUTANTS = (
         '"rmse_line_px": rmse(left.at_known_px[here, 1])', '"rmse_line_px": rmse(left.at_known_px[here, 0])', TRUTH,
     ),
     Mutant(
-        "sigma0 dropped from all covariances", "adjustment/outcome.py", "max(sums.sigma0, 1.0) ** 2", "1.0", TRUTH,
+        "sigma0 dropped from all covariances", "adjustment/outcome.py", "max(sigma0, 1.0) ** 2", "1.0", TRUTH,
     ),
     Mutant(
         "sigma0 dropped from the parameters' sigmas", "adjustment/outcome.py",

@@ -97,17 +97,14 @@ def assemble_adjustment(
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     part_of_image = _number_parts(problem)
-    # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit.
-    # A sigma0 below 1 is the image points' own too: it makes no survey better than it was said to be.
-    factor = np.array([max(sums.sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])[part_of_image]
+    factor = _choose_variance_factors(problem, sums.sigma0)[part_of_image]
     covariance = _compute_covariance(problem, solution, precise, cameras, factor)
     covariance = _expand_rows(len(block.points), points, np.where(placed[:, None, None], covariance, np.nan))
     shifts = _propagate_operation_shifts(problem, loop, solution)
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))
-    heights, laser = _judge_heights(problem, solution, precise)
-    plan = _judge_plan(problem, solution, precise)
+    (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
     return Adjustment(
         block=block,
@@ -148,6 +145,15 @@ def assemble_adjustment(
         joint=_join_cameras(problem, loop, solution, cameras.squares),
         operation_shifts_m=shifts,
     )
+
+
+def _choose_variance_factors(problem: Problem, sigma0: float) -> np.ndarray:
+    """Return the factor of the cofactors of each part of the block ``(parts,)``.
+
+    Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit. A sigma0
+    below 1 is the image points' own too: it makes no survey better than it was said to be.
+    """
+    return np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
 
 
 def _propagate_operation_shifts(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
