@@ -54,7 +54,7 @@ def test_tour_from_nothing_to_arrows(tour: FirstSteps) -> None:
     view = dock._active
     assert (dock.point(), view.image()) == (name, image)
     wait_for(lambda: not view.canvas.isDrawing())
-    sample, line = dock.session.predicted(name, image)
+    sample, line = dock.session.predict_place(name, image)
     before = dict(dock.session.measured)
     for across, down in ((0, 0), (12, 0), (-12, 0), (0, 12), (0, -12), (24, 0), (-24, 0), (0, 24), (0, -24)):
         click_on(

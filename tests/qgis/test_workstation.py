@@ -389,12 +389,12 @@ from qgis.core import QgsApplication
 app = QgsApplication([], True); app.initQgis()
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms.point_session import files
-from hrsi.processing_algorithms.point_session.rows import Measured
+from hrsi.processing_algorithms.point_session.rows import ImageMeasurement
 root, ground, points, *images = sys.argv[1:]
 panel = PointsDock(None, None, root)
 panel.show_session(files.new_session(images, ground, points))
 key = next(key for key in panel.session.measured if key[0] in panel.session.points)
-panel.session.set_measurement(*key, Measured(123.25, 45.5, 0.2, "center", 0.9))
+panel.session.set_measurement(*key, ImageMeasurement(123.25, 45.5, 0.2, "center", 0.9))
 print("measured", *key, flush=True)
 sys.stdin.read()
 """
