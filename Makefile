@@ -45,8 +45,9 @@ lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's rea
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check . || { echo "make format mends this"; exit 1; }
 	@mkdir -p $(BUILD)/typing && ln -sfn $(CURDIR) $(BUILD)/typing/hrsi  # modules have names in a clone of any name
-	@cd $(BUILD)/typing && $(CURDIR)/$(BIN)/mypy --config-file hrsi/pyproject.toml hrsi/hrsi_engine hrsi/processing_algorithms hrsi/plugin
+	@cd $(BUILD)/typing && MYPYPATH=. $(CURDIR)/$(BIN)/mypy --explicit-package-bases --config-file hrsi/pyproject.toml hrsi/hrsi_engine hrsi/processing_algorithms hrsi/plugin
 	@$(BIN)/python scripts/check_docstrings.py
+	@$(BIN)/python scripts/check_names.py
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
 

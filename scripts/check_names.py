@@ -5,7 +5,8 @@ reads the whole product. ``make lint`` runs it: it fails where a public name is 
 
 A name is a participle where its first or its last word is one (``_joined_rows``, ``points_seen``): a reader cannot tell
 whether it does something, is something, or answers a question. ``is_…`` and ``has_…`` answer questions, ``find_…``,
-``select_…``, ``compute_…`` do something, and a property may be the noun or adjective that it is.
+``select_…``, ``compute_…`` do something. A property may be the noun or adjective that it is, and a class may have an
+adjective before its noun.
 """
 
 from __future__ import annotations
@@ -45,11 +46,12 @@ NO_ADVERBS = {"apply", "multiply", "supply", "family", "assembly", "anomaly", "r
 
 
 class Name(NamedTuple):
-    """A function or class: where it stands, its name, and whether it is judged as the noun or adjective it may be."""
+    """A function or class: where it stands, its name, and which it is."""
 
     place: str
     name: str
     is_property: bool
+    is_class: bool
 
 
 def names_in(tree: ast.Module, place: str) -> Iterator[Name]:
@@ -58,7 +60,7 @@ def names_in(tree: ast.Module, place: str) -> Iterator[Name]:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             decorators = [] if isinstance(node, ast.ClassDef) else node.decorator_list
             is_property = any("property" in ast.unparse(decorator) for decorator in decorators)
-            yield Name(f"{place}:{node.lineno}", node.name, is_property)
+            yield Name(f"{place}:{node.lineno}", node.name, is_property, isinstance(node, ast.ClassDef))
 
 
 def fault_of(name: Name) -> str:
@@ -71,6 +73,8 @@ def fault_of(name: Name) -> str:
     if len(words) == 1 and words[0] in EMPTY:
         return "says nothing alone"
     ends = {words[0]} if words[0] in ("is", "has", "as") or "by" in words[1:] else {words[0], words[-1]}
+    if name.is_class:  # an adjective before its noun: ``AdjustedPoint``
+        ends = {words[-1]}
     for word in ends - VERBS:
         if ADVERB.fullmatch(word) and word not in NO_ADVERBS and not name.is_property:
             return f"{word}: an adverb"
