@@ -40,7 +40,7 @@ from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.refinement import MODELS
 
@@ -295,12 +295,12 @@ def simulated(count: int, per_image: int = 100, seed: int = 1) -> Block:
     images = []
     for index in range(count):
         scene, view = index % scenes, index // scenes
-        lon, lat, _ = moved_ground(origin, np.array([[*centre[scene], 0.0]]))[0]
+        lon, lat, _ = move_ground(origin, np.array([[*centre[scene], 0.0]]))[0]
         images.append(Image(f"I{index:06d}", _camera(lon, lat, (0.25 * (view - 1), 0.02 * rng.normal()), half_px, gsd)))
     total = round(per_image * count / 3.3)
     place = rng.uniform(-0.5, 0.5, (total, 2)) * (np.ptp(centre, axis=0) + 12000 * gsd)
     place = place[np.argsort(place[:, 0])]
-    truth = moved_ground(np.repeat(origin, total, axis=0), np.column_stack([place, rng.uniform(-200, 200, total)]))
+    truth = move_ground(np.repeat(origin, total, axis=0), np.column_stack([place, rng.uniform(-200, 200, total)]))
     ids = np.array([f"P{k:07d}" for k in range(total)])
     tables = []
     for index, image in enumerate(images):
@@ -316,7 +316,7 @@ def simulated(count: int, per_image: int = 100, seed: int = 1) -> Block:
     names = np.concatenate([np.full(len(points), images[index].id) for points, index, _ in tables])
     measured = ImagePoints.create(ids[rows], names, np.concatenate([xy for _, _, xy in tables]), 0.3)
     control = np.unique(rng.choice(total, max(6, count // 30)))
-    survey = moved_ground(truth[control], rng.normal(0, 0.1, (len(control), 3)))
+    survey = move_ground(truth[control], rng.normal(0, 0.1, (len(control), 3)))
     return assemble(images, [GroundPoints.create(ids[control], survey, Role.GCP, 0.1)], [measured])
 
 

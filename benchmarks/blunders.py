@@ -22,7 +22,7 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
@@ -206,7 +206,7 @@ def wrong_measurement(block: Block, rows: np.ndarray, rng: np.random.Generator) 
 
 def _moved(block: Block, rows: np.ndarray, metres: np.ndarray) -> Block:
     ground = block.points.ground.copy()
-    ground[rows] = moved_ground(ground[rows], metres)
+    ground[rows] = move_ground(ground[rows], metres)
     return replace(block, points=replace(block.points, ground=ground))
 
 

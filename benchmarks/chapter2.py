@@ -23,7 +23,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.registration import compare_kinds
@@ -177,7 +177,7 @@ def intersect(rpcs: list[RPC], xy: np.ndarray, start: np.ndarray) -> np.ndarray:
         parts = [rpc.project_with_metric_jacobian(ground[None]) for rpc in rpcs]
         design = np.vstack([jacobian[0] for _, jacobian in parts])
         miss = np.concatenate([seen - computed[0] for seen, (computed, _) in zip(xy, parts, strict=True)])
-        ground = moved_ground(ground[None], np.linalg.lstsq(design, miss, rcond=None)[0][None])[0]
+        ground = move_ground(ground[None], np.linalg.lstsq(design, miss, rcond=None)[0][None])[0]
     return ground
 
 

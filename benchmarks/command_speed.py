@@ -36,7 +36,7 @@ import numpy as np
 from hrsi.benchmarks.adjust_speed import simulated, with_blunders
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 
 WRONG_GCPS, WRONG_TIES = 0.05, 0.01
@@ -103,7 +103,7 @@ def spoilt(block: Block, seed: int = 6) -> Block:
     control = np.flatnonzero(block.points.role == Role.GCP)
     chosen = np.sort(rng.choice(control, max(1, round(WRONG_GCPS * len(control))), replace=False))
     ground = bad.points.ground.copy()
-    ground[chosen] = moved_ground(ground[chosen], 20.0 * np.eye(3)[rng.integers(0, 3, len(chosen))])
+    ground[chosen] = move_ground(ground[chosen], 20.0 * np.eye(3)[rng.integers(0, 3, len(chosen))])
     return replace(bad, points=replace(bad.points, ground=ground))
 
 

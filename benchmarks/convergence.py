@@ -32,7 +32,7 @@ from hrsi.hrsi_engine.adjustment.problem import Problem, prepare_problem
 from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
@@ -176,7 +176,7 @@ def _reference(problem: Problem, values: np.ndarray, ground: np.ndarray) -> floa
 
     def state(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         moved = ground.copy()
-        moved[sees] = moved_ground(ground[sees], x[count * p :].reshape(-1, 3))
+        moved[sees] = move_ground(ground[sees], x[count * p :].reshape(-1, 3))
         return values + np.where(free, x[: count * p], 0.0).reshape(count, p), moved
 
     def residuals(x: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Role
 from hrsi.hrsi_engine.ground.crs_operations import CrsOperations, operations_of
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.ground.operation_uses import OperationUse, describe_missing_grid
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
@@ -272,7 +272,7 @@ def _rpcs_apart_px(first: str, second: str) -> float:
     steps = np.linspace(-150.0, 150.0, 5)
     east, north = np.meshgrid(steps, steps)
     middle = np.tile([one.long_off, one.lat_off, one.height_off], (25, 1))
-    ground = moved_ground(middle, np.column_stack([east.ravel(), north.ravel(), np.zeros(25)]))
+    ground = move_ground(middle, np.column_stack([east.ravel(), north.ravel(), np.zeros(25)]))
     return float(np.abs(one.project(ground) - two.project(ground)).max())
 
 
@@ -305,7 +305,7 @@ def name_operation(block: Block, use: OperationUse, checks: bool = True) -> Bloc
 def _shifted(block: Block, shift_m: np.ndarray, use: OperationUse) -> Block:
     """Return a block whose GCPs are shifted as a whole, by an operation that is named."""
     gcps, ground = block.points.role == Role.GCP, block.points.ground.copy()
-    ground[gcps] = moved_ground(ground[gcps], np.tile(shift_m, (gcps.sum(), 1)))
+    ground[gcps] = move_ground(ground[gcps], np.tile(shift_m, (gcps.sum(), 1)))
     return name_operation(replace(block, points=replace(block.points, ground=ground)), use)
 
 

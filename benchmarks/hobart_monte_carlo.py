@@ -14,7 +14,7 @@ import numpy as np
 from hrsi.benchmarks.real_blocks import check_rmse, hobart
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Block
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 
 RUNS = 200
 MEASURED_M = 0.087  # by how much the height RMSE of the centres grows on the real block
@@ -34,7 +34,7 @@ def simulated(block: Block, drift: float, seed: int) -> Block:
         exact = image.rpc.project(block.points.ground[rows.point[here]])
         error = rng.normal(0, SHIFT_PX, 2) + (exact - image.centre_px) @ rng.normal(0, drift, (2, 2))
         xy[here] = exact + error + sigma[here, None] * rng.normal(size=exact.shape)
-    survey = moved_ground(block.points.ground, rng.normal(0, SIGMA_SURVEY_M, block.points.ground.shape))
+    survey = move_ground(block.points.ground, rng.normal(0, SIGMA_SURVEY_M, block.points.ground.shape))
     return replace(block, measurements=replace(rows, xy=xy), points=replace(block.points, ground=survey))
 
 

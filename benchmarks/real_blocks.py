@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
@@ -170,7 +170,7 @@ def moved_gcp(block: Block, name: str, metres_east: float = 40 * 3.4) -> Block:
     """Return the block with a GCP's ground position moved east."""
     ground = block.points.ground.copy()
     row = np.flatnonzero(block.points.ids == name)
-    ground[row] = moved_ground(ground[row], np.array([[metres_east, 0.0, 0.0]]))
+    ground[row] = move_ground(ground[row], np.array([[metres_east, 0.0, 0.0]]))
     return replace(block, points=replace(block.points, ground=ground))
 
 

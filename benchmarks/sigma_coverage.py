@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
@@ -125,7 +125,7 @@ def simulate(kind: Configuration, seed: int) -> Block:
     reach = 0.46 * kind.size * SENSORS[kind.sensor].gsd_m
     offsets = np.column_stack([rng.uniform(-reach, reach, (total, 2)), rng.uniform(-0.5, 0.5, total) * RELIEF_M])
     offsets[: known - CHECKS, :2] = _spread(rng, known - CHECKS, 0.9 * reach)
-    truth = moved_ground(np.tile(CENTRE, (total, 1)), offsets)
+    truth = move_ground(np.tile(CENTRE, (total, 1)), offsets)
     tables = []
     accuracy = SENSORS[kind.sensor].accuracy
     for camera, image in taken:
@@ -142,7 +142,7 @@ def simulate(kind: Configuration, seed: int) -> Block:
         tables.append(ImagePoints.create(ids, [image.id] * total, xy, NOISE_PX))
     sigma = np.tile(kind.survey_m, (known, 1))
     sigma[: kind.poor] *= 10.0
-    surveyed = moved_ground(truth[:known], rng.normal(0.0, 1.0, (known, 3)) * sigma)
+    surveyed = move_ground(truth[:known], rng.normal(0.0, 1.0, (known, 3)) * sigma)
     said = kind.stated * sigma[:, [0, 2]]
     said[kind.gcps : kind.gcps + kind.height_only, 0] = 1000.0
     return assemble([image for _, image in taken], [GroundPoints.create(ids[:known], surveyed, role, said)], tables)

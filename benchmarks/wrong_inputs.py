@@ -28,10 +28,10 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.ground.geodesy import (
     ground_difference_m,
     metres_per_degree,
-    moved_ground,
+    move_ground,
 )
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
-from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, to_projected
+from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.laboratory.simulated_files import write_dem, write_ground_points
@@ -207,7 +207,7 @@ def _write_ground(path: str, inputs: Inputs) -> None:
     if inputs.crs is None:
         write_ground_points(path, inputs.ground)
         return
-    xy = to_projected(inputs.ground.ground, inputs.crs)
+    xy = project_to_map(inputs.ground.ground, inputs.crs)
     with open(path, "w", encoding="utf-8") as file:
         file.write("id,role,x,y,z,sigma_xy,sigma_h\n")
         columns = zip(
@@ -383,7 +383,7 @@ def control_as_checks(metres: float = 0.0, pixels: float = 0.0) -> Spoil:
         noise = rng.normal(0.0, metres, points.ground.shape) if metres else np.zeros_like(points.ground)
         both = GroundPoints.create(
             np.r_[points.ids, np.char.add("X", points.ids)],
-            np.vstack([points.ground, moved_ground(points.ground, noise)]),
+            np.vstack([points.ground, move_ground(points.ground, noise)]),
             np.r_[points.role, np.full(len(points), Role.CHECK)], np.tile(points.sigma_m, (2, 1)),
         )  # fmt: skip
         joined = ImagePoints.create(
@@ -433,7 +433,7 @@ def moved(east_m: float, north_m: float) -> Spoil:
         angle = rng.uniform(0.0, 2.0 * np.pi)
         c, s = np.cos(angle), np.sin(angle)
         step = np.array([c * east_m - s * north_m, s * east_m + c * north_m, 0.0])
-        return inputs.with_ground(moved_ground(inputs.ground.ground, np.tile(step, (len(inputs.ground), 1))))
+        return inputs.with_ground(move_ground(inputs.ground.ground, np.tile(step, (len(inputs.ground), 1))))
 
     return spoil
 
@@ -466,7 +466,7 @@ def some_off(count: int | float, metres: tuple[float, float, float], pixels: flo
             step[row] = size * np.array(
                 [c * direction[0] - s * direction[1], s * direction[0] + c * direction[1], direction[2]]
             )
-        return inputs.with_ground(moved_ground(inputs.ground.ground, step))
+        return inputs.with_ground(move_ground(inputs.ground.ground, step))
 
     return spoil
 
@@ -520,7 +520,7 @@ def wrong_ties(share: float) -> Spoil:
 def scattered_gcps(pixels: float) -> Spoil:
     def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
         step = rng.normal(0.0, pixels * inputs.gsd_m, (len(inputs.ground), 3)) * [1.0, 1.0, 0.0]
-        return inputs.with_ground(moved_ground(inputs.ground.ground, step))
+        return inputs.with_ground(move_ground(inputs.ground.ground, step))
 
     return spoil
 

@@ -11,7 +11,7 @@ from scipy import linalg
 from hrsi.hrsi_engine.adjustment.equations import FREE_POINT_SIGMA_M
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.block.pointing import POINTING
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, add_drift_parameters
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
 
@@ -46,7 +46,7 @@ def dense_solution(block, model, controlled=True, drift=POINTING.least_drift):
         offsets = np.concatenate([-values.ravel(), ground_difference_m(start, ground).ravel()])
         step = np.linalg.solve(normal, design.T @ (weight * miss) + np.linalg.solve(own, offsets))
         values = values + step[: count * q].reshape(count, q)
-        ground = moved_ground(ground, step[count * q :].reshape(-1, 3))
+        ground = move_ground(ground, step[count * q :].reshape(-1, 3))
     cofactor = np.diag(np.linalg.inv(normal))
     delivered, without = _without_drift(block, model, values, ground, start, design[:, : count * q], weight, prior)
     return Dense(
@@ -100,5 +100,5 @@ def _without_drift(block, model, values, ground, start, by_values, weight, prior
         by_ground = design[:, count * p :]
         normal = by_ground.T @ (by_ground * weight[:, None]) + inverse
         right = by_ground.T @ (weight * miss) + inverse @ ground_difference_m(start, ground).ravel()
-        ground = moved_ground(ground, np.linalg.solve(normal, right).reshape(-1, 3))
+        ground = move_ground(ground, np.linalg.solve(normal, right).reshape(-1, 3))
     return delivered, ground

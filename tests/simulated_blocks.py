@@ -8,7 +8,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 
 LON, LAT, HEIGHT = 147.3, -42.85, 200.0
 
@@ -52,7 +52,7 @@ def ground(count: int, seed: int) -> np.ndarray:
     """Return points spread over the images' common area, heights of hilly terrain."""
     rng = np.random.default_rng(seed)
     metres = np.column_stack([rng.uniform(-1500, 1500, (count, 2)), rng.uniform(-100, 200, count)])
-    return moved_ground(np.tile([LON, LAT, HEIGHT], (count, 1)), metres)
+    return move_ground(np.tile([LON, LAT, HEIGHT], (count, 1)), metres)
 
 
 def block(
@@ -87,7 +87,7 @@ def block(
             exact + error[:, 0] + (exact - image.centre_px) @ error[:, 1:].T + rng.normal(0, noise_px, exact.shape)
         )
         rows.append(ImagePoints.create(ids, [image.id] * total, measured, noise_px))
-    surveyed = moved_ground(truth, rng.normal(0, noise_m, truth.shape))
+    surveyed = move_ground(truth, rng.normal(0, noise_m, truth.shape))
     known = role != Role.TIE
     table = GroundPoints.create(np.array(ids)[known], surveyed[known], role[known], noise_m)
     made = assemble(cameras, [table], rows, defaults=DefaultSigmas(noise_px, noise_m, noise_m))

@@ -72,7 +72,7 @@ def test_rotation_to_is_the_derivative_of_from_ground() -> None:
     for axis in range(3):
         step = np.zeros(3)
         step[axis] = 1.0
-        difference = frame.from_ground(geodesy.moved_ground(ground, step)) - frame.from_ground(ground)
+        difference = frame.from_ground(geodesy.move_ground(ground, step)) - frame.from_ground(ground)
         np.testing.assert_allclose(rotation[:, :, axis], difference, atol=1e-6)  # one metre on a curved earth
 
 
@@ -108,7 +108,9 @@ def test_the_map_of_a_place_is_its_utm_zone_or_ups(lon: float, lat: float, epsg:
 @pytest.mark.parametrize(("lat", "epsg"), [(88.0, 5041), (-88.0, 5042)])
 def test_ups_has_its_easting_first_and_grows_along_the_meridians_as_dma_says(lat: float, epsg: int) -> None:
     """On the meridian of 90 E the pole's false easting grows by the distance from the pole; true scale is 0.994."""
-    (easting, northing), (near, _) = map_crs.to_projected(np.array([[90.0, lat, 0.0], [90.0, lat * 1.0001, 0.0]]), epsg)
+    (easting, northing), (near, _) = map_crs.project_to_map(
+        np.array([[90.0, lat, 0.0], [90.0, lat * 1.0001, 0.0]]), epsg
+    )
     assert northing == pytest.approx(2e6, abs=1e-3)
     along = geodesy.ground_difference_m(np.array([[90.0, lat, 0.0]]), np.array([[90.0, lat * 1.0001, 0.0]]))[0, 1]
     assert easting > 2e6

@@ -26,7 +26,7 @@ from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m, moved_ground
+from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.models import MODELS
 from .intersection import estimate_start_positions, intersect_points
 from .observations import Observations, select_points
@@ -259,6 +259,6 @@ def compute_survey_differences_m(block: Block) -> np.ndarray:
         _, by_ground = block.images[rows.image[index]].rpc.project_with_metric_jacobian(ground)
         step = np.zeros((1, 3))
         step[0, :2] = np.linalg.solve(by_ground[0, :, :2], residual[index])
-        found = ground_difference_m(ground, moved_ground(ground, step))[0]
+        found = ground_difference_m(ground, move_ground(ground, step))[0]
         difference[rows.point[index], :2] = found[:2]
     return difference

@@ -24,7 +24,7 @@ from ..block.block import Block
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
-from ..ground.geodesy import moved_ground
+from ..ground.geodesy import move_ground
 from .delivery import absorb_drift, compute_drift_gain
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
 from .gauss_newton import Weighting
@@ -233,7 +233,7 @@ class Follower:
         if self._watched is not None:
             equations, state, weight, normals = self._watched
             steps = equations.compute_point_steps(state, weight, normals, delivered - state.values)
-            ground[equations.observations.points] = moved_ground(state.ground, steps)
+            ground[equations.observations.points] = move_ground(state.ground, steps)
             ground[np.isin(self._problem.block.points.ids, list(edited))] = np.nan
         return ground
 

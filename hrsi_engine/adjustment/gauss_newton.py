@@ -16,7 +16,7 @@ import numpy as np
 from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import moved_ground
+from ..ground.geodesy import move_ground
 from .equations import (
     CameraSystem,
     Cofactors,
@@ -207,7 +207,7 @@ class GaussNewton:
         self.solves += 1
         by_ground = self.equations.compute_point_steps(at.state, at.weight, at.normals, by_values)
         ahead = self._form_solution(
-            State(at.state.values + by_values, moved_ground(at.state.ground, by_ground)), at.weighting, at.factor
+            State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
         )
         braked = 0.5 * self.system.compute_damping_cost(by_values)
         promised = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at)) + braked

@@ -14,7 +14,7 @@ import numpy as np
 from ..block.block import Image
 from ..block.stack import stack_of
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import moved_ground
+from ..ground.geodesy import move_ground
 from ..refinement.model import RefinementModel
 from .equations import NormalEquations, PointPriors, State, make_diagonal_pattern
 from .observations import Observations
@@ -49,7 +49,7 @@ def estimate_start_positions(observations: Observations, height_m: float | None 
     offset = observations.xy[first] - np.array([one.centre_px for one in images]).reshape(-1, 2)[image]
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ offset[:, :, None])[:, :, 0]
-    ground = moved_ground(centre[image], step)
+    ground = move_ground(centre[image], step)
     return np.where(observations.survey_weight > 0.0, observations.survey, ground)
 
 
@@ -67,7 +67,7 @@ def _locate_centres(images: Sequence[Image], height_m: float | None) -> tuple[np
         outwards[moving] = np.linalg.pinv(by_ground[:, :, :2])
         step = np.zeros((len(moving), 3))
         step[:, :2] = (outwards[moving] @ (np.array(centre_px)[moving] - at)[:, :, None])[:, :, 0]
-        ground[moving] = moved_ground(ground[moving], step)
+        ground[moving] = move_ground(ground[moving], step)
         moving = moving[~(np.abs(step).max(axis=1) < START.closure_m)]
     for number in moving.tolist():  # slower, and safer with odd RPCs
         ground[number] = rpcs[number].localize(centre_px[number][None], ground[number, 2]).ground[0]

@@ -17,7 +17,7 @@ class ArrayFilters:
     def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         for axis, kernel in ((1, along_row), (0, along_column)):
             if len(kernel) > 1 or kernel[0] != 1:
-                result = _make_padded(image.shape, image.dtype)
+                result = _allocate_padding(image.shape, image.dtype)
                 ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
                 image = result
         return np.ascontiguousarray(image)
@@ -96,7 +96,7 @@ class ArrayFilters:
         return result.reshape(shape)
 
 
-def _make_padded(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+def _allocate_padding(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     """Return an empty image whose columns do not all fall on the same lines of the processor's cache."""
     spare = 24 if shape[1] % 256 == 0 else 0
     return np.empty((shape[0], shape[1] + spare), dtype)[:, : shape[1]]

@@ -9,7 +9,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "crs_operations": "CrsOperations operations_of to_wgs84",
         "geoids": "geoid_heights",
         "operation_uses": "CrsOperation OperationUse",
-        "map_crs": "map_epsg to_projected",
+        "map_crs": "map_epsg project_to_map",
         "height_datum": "HeightDifference height_difference",
     },
 )

@@ -13,6 +13,6 @@ from .geoids import geoid_heights as geoid_heights
 from .height_datum import HeightDifference as HeightDifference
 from .height_datum import height_difference as height_difference
 from .map_crs import map_epsg as map_epsg
-from .map_crs import to_projected as to_projected
+from .map_crs import project_to_map as project_to_map
 from .operation_uses import CrsOperation as CrsOperation
 from .operation_uses import OperationUse as OperationUse

@@ -134,7 +134,7 @@ def distances_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return np.linalg.norm(to_ecef(ground) - to_ecef(reference), axis=1)
 
 
-def moved_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
+def move_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
     """Return ground points moved by small east, north, up steps in metres."""
     return ground + step_m / metres_per_degree(ground)
 

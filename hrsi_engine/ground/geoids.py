@@ -132,7 +132,7 @@ def find_geoid(datum: str) -> Geoid:
 
 def find_substitute(datum: str) -> Geoid | None:
     """Return the finest geoid model that is installed as what stands in for a height datum; None without any."""
-    return next((Geoid(name, file, datum) for name, file in _installed_models()), None)
+    return next((Geoid(name, file, datum) for name, file in _find_installed_models()), None)
 
 
 def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
@@ -170,7 +170,7 @@ def how_to_get_grids(files: str = "us_nga_egm08_25.tif", is_geoid: bool = True) 
     )
 
 
-def _installed_models() -> Iterator[tuple[str, str]]:
+def _find_installed_models() -> Iterator[tuple[str, str]]:
     """Yield names and files of the models that are installed, finest first."""
     for name, files in GEOID_GRIDS.items():
         for file in files:

@@ -80,7 +80,7 @@ def middle_position(ground: np.ndarray) -> tuple[float, ...]:
     return float(np.nanmedian(continuous_longitudes(ground[:, 0]))), *others
 
 
-def to_projected(ground: np.ndarray, epsg: int) -> np.ndarray:
+def project_to_map(ground: np.ndarray, epsg: int) -> np.ndarray:
     """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
 
     Parameters

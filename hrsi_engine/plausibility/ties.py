@@ -20,7 +20,7 @@ from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import moved_ground
+from ..ground.geodesy import move_ground
 from .accuracy import SIMULATED_BLOCKS, ImageAccuracy
 from .sightlines import Sightlines, compute_sightlines
 from .slips import PIXEL_SLIPS, Slip
@@ -244,7 +244,7 @@ def _move_to_height(flat: Sightlines, height_m: float) -> Sightlines:
     """Return the rays with their ground points moved to one height."""
     climb = height_m - flat.ground[:, 2]
     step = np.column_stack([flat.slope * climb[:, None], climb])
-    return Sightlines(moved_ground(flat.ground, step), flat.slope)
+    return Sightlines(move_ground(flat.ground, step), flat.slope)
 
 
 def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ def operation_entries(uses: Iterable[OperationUse]) -> list[dict[str, Any]]:
     return [use.entry() for use in uses]
 
 
-def untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
+def find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
     """Return the CE90 and LE90 of what check points cannot test: errors of operations that they share with the GCPs.
 
     Parameters
@@ -51,7 +51,7 @@ def untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
     return errors_90(east, north, height) if max(east, north, height) > 0.0 else None
 
 
-def add_untested(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
+def add_untested_error(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
     """Return a figure of check points with what they cannot test; None where it was not measured.
 
     Parameters
@@ -59,7 +59,7 @@ def add_untested(measured: float | None, untested: Mapping[str, float | None] | 
     measured : float or None
         ``ce90_m`` or ``le90_m`` of the check points.
     untested : dict or None
-        As `untested_accuracy` returns it.
+        As `find_untested_accuracy` returns it.
     key : str
         Which of the two.
 

@@ -14,7 +14,7 @@ from ..block.block import GroundPoints, Role
 from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
-from .coordinate_operations import operation_entries, untested_accuracy
+from .coordinate_operations import find_untested_accuracy, operation_entries
 from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
@@ -76,7 +76,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "heights": [asdict(source) for source in result.heights],
         "plan": None if result.plan is None else asdict(result.plan),
         "crs_operations": operation_entries(result.block.all_operations),
-        "untested_by_check_points": untested_accuracy(result),
+        "untested_by_check_points": find_untested_accuracy(result),
         "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),
     }
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..adjustment.result import Adjustment
 from ..ground.geodesy import WGS84, WGS84_3D
-from ..ground.map_crs import map_epsg, middle_position, to_projected
-from ..io.geopackage.layer_words import Picked, Stacked
+from ..ground.map_crs import map_epsg, middle_position, project_to_map
+from ..io.geopackage.layer_words import PickedColumn, StackedColumn
 from ..io.geopackage.layers import Layer
 from .residuals import Residuals
 from .tables import (
@@ -69,8 +69,8 @@ def _point_layer(name: str, table: Table, epsg: int) -> Layer:
 
 def _project_positions(place: Any, epsg: int) -> Any:
     """Return positions ``(n, 3)`` in a projected CRS; those that rows share, once."""
-    if isinstance(place, Stacked):
-        return Stacked(tuple(_project_positions(part, epsg) for part in place.parts))
-    if isinstance(place, Picked):
-        return Picked(_project_positions(place.values, epsg), place.index)
-    return np.column_stack([to_projected(place, epsg), place[:, 2]])
+    if isinstance(place, StackedColumn):
+        return StackedColumn(tuple(_project_positions(part, epsg) for part in place.parts))
+    if isinstance(place, PickedColumn):
+        return PickedColumn(_project_positions(place.values, epsg), place.index)
+    return np.column_stack([project_to_map(place, epsg), place[:, 2]])

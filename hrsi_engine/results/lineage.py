@@ -26,7 +26,7 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
-from .coordinate_operations import add_untested
+from .coordinate_operations import add_untested_error
 from .tables import choose_positions
 
 
@@ -166,7 +166,7 @@ def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], 
     check, untested = report["check"], report.get("untested_by_check_points")
     if check["ce90_m"] is not None:
         keys = {"CE90": "ce90_m", "LE90": "le90_m"}
-        return {name: add_untested(check[key], untested, key) for name, key in keys.items()}, FROM_CHECKS
+        return {name: add_untested_error(check[key], untested, key) for name, key in keys.items()}, FROM_CHECKS
     found = {name: [part[f"{name.lower()}_m"] for part in report["parts"]] for name in ("CE90", "LE90")}
     return {
         name: max(values) if values and None not in values else None for name, values in found.items()

@@ -25,7 +25,7 @@ from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import ground_difference_m, moved_ground
+from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
 from ..refinement.stacked_cameras import linearise_images, project_to_images
@@ -257,7 +257,7 @@ def _on_single_rays(block: Block, model: RefinementModel, values: np.ndarray, si
         step = np.zeros_like(ground)
         miss = rows.xy[here] - at.computed
         step[:, :2] = np.linalg.solve(at.by_ground[:, :, :2], miss[:, :, None])[:, :, 0]
-        computed[rows.point[here]] = moved_ground(ground, step)
+        computed[rows.point[here]] = move_ground(ground, step)
     return computed
 
 

@@ -2,7 +2,7 @@
 
 Every table is its positions (longitude, latitude, height) and the columns that its class of rows declares
 (`io.geopackage.declared_layers`, where a new column is declared first). Words and positions that many rows share are
-there once (`Words`, `Picked`), and columns in two parts are not copied into one (`Stacked`): as arrays those of a
+there once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as arrays those of a
 million measurements take hundreds of megabytes.
 """
 
@@ -20,7 +20,7 @@ from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
-from ..io.geopackage.layer_words import Column, Picked, Stacked, Words, is_any, shared_word
+from ..io.geopackage.layer_words import Column, PickedColumn, StackedColumn, Words, is_any, make_shared_words
 from ..io.geopackage.typed_rows import LayerRows
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
@@ -40,7 +40,7 @@ TABLE = TableThresholds()
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Positions ``(n, 3)`` lon, lat, height (array, `Picked` or `Stacked`; or polygons) and n rows."""
+    """Positions ``(n, 3)`` lon, lat, height (array, `PickedColumn` or `StackedColumn`; or polygons) and n rows."""
 
     positions: Any
     columns: LayerRows
@@ -130,7 +130,7 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
         weight=result.weight,
         flag=measurement_flags(result, left),
     )
-    return _select_positions(Picked(place, rows.point), here, columns)
+    return _select_positions(PickedColumn(place, rows.point), here, columns)
 
 
 def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_image_residuals) -> Table:
@@ -141,7 +141,7 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_
     """
     surveyed, on_ground = _ground_rows(result, left)
     estimated, in_images = _image_rows(result, left, most)
-    return Table(Stacked((surveyed, estimated)), on_ground.then(in_images))
+    return Table(StackedColumn((surveyed, estimated)), on_ground.concatenate(in_images))
 
 
 def thinning_warnings(result: Adjustment) -> list[str]:
@@ -155,7 +155,7 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     ]
 
 
-def _select_positions(place: np.ndarray | Picked, here: np.ndarray, columns: LayerRows) -> Table:
+def _select_positions(place: np.ndarray | PickedColumn, here: np.ndarray, columns: LayerRows) -> Table:
     """Return the rows that have a position; the columns themselves where all do."""
     return Table(place, columns) if here.all() else Table(place[here], columns.select(here))
 
@@ -177,7 +177,7 @@ def _ground_rows(result: Adjustment, left: Residuals) -> tuple[np.ndarray, Resid
         len(here),
         id=Words(points.ids, here),
         role=Words(ROLE_LABELS, points.role[here]),
-        image=shared_word("", len(here)),
+        image=make_shared_words("", len(here)),
         residual_east_m=left.ground_m[here, 0],
         residual_north_m=left.ground_m[here, 1],
         residual_height_m=left.ground_m[here, 2],
@@ -189,7 +189,7 @@ def _ground_rows(result: Adjustment, left: Residuals) -> tuple[np.ndarray, Resid
     return points.ground[here], rows
 
 
-def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[Picked, ResidualRows]:
+def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedColumn, ResidualRows]:
     """Return image residuals of measurements whose point has a position, with these."""
     rows = result.block.measurements
     residual, sigma = left.measured_px, left.measured_sigma_px
@@ -212,4 +212,4 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[Picked,
         sigma_line_px=sigma[here, 1],
         flag=flags[here],
     )
-    return Picked(place, rows.point[here]), found
+    return PickedColumn(place, rows.point[here]), found

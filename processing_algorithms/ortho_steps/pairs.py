@@ -17,7 +17,7 @@ from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84
-from ...hrsi_engine.ground.map_crs import map_epsg_of, to_projected
+from ...hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
@@ -269,7 +269,7 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
     lonlat = np.concatenate(places)
     epsg = map_epsg_of(lonlat)
     return [
-        Layer(LAYERS[0], "Point", epsg, to_projected(lonlat, epsg), fields),
+        Layer(LAYERS[0], "Point", epsg, project_to_map(lonlat, epsg), fields),
         Layer(LAYERS[1], "Point", WGS84, lonlat, fields),
     ]
 

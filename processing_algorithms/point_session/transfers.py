@@ -13,7 +13,7 @@ from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, silent
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.ground.geodesy import moved_ground
+from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
@@ -43,10 +43,10 @@ def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float],
     ground = image.rpc.localize(target[None], np.array([height_m])).ground
     for _ in range(PANEL_TRANSFER.newton_steps):
         seen = session.project(image_id, ground)[0]
-        aside = [moved_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+        aside = [move_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
         by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
         east, north = np.linalg.solve(by_ground, target - seen)
-        ground = moved_ground(ground, np.array([[east, north, 0.0]]))
+        ground = move_ground(ground, np.array([[east, north, 0.0]]))
     return np.asarray(ground[0])
 
 

@@ -12,7 +12,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 
 
 def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):
@@ -86,7 +86,7 @@ def test_two_rays_cannot_tell_which_is_wrong():
 
 def with_gcp_error(block, index, metres):
     ground = block.points.ground.copy()
-    ground[index] = moved_ground(ground[index : index + 1], np.array([metres]))[0]
+    ground[index] = move_ground(ground[index : index + 1], np.array([metres]))[0]
     return replace(block, points=replace(block.points, ground=ground))
 
 

@@ -12,7 +12,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 #: For what counts observations and passes, or compares every point: none may be left out.
@@ -180,7 +180,7 @@ def test_dem_heights_follow_the_points():
     block, truth = narrow_block(3)
     slope = 0.05  # m per m eastwards
     sloping = np.array([[100.0, 100.0 + slope * 8000.0], [100.0, 100.0 + slope * 8000.0]])
-    west = moved_ground(truth[:1] * [0, 1, 1] + [blocks.LON, 0, 0], np.array([[-4000.0, 0.0, 0.0]]))[0, 0]
+    west = move_ground(truth[:1] * [0, 1, 1] + [blocks.LON, 0, 0], np.array([[-4000.0, 0.0, 0.0]]))[0, 0]
     surface = GridSurface.from_array(sloping, (west, -42.9), (2 * (blocks.LON - west), 0.1))
     result = adjust(block, AdjustOptions(test_sigmas=False, dem=surface, sigma_dem_m=0.01))
     ties = slice(4, None)

@@ -17,7 +17,7 @@ from hrsi.hrsi_engine.adjustment.evaluation import (
     fit_tracks,
 )
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 
 EXACT_PX = 1e-3  # of a prediction over errors of ten pixels: what the linearisation may do
 EXACT_M = 1e-3
@@ -38,14 +38,14 @@ def intersected_without(block: Block, point: int, left_out: int) -> np.ndarray:
     start = np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]])
 
     def residual(step: np.ndarray) -> np.ndarray:
-        ground = moved_ground(start, step[None])
+        ground = move_ground(start, step[None])
         return np.concatenate([
             (block.measurements.xy[row] - block.images[block.measurements.image[row]].rpc.project(ground)[0])
             / block.measurements.sigma_px[row]
             for row in rows
         ])  # fmt: skip
 
-    return moved_ground(start, least_squares(residual, np.zeros(3), xtol=1e-15, ftol=1e-15, x_scale=100.0).x[None])
+    return move_ground(start, least_squares(residual, np.zeros(3), xtol=1e-15, ftol=1e-15, x_scale=100.0).x[None])
 
 
 def test_predictions_are_those_of_intersections_without_the_image():
@@ -121,11 +121,11 @@ def test_known_points_in_pixels_and_metres():
         gcps=0, checks=8, ties=0, count=3, bias_px=0.0, drift=0.0, noise_px=1e-6, noise_m=1e-6
     )
     moved_m = np.array([1.5, -0.5, 2.0])
-    survey = moved_ground(truth, np.tile(moved_m, (len(truth), 1)))
+    survey = move_ground(truth, np.tile(moved_m, (len(truth), 1)))
     rows = block.measurements
     single = block.points.ids[0]
     keep = (block.points.ids[rows.point] != single) | (rows.image == 0)
-    survey[0] = moved_ground(truth[:1], np.array([[1.5, -0.5, 0.0]]))[0]  # in plan: one ray tells no height
+    survey[0] = move_ground(truth[:1], np.array([[1.5, -0.5, 0.0]]))[0]  # in plan: one ray tells no height
     block = replace(block, points=replace(block.points, ground=survey)).with_measurements(keep)
     difference = compute_survey_differences_m(block)
     np.testing.assert_allclose(difference[1:], np.tile(moved_m, (len(truth) - 1, 1)), atol=EXACT_M)

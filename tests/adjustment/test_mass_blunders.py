@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 
 TESTED = AdjustOptions(reject_sigma=4.0)
 
@@ -41,7 +41,7 @@ def with_wrong_ties(block, share, size_px, seed):
 
 def moved(block, gcps, metres):
     ground = block.points.ground.copy()
-    ground[gcps] = moved_ground(ground[gcps], np.tile(np.array(metres, dtype=float), (len(gcps), 1)))
+    ground[gcps] = move_ground(ground[gcps], np.tile(np.array(metres, dtype=float), (len(gcps), 1)))
     return replace(block, points=replace(block.points, ground=ground))
 
 

@@ -10,7 +10,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 
 ERROR_PX = 15.0
 
@@ -45,7 +45,7 @@ def adjusted(metres: np.ndarray, wrong: int):
     image = blocks.images(1)[0]
     rng = np.random.default_rng(4)
     heights = rng.uniform(-50.0, 100.0, len(metres))
-    ground = moved_ground(np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (len(metres), 1)),
+    ground = move_ground(np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (len(metres), 1)),
                           np.column_stack([metres, heights]))  # fmt: skip
     ids = [f"G{k}" for k in range(len(metres))]
     xy = image.rpc.project(ground) + rng.normal(0.0, 0.05, (len(metres), 2))

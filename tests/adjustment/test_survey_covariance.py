@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.refinement import MODELS
 
 
@@ -95,7 +95,7 @@ def test_correlations_bring_the_residuals_to_their_share():
         block, truth, _ = blocks.block(gcps=12, checks=0, ties=10, seed=seed, noise_m=1e-6)
         error = np.einsum("kij,kj->ki", root, np.random.default_rng(seed + 300).normal(size=(12, 3)))
         ground = block.points.ground.copy()
-        ground[:12] = moved_ground(truth[:12], error)
+        ground[:12] = move_ground(truth[:12], error)
         made = with_covariances(replace(block, points=replace(block.points, ground=ground)), covariance)
         sigma0.append(adjust(made, AdjustOptions(test_sigmas=False, model="affine")).sigma0 ** 2)
     # 30 x about 70 degrees of freedom: a variance factor known to 3 %
@@ -108,7 +108,7 @@ def test_correlations_bring_the_residuals_to_their_share():
 def test_cross_validation_and_tests_take_correlated_surveys():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=30, noise_m=0.1)
     ground = block.points.ground.copy()
-    ground[2] = moved_ground(ground[2:3], np.array([[25.0, -10.0, 0.0]]))[0]
+    ground[2] = move_ground(ground[2:3], np.array([[25.0, -10.0, 0.0]]))[0]
     covariance = np.tile(np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.09]]), (8, 1, 1))
     bad = with_covariances(replace(block, points=replace(block.points, ground=ground)), covariance)
     result = adjust(bad, AdjustOptions(test_sigmas=False, reject_sigma=4.0, cross_validate=True, model="affine"))
@@ -126,7 +126,7 @@ def test_variance_components_of_correlated_surveys():
         block, truth, _ = blocks.block(gcps=25, checks=0, ties=20, seed=seed, noise_px=0.05)
         error = 2.0 * np.einsum("kij,kj->ki", root, np.random.default_rng(seed + 80).normal(size=(25, 3)))
         ground = block.points.ground.copy()
-        ground[:25] = moved_ground(truth[:25], error)
+        ground[:25] = move_ground(truth[:25], error)
         made = with_covariances(replace(block, points=replace(block.points, ground=ground)), covariance)
         result = adjust(made, AdjustOptions(test_sigmas=False, model="affine", variance_components=True))
         found = {part.group: part.factor for part in result.variance_components}

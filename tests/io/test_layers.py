@@ -18,7 +18,7 @@ from osgeo import gdal, ogr
 from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
-from hrsi.hrsi_engine.ground.map_crs import map_epsg, to_projected
+from hrsi.hrsi_engine.ground.map_crs import map_epsg, project_to_map
 from hrsi.hrsi_engine.io.geopackage.layer_styles import GROUND_ARROW_MM, STYLES, Style, default_style
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import stage_folder
@@ -67,7 +67,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_geopackage(str(path), [
         Layer("images", "Polygon", 4326, [Polygon(RING), Polygon(RING + 0.1)], images),
         Layer("residuals_wgs84", "PointZ", 4326, place, fields),
-        Layer("residuals_utm", "PointZ", utm, np.column_stack([to_projected(place, utm), place[:, 2]]), fields),
+        Layer("residuals_utm", "PointZ", utm, np.column_stack([project_to_map(place, utm), place[:, 2]]), fields),
         Layer("flat", "Point", 4326, place[:, :2], {"id": fields["id"]}),
         Layer("table", "None", 4326, (), {"id": fields["id"], "value": fields["residual_east_m"]}),
         Layer("image_points", "PointZ", 4326, np.empty((0, 3)), empty),
@@ -94,7 +94,7 @@ def test_ogr_reads_what_was_written(block: Path, layer: str) -> None:
     place, fields = read(block, layer)
     wanted = positions(400)
     if layer == "residuals_utm":
-        wanted = np.column_stack([to_projected(wanted, 32755), wanted[:, 2]])
+        wanted = np.column_stack([project_to_map(wanted, 32755), wanted[:, 2]])
     np.testing.assert_array_equal(place, wanted)
     for name, column in find_residual_fields(400).items():
         expected = [None if isinstance(value, float) and np.isnan(value) else value for value in column.tolist()]

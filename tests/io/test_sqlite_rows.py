@@ -11,7 +11,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.io.geopackage import sqlite_pages
-from hrsi.hrsi_engine.io.geopackage.layer_words import Picked, Stacked, Words, is_any, shared_word
+from hrsi.hrsi_engine.io.geopackage.layer_words import PickedColumn, StackedColumn, Words, is_any, make_shared_words
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 
 pytest.importorskip("numba")
@@ -27,7 +27,7 @@ def layer(count: int = COUNT) -> Layer:
     return Layer("points", "PointZ", 4326, place, {
         "id": np.array([f"P{row}" for row in range(count)]),
         "unicode": np.array(["ñ", "long" * 20, "\U0001f6f0"])[np.arange(count) % 3],
-        "word": words, "level": shared_word("image", count),
+        "word": words, "level": make_shared_words("image", count),
         "number": number, "whole": np.round(number * 1e3) * 10.0 ** random.integers(0, 18, count),
         "single": number.astype(np.float32), "infinite": np.full(count, np.inf),
         "integer": random.integers(-(2**60), 2**60, count) >> random.integers(0, 60, count),
@@ -134,14 +134,14 @@ def test_words_are_compared_like_arrays() -> None:
     assert (words == "b").tolist() == [False, True, True]
     assert (words != "b").tolist() == [True, False, False]
     assert words[1] == "b" and words[1:].tolist() == ["b", "b"]
-    assert np.asarray(words.then(shared_word("c", 1))).tolist() == ["a", "b", "b", "c"]
+    assert np.asarray(words.concatenate(make_shared_words("c", 1))).tolist() == ["a", "b", "b", "c"]
     assert is_any(words, ("a", "z")).tolist() == is_any(np.asarray(words), ("a", "z")).tolist() == [True, False, False]
 
 
 def test_stacked_columns_are_their_parts_one_behind_the_other() -> None:
     values = np.random.default_rng(1).normal(size=(3, 2))
-    parts = (np.zeros((2, 2)), Picked(values, np.array([2, 0, 0, 1])), np.empty((0, 2)))
-    stacked, whole = Stacked(parts), np.vstack([np.zeros((2, 2)), values[[2, 0, 0, 1]]])
+    parts = (np.zeros((2, 2)), PickedColumn(values, np.array([2, 0, 0, 1])), np.empty((0, 2)))
+    stacked, whole = StackedColumn(parts), np.vstack([np.zeros((2, 2)), values[[2, 0, 0, 1]]])
     assert len(stacked) == 6 and stacked.dtype == whole.dtype
     np.testing.assert_array_equal(np.asarray(stacked), whole)
     for begin in range(7):
@@ -160,8 +160,8 @@ def test_shared_and_stacked_columns_are_written_row_by_row(
     random = np.random.default_rng(2)
     places, index = random.uniform(0.0, 1.0, (100, 3)), random.integers(0, 100, 60_000)
     first, nothing = random.normal(size=30), np.broadcast_to(np.nan, 60_000)
-    coordinates = Stacked((places[:30], Picked(places, index)))
-    fields = {"number": Stacked((first, nothing)), "word": Words(np.array(["a", "b"]), np.arange(60_030) % 2)}
+    coordinates = StackedColumn((places[:30], PickedColumn(places, index)))
+    fields = {"number": StackedColumn((first, nothing)), "word": Words(np.array(["a", "b"]), np.arange(60_030) % 2)}
     write_geopackage(str(tmp_path / "p.gpkg"), [Layer("points", "PointZ", 4979, coordinates, fields)])
     rows = content(tmp_path / "p.gpkg")["points"]
     found = np.array([np.frombuffer(row[1][-24:]) for row in rows])

@@ -19,7 +19,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.io.geopackage import declared_layers
 from hrsi.hrsi_engine.io.geopackage.declared_layers import ImagePointRows, ResidualRows, TiePointRows
 from hrsi.hrsi_engine.io.geopackage.layer_styles import NEEDED, STYLES, default_style
-from hrsi.hrsi_engine.io.geopackage.layer_words import Stacked, shared_word
+from hrsi.hrsi_engine.io.geopackage.layer_words import StackedColumn, make_shared_words
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, column
 
@@ -75,8 +75,8 @@ def test_rows_of_a_level_have_its_columns_and_no_others() -> None:
         ResidualRows.of_level("ground", 2, **common, **on_ground, mood=np.zeros(2))
     with pytest.raises(TypeError, match="declares the column 'residual_east_m', which is not given"):
         ResidualRows.of_level("ground", 2, **common)
-    both = rows.then(rows)
-    assert isinstance(both.residual_east_m, Stacked) and len(both.flag) == 4  # nothing is copied
+    both = rows.concatenate(rows)
+    assert isinstance(both.residual_east_m, StackedColumn) and len(both.flag) == 4  # nothing is copied
 
 
 def test_a_declared_column_is_in_file_form_and_description(tmp_path: Path) -> None:
@@ -149,5 +149,5 @@ def test_the_page_is_what_is_declared() -> None:
 
 
 def test_a_shared_word_is_a_text_column() -> None:
-    rows = TiePointRows(**{**columns_of(TiePointRows), "kind": shared_word("match", 2)})
+    rows = TiePointRows(**{**columns_of(TiePointRows), "kind": make_shared_words("match", 2)})
     assert rows.kind.tolist() == ["match", "match"]

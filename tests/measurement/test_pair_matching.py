@@ -10,7 +10,7 @@ import pytest
 import simulated_blocks as blocks
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, moved_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
@@ -271,7 +271,7 @@ def test_real_pairs_beat_sift(real_data, name: str):
 
 def test_moved_ground_is_what_the_waves_say():
     """The test's own ground: a point moved east and north from the centre has the waves' height."""
-    ground = moved_ground(np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]]), np.array([[30.0, -40.0, 0.0]]))
+    ground = move_ground(np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]]), np.array([[30.0, -40.0, 0.0]]))
     ground[:, 2] += hill_m(*from_centre(ground)[0, :2])
     again = on_ground(camera(0), camera(0).project(ground))
     np.testing.assert_allclose(ground_difference_m(again, ground), 0.0, atol=0.01)

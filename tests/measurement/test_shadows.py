@@ -8,7 +8,7 @@ import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
 from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
 
@@ -60,5 +60,5 @@ def test_a_direction_on_the_ground_is_carried_into_the_image():
     direction = compute_image_direction(rpc, (4001, 4001), 37.0)
     ground = np.array([[blocks.LON, blocks.LAT, blocks.HEIGHT]])
     step = np.array([[np.sin(np.radians(37.0)), np.cos(np.radians(37.0)), 0.0]])
-    moved = rpc.project(moved_ground(ground, 10.0 * step)) - rpc.project(ground)
+    moved = rpc.project(move_ground(ground, 10.0 * step)) - rpc.project(ground)
     assert np.hypot(*direction) == pytest.approx(1.0) and direction @ moved[0] == pytest.approx(np.hypot(*moved[0]))

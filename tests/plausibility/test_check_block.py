@@ -11,7 +11,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.ground.map_crs import utm_zone
 from hrsi.hrsi_engine.plausibility import check_block
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
@@ -126,7 +126,7 @@ def test_point_ids_permuted(order):
 def moved(given: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
     step = np.zeros((len(given.points), 3))
     step[rows] = metres
-    return with_ground(given, moved_ground(given.points.ground, step))
+    return with_ground(given, move_ground(given.points.ground, step))
 
 
 def test_two_surveys_that_disagree():

@@ -11,7 +11,7 @@ import rendered_blocks as scenes
 import simulated_blocks as blocks
 from colmap_database import write_database
 
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement import given_matches
@@ -31,7 +31,7 @@ def given(tmp_path_factory) -> tuple[list[str], np.ndarray, Path]:
     paths = [image.path for image in scenes.written(scenes.triplet(half=200.0), folder)]
     rng = np.random.default_rng(8)
     centre = np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (POINTS, 1))
-    ground = moved_ground(centre, np.column_stack([rng.uniform(-150, 150, (POINTS, 2)), np.zeros(POINTS)]))
+    ground = move_ground(centre, np.column_stack([rng.uniform(-150, 150, (POINTS, 2)), np.zeros(POINTS)]))
     seen = np.array(
         [open_image(path).rpc.project(ground) - bias for path, bias in zip(paths, scenes.BIAS_PX, strict=True)]
     )

@@ -14,7 +14,7 @@ from rpc_samples import write_image
 from simulated_blocks import VIEWS, oblique_rpc
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps import outputs
@@ -32,7 +32,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cameras = {f"image{k}": oblique_rpc(*VIEWS[k], GSD_M, (SIZE - 1) / 2.0, heading=0.1 * k) for k in range(3)}
     first = cameras["image0"]
     metres = np.column_stack([rng.uniform(-900, 900, (14, 2)), rng.uniform(-80, 150, 14)])
-    ground = moved_ground(np.tile([first.long_off, first.lat_off, first.height_off], (14, 1)), metres)
+    ground = move_ground(np.tile([first.long_off, first.lat_off, first.height_off], (14, 1)), metres)
     ids = [f"{'G' if k < 8 else 'C'}{k:02d}" for k in range(14)]
     with open(folder / "ground.csv", "w", newline="") as file:
         rows = csv.writer(file)

@@ -104,7 +104,7 @@ def test_projected_coordinates(image, control):
 
 def test_points_on_a_line(image, control):
     along = np.linspace(-1000.0, 1000.0, 8)
-    ground = blocks.moved_ground(
+    ground = blocks.move_ground(
         np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (8, 1)), np.column_stack([along, 0.5 * along, 0.0 * along])
     )
     line = replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])
@@ -115,7 +115,7 @@ def test_points_on_a_line(image, control):
 
 
 def test_points_at_one_spot(image, control):
-    ground = blocks.moved_ground(
+    ground = blocks.move_ground(
         np.tile([blocks.LON, blocks.LAT, blocks.HEIGHT], (8, 1)), np.random.default_rng(2).uniform(-5, 5, (8, 3))
     )
     spot = replace(control, ground=ground, xy=image.rpc.project(ground) + [5.0, -3.0])

@@ -9,7 +9,7 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS, Priors
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
@@ -110,7 +110,7 @@ def test_derivatives_by_ground_are_those_of_differences(model, image):
     for axis in range(3):
         step = np.zeros(3)
         step[axis] = 1.0
-        ahead, behind = (model.project(image, values, moved_ground(ground, sign * step)) for sign in (1, -1))
+        ahead, behind = (model.project(image, values, move_ground(ground, sign * step)) for sign in (1, -1))
         np.testing.assert_allclose(analytic[:, :, axis], (ahead - behind) / 2.0, atol=2e-6)  # px per m: curvature
 
 

@@ -20,7 +20,7 @@ from pyproj import Transformer
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files.rpc_txt import text_of
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.results.figures import block_report
@@ -90,7 +90,7 @@ def files(tmp_path_factory) -> SimpleNamespace:
     folder = tmp_path_factory.mktemp("truth")
     block, truth, _ = blocks.block(gcps=10, checks=30, ties=60, noise_px=TRUE_SIGMA_PX)
     rng = np.random.default_rng(5)
-    surveyed = moved_ground(truth, rng.normal(0.0, SURVEY_SIGMA_M, truth.shape))
+    surveyed = move_ground(truth, rng.normal(0.0, SURVEY_SIGMA_M, truth.shape))
     originals = {}
     for image in block.images:
         originals[image.id] = text_of(image.rpc)
@@ -265,7 +265,7 @@ def test_sigmas_beside_the_residuals(dense):
         point = int(np.flatnonzero(points.ids == columns["id"][index])[0])
         text = text_of(dense.block.images[int(columns["image"][index][-1])].rpc)
         # one sigma of the survey along each axis, seen in the image
-        steps = moved_ground(np.tile(points.ground[point], (3, 1)), np.diag(SURVEY_SIGMA_M))
+        steps = move_ground(np.tile(points.ground[point], (3, 1)), np.diag(SURVEY_SIGMA_M))
         seen = projected(text, steps) - projected(text, points.ground[point : point + 1])
         expected = sigma0 * np.sqrt(GIVEN_SIGMA_PX**2 + np.sum(seen**2, axis=0))
         found = [columns["sigma_sample_px"][index], columns["sigma_line_px"][index]]
@@ -284,7 +284,7 @@ def test_ce90_and_le90_hold_90_percent():
     check = block.points.role == Role.CHECK
     error = rng.normal(0.0, 1.0, truth.shape) * check[:, None]
     points = replace(
-        block.points, ground=moved_ground(block.points.ground, error),
+        block.points, ground=move_ground(block.points.ground, error),
         sigma_m=np.where(check[:, None], 1.0, 0.01) * np.ones(2),
     )  # fmt: skip
     result = adjust(replace(block, points=points), AdjustOptions(model="affine", reject_sigma=0.0, test_sigmas=False))

@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
-from hrsi.hrsi_engine.ground.geodesy import moved_ground
+from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.refinement.model import RefitRPC
 from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.hrsi_engine.results.verdict import (
@@ -53,7 +53,7 @@ def rows_of(block: Block, role: Role) -> np.ndarray:
 def moved(block: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
     """Return the block with other surveyed positions of some points."""
     ground = block.points.ground.copy()
-    ground[rows] = moved_ground(ground[rows], np.tile(metres, (len(rows), 1)))
+    ground[rows] = move_ground(ground[rows], np.tile(metres, (len(rows), 1)))
     return replace(block, points=replace(block.points, ground=ground))
 
 

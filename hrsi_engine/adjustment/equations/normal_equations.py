@@ -31,7 +31,7 @@ import numpy as np
 from ...foundation.compiled_code import is_wanted
 from ...foundation.large_arrays import allocate_zeros
 from ...foundation.thresholds import threshold, thresholds
-from ...ground.geodesy import moved_ground
+from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
 from .elimination import NumpyElimination
@@ -201,7 +201,7 @@ class NormalEquations:
                 step = self._elimination.solve_points(part, linearise(part), weight, ground, priors)
                 length = np.linalg.norm(step, axis=1, keepdims=True)
                 step *= np.minimum(1.0, POINT_STEPS.most_step_m / np.maximum(length, POINT_STEPS.most_step_m))
-                ground[part.points] = moved_ground(ground[part.points], step)
+                ground[part.points] = move_ground(ground[part.points], step)
                 open_points = part.points[length[:, 0] > POINT_STEPS.closure_m]
                 if not len(open_points):
                     break

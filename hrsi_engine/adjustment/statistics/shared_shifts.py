@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...ground.geodesy import moved_ground
+from ...ground.geodesy import move_ground
 from ..gauss_newton import GaussNewton, Solution
 
 
@@ -51,7 +51,7 @@ def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray
     for column in range(shifts_m.shape[2]):
         step = np.where(surveyed[:, None] & priors.observed, shifts_m[:, :, column], 0.0)
         if step.any():
-            shifted = replace(priors, target=moved_ground(priors.target, step))
+            shifted = replace(priors, target=move_ground(priors.target, step))
             there = loop.equations.form_normals(*given[:2], shifted, given[3])
             cameras = loop.system.solve(there.right - unmoved.right)
             change = replace(unmoved, point_right=there.point_right - unmoved.point_right)

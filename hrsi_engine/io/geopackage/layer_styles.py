@@ -143,7 +143,7 @@ def _interest_points(fields: LayerColumns, width_m: float) -> Style:
     )  # fmt: skip
 
 
-def _thinned_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], Style]:
+def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], Style]:
     """Return a style of many points that are all alike."""
 
     def style(fields: LayerColumns, width_m: float) -> Style:
@@ -176,9 +176,9 @@ STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
     "ground_points": _ground_points,
     "image_points": _image_points,
     "interest_points": _interest_points,
-    "gcps": _thinned_points("gcp", 2.4),
+    "gcps": _thin_points("gcp", 2.4),
     "laser_points": _laser_points,
-    "targets": _thinned_points("check", 2.0),
+    "targets": _thin_points("check", 2.0),
     "tie_points": _tie_points,
     "misregistration_utm": _misregistration,
     "misregistration_wgs84": _misregistration,

@@ -11,7 +11,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 
 @dataclass(frozen=True, eq=False)
-class Picked:
+class PickedColumn:
     """Rows that share values: each stands there once, and every row has its number.
 
     Parameters
@@ -42,7 +42,7 @@ class Picked:
         return np.asarray(self.values[self.index], dtype=dtype)
 
 
-class Words(Picked):
+class Words(PickedColumn):
     """A column of text; to compare it, and as an array (``np.asarray``), it is that of its rows."""
 
     def __eq__(self, word: object) -> np.ndarray:  # type: ignore[override]
@@ -55,7 +55,7 @@ class Words(Picked):
         """Return the rows' words; those that are equal are one object."""
         return self.values.astype(object)[self.index].tolist()
 
-    def then(self, other: Words) -> Words:
+    def concatenate(self, other: Words) -> Words:
         """Return the rows of this column and of another behind them."""
         if other.values is self.values:
             return Words(self.values, np.concatenate([self.index, other.index]).astype(np.int32))
@@ -64,14 +64,14 @@ class Words(Picked):
 
 
 @dataclass(frozen=True, eq=False)
-class Stacked(NDArrayOperatorsMixin):
+class StackedColumn(NDArrayOperatorsMixin):
     """The rows of some columns of numbers, one column behind the other; only what is asked for is put together.
 
     In arithmetic and in NumPy's functions it is the array of its rows.
 
     Parameters
     ----------
-    parts : tuple of (n,) or (n, d) ndarray or Picked
+    parts : tuple of (n,) or (n, d) ndarray or PickedColumn
         The columns.
     """
 
@@ -101,7 +101,7 @@ class Stacked(NDArrayOperatorsMixin):
         return np.concatenate(self.parts).astype(dtype or self.dtype, copy=False)
 
     def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
-        arrays = (np.asarray(value) if isinstance(value, Stacked) else value for value in inputs)
+        arrays = (np.asarray(value) if isinstance(value, StackedColumn) else value for value in inputs)
         return getattr(ufunc, method)(*arrays, **kwargs)
 
     def tolist(self) -> list[Any]:
@@ -109,10 +109,10 @@ class Stacked(NDArrayOperatorsMixin):
         return np.asarray(self).tolist()
 
 
-Column = np.ndarray | Words | Stacked
+Column = np.ndarray | Words | StackedColumn
 
 
-def shared_word(word: str, count: int) -> Words:
+def make_shared_words(word: str, count: int) -> Words:
     """Return a column of ``count`` rows that all hold one word."""
     return Words(np.array([word]), np.zeros(count, dtype=np.int32))
 

@@ -56,9 +56,9 @@ class Layer:
         ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry).
     crs : int
         EPSG code.
-    coordinates : (n, 2) or (n, 3) ndarray, Picked or Stacked, or sequence of shapely.geometry.Polygon
+    coordinates : (n, 2) or (n, 3) ndarray, PickedColumn or StackedColumn, or sequence of shapely.geometry.Polygon
         Points or polygons. NaN, an empty polygon: no geometry.
-    fields : LayerRows, or mapping of str to (n,) ndarray, Words or Stacked
+    fields : LayerRows, or mapping of str to (n,) ndarray, Words or StackedColumn
         Columns by name: text, integers, floats (NaN is written as NULL) or bools. Those of a class of
         `declared_layers` describe themselves in the file.
     """
@@ -92,7 +92,7 @@ class Layer:
     def width_m(self) -> float:
         """The longer side of the box around all geometries, metres on the ground; 0 without any."""
         low, high = _corners(self)
-        there = _are_placed(low, high)
+        there = _has_position(low, high)
         if not there.any():
             return 0.0
         west, south, east, north = _extent(*((low, high) if there.all() else (low[there], high[there])))
@@ -193,11 +193,11 @@ def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
     moved, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
     for number, part in zip(places, parts, strict=True):
         if np.any(np.abs(part) > 0.0):
-            moved[number] = replace(layers[number], coordinates=_turned(layers[number].coordinates, part))
+            moved[number] = replace(layers[number], coordinates=_turn_coordinates(layers[number].coordinates, part))
     return moved
 
 
-def _turned(coordinates: Any, turns: np.ndarray) -> np.ndarray | list[Polygon]:
+def _turn_coordinates(coordinates: Any, turns: np.ndarray) -> np.ndarray | list[Polygon]:
     """Return points or polygons moved by whole turns of longitude, NaN for those without a position."""
     if not isinstance(coordinates, Sequence):
         place = np.asarray(coordinates)
@@ -266,7 +266,7 @@ def insert_rows(
     """
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
-    there = _are_placed(low, high)
+    there = _has_position(low, high)
     numbers = np.flatnonzero(there).astype(np.int32) + np.int32(1)
     if not there.all():
         low, high = (low[there], low[there]) if low is high else (low[there], high[there])
@@ -324,7 +324,7 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
     return layer.boxes[:, :2], layer.boxes[:, 2:]
 
 
-def _are_placed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _has_position(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return which geometries have finite corners, ``(n,)``."""
     return finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
 
@@ -350,7 +350,7 @@ def _geometries(layer: Layer, rows: slice) -> np.ndarray:
     blobs["type"] = 1001 if has_z else 1
     blobs["coordinates"] = xyz[:, :axes]
     content = blobs.view(f"V{blobs.itemsize}")
-    here = _are_placed(xyz[:, :2], xyz[:, :2])
+    here = _has_position(xyz[:, :2], xyz[:, :2])
     if here.all():
         return content
     values = _objects(content.tolist())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .layer_words import Column, Stacked, Words
+from .layer_words import Column, StackedColumn, Words
 
 NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BYTES_CELL = range(4)
 _NO_BYTES = -1  # length of what is not there
@@ -29,7 +29,7 @@ class Cells:
         self.words = np.empty((len(columns), rows), dtype=np.int64)
         self.lengths = np.zeros((len(columns), rows), dtype=np.int32)
         for number, given in enumerate(columns):
-            column = np.asarray(given) if isinstance(given, Stacked) else given
+            column = np.asarray(given) if isinstance(given, StackedColumn) else given
             kind, words, lengths = column.dtype.kind, self.words[number], self.lengths[number]
             if kind == "f":
                 self.kinds[number] = NUMBER_CELL

@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args
 
 import numpy as np
 
-from .layer_words import Column, Stacked, Words, shared_word
+from .layer_words import Column, StackedColumn, Words, make_shared_words
 
 #: Kinds of columns, as annotations of a class of rows: what one value of the column is stands second.
 TextColumn = Annotated[Column, str]
@@ -99,9 +99,9 @@ class LayerRows(Mapping[str, Column]):
         cls.layer = layer or cls.layer
         own = {name: value for name, value in vars(cls).items() if isinstance(value, DeclaredColumn)}
         hints = get_type_hints(cls, include_extras=True)
-        inherited = {name: part for base in reversed(cls.__mro__[1:]) for name, part in _declared_of(base).items()}
+        inherited = {name: part for base in reversed(cls.__mro__[1:]) for name, part in _get_declarations(base).items()}
         cls.declared = inherited | {
-            name: replace(_described(cls, name, part), name=name, kind=get_args(hints[name])[1])
+            name: replace(_complete_description(cls, name, part), name=name, kind=get_args(hints[name])[1])
             for name, part in own.items()
         }
 
@@ -136,7 +136,7 @@ class LayerRows(Mapping[str, Column]):
         if wrong:
             raise TypeError(f"`{cls.__name__}` declares {wrong[0]!r} for another level than {level!r}: do not give it")
         nothing = np.broadcast_to(np.nan, count)
-        return cls(**columns, **dict.fromkeys(others, nothing), level=shared_word(level, count))
+        return cls(**columns, **dict.fromkeys(others, nothing), level=make_shared_words(level, count))
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
@@ -161,7 +161,7 @@ class LayerRows(Mapping[str, Column]):
         """Return some rows (slice, mask or indices)."""
         return type(self)(**{name: values[rows] for name, values in self.items()})
 
-    def then(self, other: Self) -> Self:
+    def concatenate(self, other: Self) -> Self:
         """Return these rows and others behind them, without a copy of the numbers."""
         return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
 
@@ -170,11 +170,11 @@ class LayerRows(Mapping[str, Column]):
         return type(self)(**{**self, **changed})
 
 
-def _declared_of(base: type) -> Mapping[str, DeclaredColumn]:
+def _get_declarations(base: type) -> Mapping[str, DeclaredColumn]:
     return base.declared if issubclass(base, LayerRows) else {}
 
 
-def _described(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
+def _complete_description(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
     """Return a declared column with the text that it shares with those of the same name in other layers."""
     if part.description:
         return part
@@ -186,8 +186,8 @@ def _described(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
 
 def _join(first: Column, second: Column) -> Column:
     if isinstance(first, Words) and isinstance(second, Words):
-        return first.then(second)
-    return Stacked((first, second))
+        return first.concatenate(second)
+    return StackedColumn((first, second))
 
 
 def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:

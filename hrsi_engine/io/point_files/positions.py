@@ -74,7 +74,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     if table.columns.keys() >= set(SURVEYED) and not reference.adjusted:
         lon, lat, height = (table.columns[name] for name in SURVEYED)
         return Positions(np.column_stack([wrap_degrees(lon), lat, height]), [], operation)
-    xyz, crs, warnings = _given_positions(table, reference)
+    xyz, crs, warnings = _read_positions(table, reference)
     present = finite_rows(xyz[:, :2])
     half = np.isfinite(xyz[:, 0]) != np.isfinite(xyz[:, 1])
     missing = half if "sample" in table.columns else ~present
@@ -116,7 +116,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     return Positions(ground, warnings, operation, tuple(uses))
 
 
-def _given_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
+def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
     """Return x, y, z as they stand in the file, and their CRS."""
     fields, warnings = table.columns, []
     prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys() and not _is_geographic(reference.ground_crs)

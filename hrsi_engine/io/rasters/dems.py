@@ -81,7 +81,7 @@ def _find_heights(path: str, place: Georeference, height_datum: str) -> _Heights
             own = operations_of(place.crs.to_wkt(), flat.epoch)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        return _Heights(lambda xy: _require_covered(own.height_offsets(xy), path, own.vertical_name),
+        return _Heights(lambda xy: _require_coverage(own.height_offsets(xy), path, own.vertical_name),
                         own.uses_at(path, place.nodes_lonlat()))  # fmt: skip
     uses = flat.uses_at(path, place.nodes_lonlat())
     if height_datum == "ellipsoidal":
@@ -91,7 +91,7 @@ def _find_heights(path: str, place: Georeference, height_datum: str) -> _Heights
     return _Heights(lambda xy: read_geoid_heights(flat.to_wgs84(np.pad(xy, ((0, 0), (0, 1)))), geoid), uses)
 
 
-def _require_covered(undulations: np.ndarray, path: str, datum: str) -> np.ndarray:
+def _require_coverage(undulations: np.ndarray, path: str, datum: str) -> np.ndarray:
     """Return undulations; raises `InputError` where there are none."""
     if not np.isfinite(undulations).all():
         raise InputError(f"{path}: the grid for {datum!r} does not cover all points: use another datum")

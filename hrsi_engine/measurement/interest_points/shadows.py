@@ -16,7 +16,7 @@ import numpy as np
 from ...block.block import Raster
 from ...camera.rpc import RPC
 from ...foundation.thresholds import threshold, thresholds
-from ...ground.geodesy import moved_ground
+from ...ground.geodesy import move_ground
 from .outlines import interpolate_bilinear
 from .points import InterestPoints
 from .windows import Area, tile_region
@@ -97,7 +97,7 @@ def compute_image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float)
     middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
     here = rpc.localize(middle, rpc.height_off).ground
     step = SHADOW.step_m * np.array([[np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0]])
-    along = rpc.project(moved_ground(here, step)) - rpc.project(here)
+    along = rpc.project(move_ground(here, step)) - rpc.project(here)
     return np.asarray(along[0] / np.hypot(*along[0]))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
-from ..coordinate_operations import add_untested
+from ..coordinate_operations import add_untested_error
 from ..figures import block_report
 from ..residuals import compute_residuals
 from . import connections, datums, ground_truth, solution, systematic
@@ -178,7 +178,7 @@ def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, A
     """Return the accuracy with the error of coordinate operations, which check points share; empty without."""
     if untested is None:
         return ""
-    with_it = {name: add_untested(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
+    with_it = {name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
     told = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
     return f"; with the coordinate operation of GCPs and check points, which these cannot test, {told}" if told else ""
 
