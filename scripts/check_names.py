@@ -30,7 +30,7 @@ PARTICIPLES = {
     "spread", "sought", "stood", "sunk", "swept", "taken", "thrown", "told", "torn", "won", "worn", "written",
 }  # fmt: skip
 #: Names that Qt and QGIS call.
-INHERITED = {"finished"}
+INHERITED = {"finished", "Cancelled"}
 #: Words that say nothing alone.
 EMPTY = {
     "about", "after", "again", "all", "alone", "also", "and", "any", "apart", "around", "as", "aside", "at", "away",

@@ -2,8 +2,8 @@
 
 Every table is its positions (longitude, latitude, height) and the columns that its class of rows declares
 (`io.geopackage.declared_layers`, where a new column is declared first). Words and positions that many rows share are
-there once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as arrays those of a
-million measurements take hundreds of megabytes.
+there once (`Words`, `PickedColumn`), and columns in two parts are not copied into one (`StackedColumn`): as arrays
+those of a million measurements take hundreds of megabytes.
 """
 
 from __future__ import annotations
