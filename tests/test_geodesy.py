@@ -108,9 +108,8 @@ def test_the_map_of_a_place_is_its_utm_zone_or_ups(lon: float, lat: float, epsg:
 @pytest.mark.parametrize(("lat", "epsg"), [(88.0, 5041), (-88.0, 5042)])
 def test_ups_has_its_easting_first_and_grows_along_the_meridians_as_dma_says(lat: float, epsg: int) -> None:
     """On the meridian of 90 E the pole's false easting grows by the distance from the pole; true scale is 0.994."""
-    (easting, northing), (near, _) = map_crs.project_to_map(
-        np.array([[90.0, lat, 0.0], [90.0, lat * 1.0001, 0.0]]), epsg
-    )
+    both = np.array([[90.0, lat, 0.0], [90.0, lat * 1.0001, 0.0]])
+    (easting, northing), (near, _) = map_crs.project_to_map(both, epsg)
     assert northing == pytest.approx(2e6, abs=1e-3)
     along = geodesy.ground_difference_m(np.array([[90.0, lat, 0.0]]), np.array([[90.0, lat * 1.0001, 0.0]]))[0, 1]
     assert easting > 2e6

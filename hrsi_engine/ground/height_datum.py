@@ -12,11 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.robust_scale import robust_sigma
+from ..foundation.thresholds import threshold, thresholds
 
-LEAST_DATUM_POINTS = 3
-DATUM_LIMIT = 4.0  # standard deviations of the median that a difference must exceed
-LEAST_DIFFERENCE_M = 5.0  # trees, buildings and a coarse DEM may do so much
-LIKE_GEOID = 0.25  # of N, within which a difference looks like N
+
+@thresholds
+class HeightDatumThresholds:
+    """When surveyed heights and those of a DEM refer to different datums."""
+
+    fewest_points: int = threshold(3, "points", "below, no difference is significant")
+    significant_sigmas: float = threshold(4.0, "sigma", "of the median, which a difference must exceed")
+    smallest_difference_m: float = threshold(5.0, "m", "trees, buildings and a coarse DEM may do so much")
+    geoid_share: float = threshold(0.25, "", "share of the undulation within which a difference looks like it")
+
+
+HEIGHT_DATUM = HeightDatumThresholds()
 
 
 @dataclass(frozen=True)
@@ -43,14 +52,16 @@ class HeightDifference:
     @property
     def significant(self) -> bool:
         """Whether the two disagree by more than a DEM's usual errors."""
-        limit = max(LEAST_DIFFERENCE_M, DATUM_LIMIT * 1.2533 * self.spread_m / np.sqrt(self.points))
-        return self.points >= LEAST_DATUM_POINTS and abs(self.median_m) > limit
+        of_median_m = 1.2533 * self.spread_m / np.sqrt(self.points)
+        limit = max(HEIGHT_DATUM.smallest_difference_m, HEIGHT_DATUM.significant_sigmas * of_median_m)
+        return self.points >= HEIGHT_DATUM.fewest_points and abs(self.median_m) > limit
 
     @property
     def sign_of_geoid(self) -> int:
         """1 where the difference is about N, -1 where it is about -N, 0 otherwise."""
-        tolerance = max(LIKE_GEOID * abs(self.undulation_m), LEAST_DIFFERENCE_M, 2.0 * self.spread_m)
-        if not self.significant or not abs(self.undulation_m) > LEAST_DIFFERENCE_M:
+        least_m = HEIGHT_DATUM.smallest_difference_m
+        tolerance = max(HEIGHT_DATUM.geoid_share * abs(self.undulation_m), least_m, 2.0 * self.spread_m)
+        if not self.significant or not abs(self.undulation_m) > least_m:
             return 0
         return next((sign for sign in (1, -1) if abs(self.median_m - sign * self.undulation_m) <= tolerance), 0)
 

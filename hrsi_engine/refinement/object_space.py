@@ -80,11 +80,11 @@ class GroundCorrection:
             coefficients, terms = self.coefficients(values)[None], np.empty((len(ground), 4))
             lon, lat, height = ground.T
             moved = move_position(constants, coefficients, 0, ellipsoid.geocentric(lon, lat, height), terms, ALL_ROWS)
-            moved_ground = np.column_stack(ellipsoid.geodetic(*moved)) if np.any(values) else ground
-            computed, by_ground = image.rpc.project_with_metric_jacobian(moved_ground)
+            shift_ground = np.column_stack(ellipsoid.geodetic(*moved)) if np.any(values) else ground
+            computed, by_ground = image.rpc.project_with_metric_jacobian(shift_ground)
             by_frame = np.empty((len(ground), 2, 3))
             rotate_derivatives(
-                constants, coefficients, 0, ellipsoid.axes(*moved_ground.T[:2]), ellipsoid.axes(lon, lat),
+                constants, coefficients, 0, ellipsoid.axes(*shift_ground.T[:2]), ellipsoid.axes(lon, lat),
                 by_ground, by_frame, ALL_ROWS,
             )  # fmt: skip
             by_values = by_frame[:, :, self.entries[:, 0]] * terms[:, self.entries[:, 1]][:, None, :]
