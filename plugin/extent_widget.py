@@ -5,11 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from qgis.core import QgsProcessingContext
-from qgis.gui import (
-    QgsAbstractProcessingParameterWidgetWrapper,
-    QgsExtentWidget,
-    QgsProcessingParameterWidgetContext,
-)
+from qgis.gui import QgsAbstractProcessingParameterWidgetWrapper, QgsExtentWidget, QgsProcessingParameterWidgetContext
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QWidget
 
 from .dialog_fields import DialogField

@@ -9,10 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from qgis.core import QgsProcessingContext, QgsProject
-from qgis.gui import (
-    QgsAbstractProcessingParameterWidgetWrapper,
-    QgsProcessingMultipleInputDialog,
-)
+from qgis.gui import QgsAbstractProcessingParameterWidgetWrapper, QgsProcessingMultipleInputDialog
 from qgis.PyQt.QtWidgets import QHBoxLayout, QLineEdit, QToolButton, QWidget
 
 from .dialog_fields import DialogField

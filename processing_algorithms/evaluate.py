@@ -227,11 +227,7 @@ def _find_points_near(block: Block, used: ImagePoints, apart_px: float) -> np.nd
 
 
 def _set_entry(
-    one: RpcSet,
-    observations: Observations,
-    kept: np.ndarray,
-    predicted: np.ndarray,
-    surface: HeightSurface | None,
+    one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray, surface: HeightSurface | None
 ) -> Report:
     """Return the figures of one set of RPCs."""
     fit, used = one.fit, kept[observations.point]

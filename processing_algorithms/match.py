@@ -58,11 +58,7 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
 
 
 def _make_report(
-    images: list[ImagePixels],
-    areas: list[Area],
-    found: ControlNetworkMatch,
-    record: Report,
-    seconds: float,
+    images: list[ImagePixels], areas: list[Area], found: ControlNetworkMatch, record: Report, seconds: float
 ) -> Report:
 
     made = found.positions

@@ -181,12 +181,7 @@ def _choose_writing(output: BlockOutput, result: BlockResult, context: Context) 
 
 
 def _name_outputs(
-    report: Report,
-    options: BlockOutput,
-    how: str,
-    images: Sequence[Image],
-    names: Mapping[str, str],
-    together: bool,
+    report: Report, options: BlockOutput, how: str, images: Sequence[Image], names: Mapping[str, str], together: bool
 ) -> None:
     """Enter where the results will lie; ``how`` refined RPCs are written, of images that were adjusted ``together``."""
     folder = options.folder.output_dir

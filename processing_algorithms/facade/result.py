@@ -45,10 +45,7 @@ class Result:
     """
 
     def __init__(
-        self,
-        report: Report,
-        folder: str | os.PathLike[str] | None = None,
-        kept: TemporaryDirectory[str] | None = None,
+        self, report: Report, folder: str | os.PathLike[str] | None = None, kept: TemporaryDirectory[str] | None = None
     ) -> None:
         self.report = report
         self.folder = None if folder is None else Path(folder)

@@ -40,11 +40,7 @@ def plan_page(
 
 
 def write_folder(
-    options: ResultFolder | OptionalFolder,
-    report: Report,
-    file: str,
-    layers: Sequence[Layer],
-    context: Context,
+    options: ResultFolder | OptionalFolder, report: Report, file: str, layers: Sequence[Layer], context: Context
 ) -> None:
     """Write ``report.json`` and the layers' GeoPackage into the output directory of the options, if there is one."""
     if options.output_dir:

@@ -109,8 +109,7 @@ class BlockOutput:
     residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))
     report: bool = report_option()
     stac: bool = option(
-        False,
-        "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)",
+        False, "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)"
     )
     common: Common = nest_options(Common)
 
@@ -214,9 +213,7 @@ class PointFiles:
         None, "These points are control, all other known points are check points", metavar="A,B,…"
     )
     check_ids: tuple[str, ...] | None = option(
-        None,
-        "These points are check points; with `gcp_ids` too, all other known points take no part",
-        metavar="A,B,…",
+        None, "These points are check points; with `gcp_ids` too, all other known points take no part", metavar="A,B,…"
     )
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
@@ -237,9 +234,7 @@ class BlockGrowthOptions:
     """The block that was adjusted before and that the images join."""
 
     add_to: str | None = option(
-        None,
-        "Output directory of an earlier adjustment, whose block the images join",
-        metavar="DIR",
+        None, "Output directory of an earlier adjustment, whose block the images join", metavar="DIR"
     )
     earlier_cameras: str = option(
         FREE,

@@ -84,10 +84,7 @@ def point_layers(session: PointSession) -> list[Layer]:
         weight=nothing, flag=np.full(len(ids), ""),
     )  # fmt: skip
     image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
-    return [
-        Layer("ground_points", "PointZ", WGS84, known.ground, ground),
-        image_points_layer,
-    ]
+    return [Layer("ground_points", "PointZ", WGS84, known.ground, ground), image_points_layer]
 
 
 def survey_columns(known: GroundPoints) -> dict[str, np.ndarray]:

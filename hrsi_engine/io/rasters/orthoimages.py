@@ -315,10 +315,7 @@ def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid,
 
 
 def _make_metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
-    return {
-        FINGERPRINT: fingerprint(made_from),
-        FIGURES: json_text(figures.summary()),
-    }
+    return {FINGERPRINT: fingerprint(made_from), FIGURES: json_text(figures.summary())}
 
 
 def _write_chunks(
