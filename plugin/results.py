@@ -7,7 +7,6 @@ from typing import Any
 
 from qgis.core import (
     Qgis,
-    QgsLayerTreeGroup,
     QgsLayerTreeLayer,
     QgsLayerTreeNode,
     QgsMapLayer,
@@ -38,7 +37,7 @@ REPORT, REPORT_HTML, VERDICT, IMAGES_MADE = "REPORT", "REPORT_HTML", "VERDICT", 
 def output_definitions(declaration: Algorithm) -> list[QgsProcessingOutputDefinition]:
     """Return the outputs beside the output folder, which its parameter declares itself."""
     outputs: list[QgsProcessingOutputDefinition] = [QgsProcessingOutputFile(REPORT, tr("Report (JSON)"))]
-    if _writes_folder(declaration):
+    if any(param.kind is Kind.OUTPUT_DIR for param in declaration.params):
         outputs.append(QgsProcessingOutputHtml(REPORT_HTML, tr("Report (HTML)")))
     if any(param.key == "force_write" for param in declaration.params):
         outputs.append(QgsProcessingOutputString(VERDICT, tr("Verdict: ok, doubtful or unusable")))
@@ -106,7 +105,11 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     for source in [*rasters, *_list_layers(declaration, options)]:
         name = layer_name(source)
         details = QgsProcessingContext.LayerDetails(name, context.project(), name)
-        details.setPostProcessor(_keep_alive(Placement(group)))
+        # A post-processor that lives until the Processing context, its owner, deletes it
+        processor = Placement(group)
+        sip.transferto(processor, None)
+        _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
+        details.setPostProcessor(processor)
         context.addLayerToLoadOnCompletion(source, details)
 
 
@@ -126,16 +129,12 @@ class Placement(QgsProcessingLayerPostProcessorInterface):
         group = root.findGroup(self._group) or root.insertGroup(0, self._group)
         node = root.findLayer(layer.id())
         if node is not None:  # wherever the desktop has put it
-            group.insertChildNode(_place_in(group, node), node.clone())  # first: with its last node a layer goes
+            # Where a layer's node belongs: points above footprints above images, the latest of a kind on top
+            nodes = group.children()
+            below = (place for place, other in enumerate(nodes) if other is not node and _rank(other) >= _rank(node))
+            group.insertChildNode(next(below, len(nodes)), node.clone())  # first: with its last node a layer goes
             node.parent().removeChildNode(node)
         layer.triggerRepaint()
-
-
-def _place_in(group: QgsLayerTreeGroup, node: QgsLayerTreeLayer) -> int:
-    """Return where a layer's node belongs: points above footprints above images, the latest of a kind on top."""
-    nodes = group.children()
-    below = (place for place, other in enumerate(nodes) if other is not node and _rank(other) >= _rank(node))
-    return next(below, len(nodes))
 
 
 def _rank(node: QgsLayerTreeNode) -> int:
@@ -146,14 +145,3 @@ def _rank(node: QgsLayerTreeNode) -> int:
 
 
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
-
-
-def _keep_alive(processor: Placement) -> Placement:
-    """Return a post-processor that lives until the Processing context, its owner, deletes it."""
-    sip.transferto(processor, None)
-    _ALIVE[:] = [other for other in _ALIVE if not sip.isdeleted(other)] + [processor]
-    return processor
-
-
-def _writes_folder(declaration: Algorithm) -> bool:
-    return any(param.kind is Kind.OUTPUT_DIR for param in declaration.params)

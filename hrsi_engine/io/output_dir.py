@@ -132,7 +132,12 @@ def stage_folder(
     changes = transaction or Transaction(str(folder))
     try:
         with holding_signals():  # one between making a folder and knowing of it would leave it behind
-            _make_folder(folder)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(
+                    f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
+                ) from None
             temporary = Path(temporary_folder(path))
         for needless in discarded:
             changes.discard(needless)
@@ -147,13 +152,6 @@ def stage_folder(
         raise
     with holding_signals():
         shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
 
 
 def _move_into_place(

@@ -97,7 +97,12 @@ class PointMarkers(QgsMapCanvasItem):
             at = measured
             _draw_crosses(painter, colour, [(at.x(), at.y())], [marker.residual_px])
         if are_named or marker.is_chosen or marker.is_suspicious:
-            _draw_text(painter, at + QPointF(_ARM + 2.0, -_ARM - 2.0), marker_label(marker), colour)
+            # Write a text that is read on bright and on dark ground
+            outline = QPainterPath()
+            outline.addText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), painter.font(), marker_label(marker))
+            halo = _LIGHT if colour == SUSPICIOUS else _DARK
+            painter.strokePath(outline, QPen(halo, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+            painter.fillPath(outline, QBrush(colour))
 
 
 def _colour_of(marker: Marker) -> QColor:
@@ -123,15 +128,6 @@ def _draw_crosses(
         painter.setPen(QPen(colour, width))
         if lines:
             painter.drawLines(lines)
-
-
-def _draw_text(painter: QPainter, at: QPointF, text: str, colour: QColor) -> None:
-    """Write a text that is read on bright and on dark ground."""
-    outline = QPainterPath()
-    outline.addText(at, painter.font(), text)
-    halo = _LIGHT if colour == SUSPICIOUS else _DARK
-    painter.strokePath(outline, QPen(halo, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-    painter.fillPath(outline, QBrush(colour))
 
 
 def marker_label(marker: Marker) -> str:

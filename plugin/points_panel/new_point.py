@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from qgis.core import QgsMapLayer, QgsProject, QgsRasterLayer
+from qgis.core import QgsMapLayer, QgsProject
 from qgis.PyQt.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QDoubleSpinBox, QFormLayout, QLineEdit, QWidget
 
 from ...hrsi_engine.foundation.errors import HrsiError
@@ -27,7 +27,9 @@ class NewPointDialog(QDialog):
         self.role.addItems(ROLES)
         self.dem, self.datum = QComboBox(), QComboBox()
         self.dem.addItem(tr("no DEM: as typed"), "")
-        for layer in _single_band_rasters():
+        layers = QgsProject.instance().mapLayers().values()
+        rasters = [one for one in layers if one.type() == QgsMapLayer.LayerType.RasterLayer and one.bandCount() == 1]
+        for layer in sorted(rasters, key=lambda one: str(one.name()).lower()):
             self.dem.addItem(layer.name(), layer.source())
         self.datum.addItems(HEIGHT_DATUMS)
         self.height, self.sigma_xy, self.sigma_h = (_metres() for _ in range(3))
@@ -79,9 +81,3 @@ def _metres() -> QDoubleSpinBox:
     field.setMaximum(_HIGHEST_M)
     field.setSuffix(" m")
     return field
-
-
-def _single_band_rasters() -> list[QgsRasterLayer]:
-    layers = QgsProject.instance().mapLayers().values()
-    rasters = [one for one in layers if one.type() == QgsMapLayer.LayerType.RasterLayer and one.bandCount() == 1]
-    return sorted(rasters, key=lambda one: str(one.name()).lower())

@@ -139,10 +139,7 @@ class Result:
 
     @property
     def rpcs(self) -> dict[str, RPC]:
-        """The refined RPCs by image id.
-
-        Raises `InputError` where none was written, with the reason of the verdict.
-        """
+        """The refined RPCs by image id. Raises `InputError` where none was written, with the reason of the verdict."""
         images = self.report.get("images", {})
         outputs = {name: entry.get("output") for name, entry in images.items()} if isinstance(images, Mapping) else {}
         written = {name: self._locate_file(path) for name, path in outputs.items() if path}

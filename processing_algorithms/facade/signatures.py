@@ -72,6 +72,8 @@ def describe_call(algorithm: Algorithm) -> str:
     """Return the docstring of an algorithm's function, in NumPy's sections."""
     told = spell_arguments(algorithm.help, algorithm.params, lambda param: f"``{param.key}``")
     entries = [entry for param in _sort_parameters(algorithm) for entry in _parameter_entry(param, algorithm)]
+    given = any(param.key == "output_dir" for param in algorithm.params)
+    folder_note = "Without ``output_dir`` they go when the result does." if given else ""
     return "\n".join([
         f"{algorithm.summary}.",
         "",
@@ -86,7 +88,7 @@ def describe_call(algorithm: Algorithm) -> str:
         "Returns",
         "-------",
         "Result",
-        "    The report, its tables and files. " + _folder_note(algorithm),
+        "    The report, its tables and files. " + folder_note,
         "",
         "Raises",
         "------",
@@ -94,11 +96,6 @@ def describe_call(algorithm: Algorithm) -> str:
         "    What is wrong with the input, and what to do about it.",
         "",
     ])  # fmt: skip
-
-
-def _folder_note(algorithm: Algorithm) -> str:
-    given = any(param.key == "output_dir" for param in algorithm.params)
-    return "Without ``output_dir`` they go when the result does." if given else ""
 
 
 def _parameter_entry(param: Param, algorithm: Algorithm) -> Iterator[str]:
@@ -142,16 +139,12 @@ def stub_of(algorithm: Algorithm) -> str:
         if parameters[param.key].kind is inspect.Parameter.KEYWORD_ONLY and "*" not in parts:
             parts.append("*")
         needed = parameters[param.key].default is inspect.Parameter.empty
-        kind = _literal_type(param.choices) if param.choices else TYPES[param.kind]
+        kind = f"Literal[{', '.join(map(_quote_text, param.choices))}]" if param.choices else TYPES[param.kind]
         parts.append(f"{param.key}: {kind}" if needed else f"{param.key}: {_optional_type(kind, param.default)}")
     parts += ([] if "*" in parts else ["*"]) + [f"{PROGRESS}: Progress | None = None"]
     body = textwrap.indent(f'"""{describe_call(algorithm)}"""', "    ", lambda line: line.strip() != "")
     listed = "".join(f"    {part},\n" for part in parts)
     return f"def {function_name(algorithm.name)}(\n{listed}) -> Result:\n{body}\n    ...\n"
-
-
-def _literal_type(choices: tuple[str, ...]) -> str:
-    return f"Literal[{', '.join(map(_quote_text, choices))}]"
 
 
 def _optional_type(kind: str, default: Any) -> str:

@@ -67,7 +67,7 @@ def _run_words_or_page(words: Sequence[str] | None, registry: Mapping[str, Algor
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
         return code
     except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
-        _silence_stdout()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
         return 1
     except (Exception, KeyboardInterrupt) as error:
         message, code = describe(error)
@@ -102,7 +102,11 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
     elif first == "help":
         print(_help_page(rest, registry), end="")
     elif first == "completion":
-        print(_print_completion(rest, registry), end="")
+        from .completion import SHELLS, completion_script
+
+        if len(rest) != 1:
+            raise InputError(f"completion needs the name of a shell: hrsi completion {'|'.join(SHELLS)}")
+        print(completion_script(rest[0], registry), end="")
     elif first == "rerun" and not HELP & set(rest):
         from .rerun import read_past_run  # loads NumPy, which help does without
 
@@ -123,14 +127,6 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     if words[0] in COMMAND_PAGES:
         return COMMAND_PAGES[words[0]]
     return algorithm_parser(find_algorithm(registry, words[0], COMMANDS)).format_help()
-
-
-def _print_completion(words: list[str], registry: Mapping[str, Algorithm]) -> str:
-    from .completion import SHELLS, completion_script
-
-    if len(words) != 1:
-        raise InputError(f"completion needs the name of a shell: hrsi completion {'|'.join(SHELLS)}")
-    return completion_script(words[0], registry)
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
@@ -317,11 +313,6 @@ def version_page() -> str:
         lines = {"libraries": f"cannot be loaded ({error}); see README.md on how to install HRSI"}
     width = max(map(len, lines))
     return "\n".join([f"hrsi {VERSION}", *(f"{name:{width}} {text}" for name, text in lines.items())])
-
-
-def _silence_stdout() -> None:
-    """Point stdout nowhere, so that Python does not complain about the broken pipe at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

@@ -91,10 +91,13 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     """Return the parser of one algorithm's command line."""
     prog = f"hrsi {algorithm.name}"
     images = "".join(f" {value_name(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
+    paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
     parser = CommandParser(
         prog,
         usage=f"{prog} [options]{images}",
-        description=_format_description(algorithm),
+        description="\n\n".join(
+            textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip()
+        ),
         epilog=_format_examples(algorithm),
         argument_default=argparse.SUPPRESS,
     )
@@ -173,11 +176,6 @@ def value_name(param: Param) -> str:
     return param.metavar or METAVARS[param.kind]
 
 
-def _format_description(algorithm: Algorithm) -> str:
-    paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
-    return "\n\n".join(textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip())
-
-
 def _format_examples(algorithm: Algorithm) -> str:
     """Return the examples as a shell takes them, lines broken before options."""
     lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
@@ -195,19 +193,15 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     """Return the options under the headings of the help page, in this order; empty headings are left out."""
     sections: dict[str, list[Param]] = {"images": [], "options": [], "output": [], "advanced options": [], COMMON: []}
     for param in params:
-        sections[_heading_of(param)].append(param)
+        # The heading that an option stands under: the first that fits
+        fitting = {
+            "images": param.kind is Kind.IMAGES,
+            "output": param.name in {output.name for output in OUTPUT_PARAMS},  # a folder may be optional
+            COMMON: param in COMMON_PARAMS,
+            "advanced options": param.advanced,
+        }
+        sections[next((heading for heading, fits in fitting.items() if fits), "options")].append(param)
     return {title: members for title, members in sections.items() if members or title == COMMON}
-
-
-def _heading_of(param: Param) -> str:
-    """Return the heading that an option stands under: the first that fits."""
-    fitting = {
-        "images": param.kind is Kind.IMAGES,
-        "output": param.name in {output.name for output in OUTPUT_PARAMS},  # some algorithms can do without a folder
-        COMMON: param in COMMON_PARAMS,
-        "advanced options": param.advanced,
-    }
-    return next((heading for heading, fits in fitting.items() if fits), "options")
 
 
 def _default_text(param: Param) -> str:

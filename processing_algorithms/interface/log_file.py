@@ -44,7 +44,8 @@ class RunLog:
             self._descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         except OSError as error:
             raise InputError(f"--log {path} cannot be written ({error.strerror}): name another file") from None
-        if _ends_in_a_line(path):
+        if os.path.isfile(path) and os.path.getsize(path) > 0 and not _part(path, -1).endswith(b"\n"):
+            # It ends within a line, as a program that was killed leaves it
             os.write(self._descriptor, b"\n")
 
     def write(self, kind: str, text: str) -> None:
@@ -91,11 +92,6 @@ def require_own_file(path: str, words: Iterable[str]) -> None:
     is_text = b"\0" not in head and not _RPC.search(head) and path.lower().endswith((".log", ".txt"))
     if head and not is_text and not _OWN_LINE.match(head):
         raise InputError(f"--log {path} exists and is no log: name another file")
-
-
-def _ends_in_a_line(path: str) -> bool:
-    """Tell whether a file ends within a line, as a program that was killed leaves it."""
-    return os.path.isfile(path) and os.path.getsize(path) > 0 and not _part(path, -1).endswith(b"\n")
 
 
 def _part(path: str, start: int) -> bytes:

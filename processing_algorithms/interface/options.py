@@ -95,15 +95,11 @@ def _check_value(param: Param, value: Any, label: str) -> Any:
         converted = VALUE_OF[param.kind](value)
     except (TypeError, ValueError):
         raise InputError(f"{label} {value!r} is not {EXPECTED[param.kind]}") from None
-    _check_choice(param, converted, label)
+    if param.kind is Kind.CHOICE and param.choices and converted not in param.choices:
+        near = suggestion(converted, param.choices)
+        raise InputError(f"{label} {converted!r} is not one of {', '.join(param.choices)}{near}")
     _check_range(param, converted, label)
     return converted
-
-
-def _check_choice(param: Param, value: Any, label: str) -> None:
-    if param.kind is Kind.CHOICE and param.choices and value not in param.choices:
-        near = suggestion(value, param.choices)
-        raise InputError(f"{label} {value!r} is not one of {', '.join(param.choices)}{near}")
 
 
 def _check_range(param: Param, value: Any, label: str) -> None:

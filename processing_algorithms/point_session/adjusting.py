@@ -85,7 +85,9 @@ def show_adjustment(
     return AdjustmentView(
         model=result.model,
         corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
-        residual_px=_image_residuals(result, left, rows),
+        residual_px={
+            _key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in rows
+        },
         residual_m=_ground_residuals(result, left),
         image_suspicions=_suspicious_measurements(result, left, rows),
         point_suspicions=_suspicious_points(result),
@@ -97,10 +99,6 @@ def show_adjustment(
         follower=follower,
         listed=listed,
     )
-
-
-def _image_residuals(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[Key, tuple[float, float]]:
-    return {_key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in rows}
 
 
 def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:

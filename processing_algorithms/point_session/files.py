@@ -105,21 +105,18 @@ def save(session: PointSession, path: str = "") -> None:
 def _result_layers(session: PointSession, adjusted: AdjustmentView) -> list[Layer]:
     """Return all layers of the adjustment, and what took no part in it: points that are off, or that no image shows."""
     layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
-    layers["ground_points"] = _mark_ties(layers["ground_points"], session)
-    for plain in point_layers(session):
-        layers[plain.name] = _with_others(layers[plain.name], plain)
-    return list(layers.values())
-
-
-def _mark_ties(ground: Layer, session: PointSession) -> Layer:
-    """Return the ground points with the tie points of the list marked as such: by a position of their own."""
+    # Mark the tie points of the list among the ground points: by a position of their own
+    ground = layers["ground_points"]
     columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
     for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
         point = session.points.get(name)
         if point is not None and point.role == TIE:
             columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
             columns["survey_height"][row] = point.height
-    return replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
+    layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
+    for plain in point_layers(session):
+        layers[plain.name] = _with_others(layers[plain.name], plain)
+    return list(layers.values())
 
 
 def _with_others(full: Layer, plain: Layer) -> Layer:

@@ -53,7 +53,14 @@ class EditKeeper:
             elif self._journal.is_begun:
                 self._journal.append(_entry(change))
             else:
-                self._journal.append(_first_entry(self._session))
+                self._journal.append(
+                    {
+                        "path": os.path.abspath(self._session.path) if self._session.path else "",
+                        "images": [os.path.abspath(image.path) for image in self._session.images.values()],
+                        "sources": dict(self._session.sources),
+                        **_entry(Change(self._session.measured, self._session.points)),
+                    }
+                )
             self.failure = ""
         except (OSError, InputError) as error:
             self.failure = f"what is measured is not kept in {self._root} ({error}): save often"
@@ -139,15 +146,6 @@ def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
 def _drop_defaults(row: SurveyPoint | ImageMeasurement) -> dict[str, Any]:
     """Return the values of a row but those that are the default; quicker than ``asdict`` with many thousand rows."""
     return {name: value for name, value in vars(row).items() if value == value and value != ""}  # NaN is not itself
-
-
-def _first_entry(session: PointSession) -> dict[str, Any]:
-    return {
-        "path": os.path.abspath(session.path) if session.path else "",
-        "images": [os.path.abspath(image.path) for image in session.images.values()],
-        "sources": dict(session.sources),
-        **_entry(Change(session.measured, session.points)),
-    }
 
 
 def _entry(change: Change) -> dict[str, Any]:

@@ -35,8 +35,12 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
             images = _images_of_delivery(name, folder)
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
             found += images
-        elif _is_pattern(name):
-            found += _match_pattern(name)
+        elif glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name):
+            # A pattern (``*.tif``) that no shell has replaced by the files that it fits
+            files = sorted(file for file in glob.glob(name, recursive=True) if os.path.isfile(file))
+            if not files:
+                raise InputError(f"{name}: no file fits this pattern: check the folder and the ending")
+            found += files
         elif (of_items := images_of_items(name, log)) is not None:
             found += of_items
         else:
@@ -48,19 +52,6 @@ def resolve_points(name: str) -> str:
     """Return the file of points that a name stands for; the folder of a result stands for its GeoPackage."""
     layers = os.path.join(name, RESULT_LAYERS)
     return layers if os.path.isdir(name) and os.path.isfile(layers) else name
-
-
-def _is_pattern(name: str) -> bool:
-    """Tell whether a name is a pattern (``*.tif``) that no shell has replaced by the files that it fits."""
-    return glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name)
-
-
-def _match_pattern(pattern: str) -> list[str]:
-    """Return the files that a pattern fits, in order; `InputError` where there are none."""
-    files = sorted(file for file in glob.glob(pattern, recursive=True) if os.path.isfile(file))
-    if not files:
-        raise InputError(f"{pattern}: no file fits this pattern: check the folder and the ending")
-    return files
 
 
 def _folder_of(name: str) -> str | None:

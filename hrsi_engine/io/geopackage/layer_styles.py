@@ -53,19 +53,15 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
     if name not in STYLES or not NEEDED.get(name, frozenset()) <= fields.keys():
         return None
     style = STYLES[name](fields, width_m)
-    return replace(style, qml=_with_aliases(style.qml, fields))
-
-
-def _with_aliases(qml: str, fields: LayerColumns) -> str:
-    """Return a style that names the fields in forms and tables with words and units."""
+    # The style names the fields in forms and tables with words and units
     titles = {name: write_title(name) for name in ("fid", *fields)}
     titles |= {name: said.title for name, said in describe_columns(fields).items()}
     entries = "".join(
         f'<alias index="{number}" field="{escape(name)}" name="{escape(title)}"/>'
         for number, (name, title) in enumerate(titles.items())
     )
-    head = qml.replace('styleCategories="', 'styleCategories="Fields|', 1)
-    return head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>")
+    head = style.qml.replace('styleCategories="', 'styleCategories="Fields|', 1)
+    return replace(style, qml=head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>"))
 
 
 @dataclass(frozen=True)

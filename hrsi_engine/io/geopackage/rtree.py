@@ -57,7 +57,15 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTa
         counts.append(-(-counts[-1] // _MOST_CELLS))
     first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
     order = _order_by_tiles(low, high)
-    boxes = _round_outwards(low, high)[order]
+    # Min x, max x, min y, max y as float32, rounded outwards, so that they hold the float64 ones, ``(n, 4)``
+    single = np.empty((len(low), 4), dtype=np.float32)
+    for corner, exact, wrong, towards in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
+        for axis in (0, 1):
+            column = single[:, 2 * axis + corner]
+            column[:] = exact[:, axis]
+            inside = wrong(column, exact[:, axis])
+            column[inside] = np.nextafter(column[inside], np.float32(towards))
+    boxes = single[order]
     nodes, places = [], []  # of each level: node numbers with contents, and in which node each cell is
     for level, count in enumerate(counts):
         number = -(-count // _MOST_CELLS)
@@ -141,15 +149,3 @@ def empty_rtree(database: sqlite3.Connection, rtree: str) -> None:
     for shadow in ("node", "rowid", "parent"):
         database.execute(sql_text("DELETE FROM {table}", table=f"{rtree}_{shadow}"))
     database.execute(insert_text(nodes, ("nodeno", "data")), (_ROOT, root))
-
-
-def _round_outwards(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return min x, max x, min y, max y as float32 that hold the float64 ones, ``(n, 4)``."""
-    single = np.empty((len(low), 4), dtype=np.float32)
-    for corner, exact, wrong, towards in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
-        for axis in (0, 1):
-            column = single[:, 2 * axis + corner]
-            column[:] = exact[:, axis]
-            inside = wrong(column, exact[:, axis])
-            column[inside] = np.nextafter(column[inside], np.float32(towards))
-    return single

@@ -57,10 +57,7 @@ class Inserter(Protocol):
 
 
 class PythonRows:
-    """Rows through Python's own interface.
-
-    In the middle of a transaction of the connection they are a part of it.
-    """
+    """Rows through Python's own interface. In the middle of a transaction of the connection they are a part of it."""
 
     def __init__(self, database: sqlite3.Connection) -> None:
         self._database, self._began = database, False

@@ -33,7 +33,13 @@ def read_parquet(path: str) -> PointTable:
         if file.metadata.num_rows > FILE_BUDGETS.laser_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
                              "get it again")  # fmt: skip
-        geo = _read_geo_metadata(path, file.schema_arrow.metadata or {})
+        # What the file says of its geometry
+        try:
+            geo = json.loads((file.schema_arrow.metadata or {}).get(b"geo", b"{}"))
+        except (ValueError, RecursionError):
+            geo = None
+        if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
+            raise InputError(f"{path}: its description of the geometry ('geo') is damaged: get it again")
         names = list(file.schema_arrow.names)
         found = {field: names[index] for field, index in match_fields(names).items() if field in NUMBER_FIELDS}
         place = geo.get("primary_column", "geometry")
@@ -47,17 +53,6 @@ def read_parquet(path: str) -> PointTable:
     crs = geo.get("columns", {}).get(place, {}).get("crs", DEFAULT_CRS)
     text = json_text(crs) if isinstance(crs, dict) else str(crs or "")
     return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
-
-
-def _read_geo_metadata(path: str, metadata: dict[bytes, bytes]) -> dict[str, Any]:
-    """Return what the file says of its geometry."""
-    try:
-        geo = json.loads(metadata.get(b"geo", b"{}"))
-    except (ValueError, RecursionError):
-        geo = None
-    if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
-        raise InputError(f"{path}: its description of the geometry ('geo') is damaged: get it again")
-    return geo
 
 
 def _read_numbers(path: str, name: str, column: Any) -> np.ndarray:

@@ -7,7 +7,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -43,20 +43,17 @@ def write_page(
     """
     scripts = [_read_script(name) for name in ("page.js", *(["map_controls.js"] if script_data else []))]
     page = _make_environment().get_template(template)
+    # The page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes
+    hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
     write_text(
         path,
         page.render(
-            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=_policy_of(scripts),
+            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=policy,
             **LIMITS, **drawings,
         ),
     )  # fmt: skip
-
-
-def _policy_of(scripts: Sequence[str]) -> str:
-    """Return the page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes."""
-    hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
-    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
-    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
 
 
 @cache

@@ -32,7 +32,14 @@ def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
     horizontal, height = positive(table, "sigma_xy"), positive(table, "sigma_h")
     if not table.columns.keys() & _MORE_THAN_SIGMAS:
         return np.column_stack([horizontal, height]), None
-    sigma = _axis_sigmas(table, horizontal)
+    # The standard deviations of east, north and height ``(n, 3)``
+    columns = []
+    for axis, (variance, name) in enumerate(ACCURACY_FIELDS):
+        sigma = positive(table, name)
+        sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
+        own = np.sqrt(positive(table, variance))
+        columns.append(np.where(np.isnan(own), sigma, own))
+    sigma = np.column_stack(columns)
     covariance = np.full((len(table), 3, 3), np.nan)
     covariance[:, range(3), range(3)] = sigma**2
     for row, column, element, correlation in PAIRS:
@@ -54,17 +61,6 @@ def positive(table: PointTable, field: str) -> np.ndarray:
             f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
         )
     return values
-
-
-def _axis_sigmas(table: PointTable, horizontal: np.ndarray) -> np.ndarray:
-    """Return the standard deviations of east, north and height ``(n, 3)``."""
-    columns = []
-    for axis, (variance, name) in enumerate(ACCURACY_FIELDS):
-        sigma = positive(table, name)
-        sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
-        own = np.sqrt(positive(table, variance))
-        columns.append(np.where(np.isnan(own), sigma, own))
-    return np.column_stack(columns)
 
 
 def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:

@@ -255,8 +255,18 @@ def write_orthoimage(
     figures = OrthoFigures()
 
     def fill(dataset: gdal.Dataset, part: Progress) -> None:
-        _write_chunks(dataset, source, grid, chunks, warp, figures, part)
-        dataset.SetMetadata({**_make_metadata(made_from, figures), **(lineage or {})})
+        total = sum(1 for _ in chunk_windows(grid, warp))
+        for done, chunk in enumerate(islice(chunks, total)):
+            advance(part, done / total, f"warping {os.path.basename(source.path)}")
+            if chunk.step:
+                figures.unknown += chunk.unknown
+                figures.errors_px.append(chunk.errors_px)
+                pixels = chunk.window.columns * chunk.window.rows
+                figures.pixels_by_step[chunk.step] = figures.pixels_by_step.get(chunk.step, 0) + pixels
+            if chunk.pixels is not None:
+                figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
+        figures_text = json_text(figures.summary())
+        dataset.SetMetadata({FINGERPRINT: fingerprint(made_from), FIGURES: figures_text, **(lineage or {})})
 
     options = form.creation_options(source.is_integer, threads)
     with open_hidden_folder(os.path.dirname(os.path.abspath(path))) as hidden, replacing(path) as temporary:
@@ -314,37 +324,12 @@ def _create_file(path: str, options: list[str], source: OrthoSource, grid: Grid,
     return dataset
 
 
-def _make_metadata(made_from: Mapping[str, Any], figures: OrthoFigures) -> dict[str, str]:
-    return {FINGERPRINT: fingerprint(made_from), FIGURES: json_text(figures.summary())}
-
-
-def _write_chunks(
-    dataset: gdal.Dataset, source: OrthoSource, grid: Grid, chunks: Iterator[OrthoChunk], warp: Warp,
-    figures: OrthoFigures, progress: Progress,
-) -> None:  # fmt: skip
-    """Write the chunks of an orthoimage, as they come."""
-    total = sum(1 for _ in chunk_windows(grid, warp))
-    for done, chunk in enumerate(islice(chunks, total)):
-        advance(progress, done / total, f"warping {os.path.basename(source.path)}")
-        if chunk.step:
-            _count_pixels(figures, chunk)
-        if chunk.pixels is not None:
-            figures.shown += _write_chunk(dataset, chunk.window, chunk.pixels, warp)
-
-
 def chunk_size(scale: float) -> tuple[int, int]:
     """Return columns and rows of a chunk whose part of the image is hardly larger than for equal pixels."""
     rows = CHUNKS.tile_px
     while rows > CHUNKS.least_rows and rows * scale > CHUNKS.tile_px * CHUNKS.same_size:
         rows //= 2
     return CHUNKS.columns_per_row * rows, rows
-
-
-def _count_pixels(figures: OrthoFigures, chunk: OrthoChunk) -> None:
-    figures.unknown += chunk.unknown
-    figures.errors_px.append(chunk.errors_px)
-    pixels = chunk.window.columns * chunk.window.rows
-    figures.pixels_by_step[chunk.step] = figures.pixels_by_step.get(chunk.step, 0) + pixels
 
 
 def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp) -> int:

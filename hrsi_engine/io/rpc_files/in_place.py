@@ -103,7 +103,13 @@ def prepare_in_place(
     """
     reader = rpc_reader_of(path)
     if reader is not None:
-        return _prepare_rpc_file(path, rpc, changes)
+        key = next(key for key, reader in RPC_READERS.items() if reader is rpc_reader_of(path))
+        if key not in _RPC_ONLY:
+            raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
+        with _disk_errors(path):
+            keep_original(path, changes)
+            SIDECARS[key][1](changes.new_file(path), rpc)
+        return ()
     notices = _prepare_tag(path, rpc, changes, progress, lineage)
     if vendor_xml(path):
         return notices + prepare_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, changes, "rpb")
@@ -113,16 +119,6 @@ def prepare_in_place(
 def require_in_place(path: str, rpc: RPC) -> None:
     """Raise `OutputError` where a reader does not find the RPC that was written."""
     require_same(path, rpc, read_rpc(str(path)).rpc)  # what the file says, whatever a STAC item says of it
-
-
-def _prepare_rpc_file(path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:
-    key = next(key for key, reader in RPC_READERS.items() if reader is rpc_reader_of(path))
-    if key not in _RPC_ONLY:
-        raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
-    with _disk_errors(path):
-        keep_original(path, changes)
-        SIDECARS[key][1](changes.new_file(path), rpc)
-    return ()
 
 
 def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, lineage: Lineage) -> tuple[str, ...]:

@@ -78,7 +78,12 @@ def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
     for folder in sorted(Path(root).glob("*/")):
         try:
             with only_writer(str(folder)):
-                entries = _whole_lines(folder / FILE)
+                # The entries; the last line may have been cut off when the program ended
+                path = folder / FILE
+                require_size(str(path), "journal")
+                with path.open(encoding="utf-8") as file:
+                    entries = [json.loads(line) for line in file if line.endswith("\n")]
+                entries = [entry for entry in entries if isinstance(entry, dict)]
         except (InputError, OSError, ValueError):  # another program is at work on it, or no journal
             continue
         if entries:
@@ -89,11 +94,3 @@ def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
 def remove_journal(folder: Path) -> None:
     """Remove a journal that its program has left."""
     shutil.rmtree(folder, ignore_errors=True)
-
-
-def _whole_lines(path: Path) -> list[dict[str, Any]]:
-    """Return the entries; the last line may have been cut off when the program ended."""
-    require_size(str(path), "journal")
-    with path.open(encoding="utf-8") as file:
-        entries = [json.loads(line) for line in file if line.endswith("\n")]
-    return [entry for entry in entries if isinstance(entry, dict)]
