@@ -222,20 +222,8 @@ def _number(number_type: Any) -> Callable[[Param], QgsProcessingParameterDefinit
     return make
 
 
-def _flag(param: Param) -> QgsProcessingParameterDefinition:
-    return QgsProcessingParameterBoolean(**_common(param))
-
-
 def _folder(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterFolderDestination(**_common(param))
-
-
-def _read_images(param: Param, reading: Reading) -> list[str]:
-    return raster_sources(reading.raw(param), reading.context)
-
-
-def _read_raster(param: Param, reading: Reading) -> str:
-    return raster_source(reading.raw(param), reading.context)
 
 
 def _read_points(param: Param, reading: Reading) -> str:
@@ -274,8 +262,8 @@ def _reader(method: str) -> Callable[[Param, Reading], Any]:
 
 
 BINDINGS: dict[Kind, Binding] = {
-    Kind.IMAGES: Binding(_images, _read_images),
-    Kind.RASTER: Binding(_raster, _read_raster),
+    Kind.IMAGES: Binding(_images, lambda param, reading: raster_sources(reading.raw(param), reading.context)),
+    Kind.RASTER: Binding(_raster, lambda param, reading: raster_source(reading.raw(param), reading.context)),
     Kind.POINTS: Binding(_points, _read_points),
     Kind.FILE: Binding(_file, _reader("parameterAsFile")),
     Kind.CRS: Binding(_crs, _read_crs),
@@ -287,7 +275,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
     Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
     Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),
-    Kind.FLAG: Binding(_flag, _reader("parameterAsBool")),
+    Kind.FLAG: Binding(lambda param: QgsProcessingParameterBoolean(**_common(param)), _reader("parameterAsBool")),
     Kind.FOLDERS: Binding(_text, _reader("parameterAsString")),
     Kind.OUTPUT_DIR: Binding(_folder, _reader("parameterAsFileOutput")),
 }

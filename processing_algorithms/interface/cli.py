@@ -222,27 +222,11 @@ def failure_of(report: Report) -> tuple[int, str] | None:
     return None
 
 
-def _describe_own(error: BaseException) -> tuple[str, int]:
-    return str(error), getattr(error, "exit_code", 1)
-
-
-def _describe_interrupt(error: BaseException) -> tuple[str, int]:
-    return "interrupted; no half-written file is left", Cancelled.exit_code
-
-
 def _describe_missing_package(error: BaseException) -> tuple[str, int]:
     package = getattr(error, "name", None) or "needed"
     if package.startswith(f"{_OWN_PACKAGE}."):
         return _describe_own_fault(error)
     return f"the Python package {package} cannot be loaded ({error}); see README.md on how to install HRSI", 1
-
-
-def _describe_system(error: BaseException) -> tuple[str, int]:
-    return f"{error}; check the path, the permissions and the free space", 1
-
-
-def _describe_memory(error: BaseException) -> tuple[str, int]:
-    return "out of memory; use fewer --threads or smaller images", 1
 
 
 def _describe_own_fault(error: BaseException) -> tuple[str, int]:
@@ -257,11 +241,11 @@ def _describe_own_fault(error: BaseException) -> tuple[str, int]:
 
 #: How errors are told, by class; the first that fits counts.
 DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int]]] = {
-    HrsiError: _describe_own,
-    KeyboardInterrupt: _describe_interrupt,
+    HrsiError: lambda error: (str(error), getattr(error, "exit_code", 1)),
+    KeyboardInterrupt: lambda error: ("interrupted; no half-written file is left", Cancelled.exit_code),
     ImportError: _describe_missing_package,
-    MemoryError: _describe_memory,
-    OSError: _describe_system,
+    MemoryError: lambda error: ("out of memory; use fewer --threads or smaller images", 1),
+    OSError: lambda error: (f"{error}; check the path, the permissions and the free space", 1),
     Exception: _describe_own_fault,
 }
 HELP = {"--help", "-h"}
