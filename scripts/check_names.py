@@ -29,7 +29,7 @@ PARTICIPLES = {
     "kept", "known", "laid", "left", "lent", "lost", "made", "meant", "met", "seen", "sent", "shown", "spelt", "spent",
     "spread", "sought", "stood", "sunk", "swept", "taken", "thrown", "told", "torn", "won", "worn", "written",
 }  # fmt: skip
-#: Names that Qt and QGIS call.
+#: Names that Qt and QGIS call, and one that users catch.
 INHERITED = {"finished", "Cancelled"}
 #: Words that say nothing alone.
 EMPTY = {
