@@ -189,7 +189,7 @@ def _reference(problem: Problem, values: np.ndarray, ground: np.ndarray) -> floa
             )
             missed[here] = observations.xy[rows[here]] - computed
         missed = np.where(np.isfinite(missed), missed, 1e6)
-        points = held.miss_m(moved[sees], np.flatnonzero(sees))
+        points = held.compute_misclosures_m(moved[sees], np.flatnonzero(sees))
         return np.concatenate([(root[:, None] * missed).ravel(), (prior * at).ravel(), (held_root * points).ravel()])
 
     def jacobian(x: np.ndarray) -> np.ndarray:
