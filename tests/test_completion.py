@@ -23,7 +23,7 @@ CASES = [
     ("hrsi ortho", {"orthorectify", "ortho-check"}),
     ("hrsi help re", {"refine-rpc", "register"}),
     ("hrsi completion ", {"bash", "zsh", "fish"}),
-    ("hrsi triangulate --gc", {"--gcps", "--gcp-ids"}),
+    ("hrsi triangulate --gc", {"--gcps", "--gcp-ids", "--gcp-epoch"}),
     ("hrsi adjust --dry", {"--dry-run"}),
     ("hrsi triangulate --write ", {"copy", "in-place", "vrt", "sidecar", "none"}),
     ("hrsi simulate --sensor ple", {"pleiades"}),

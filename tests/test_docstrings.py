@@ -25,7 +25,7 @@ def test_the_faces_show_what_a_user_starts_from():
     names = {name.removeprefix(f"{check_docstrings.ENGINE}.") for name in public_api()}
     assert {
         "camera.rpc.RPC.project",
-        "block.block.assemble",
+        "block.assembly.assemble",
         "adjustment.solver.adjust",
         "io.rasters.images.open_image",
     } <= names

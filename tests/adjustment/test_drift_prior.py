@@ -11,6 +11,7 @@ from hrsi.benchmarks.adjust_speed import simulated
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust, drift_prior
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS
 
 ESTIMATED = AdjustOptions(test_sigmas=False, model="affine", variance_components=True)
@@ -34,7 +35,7 @@ def test_which_parameters_drift():
         "object-scale-shift": "east_east north_north up_up",
     }  # fmt: skip
     for name, parameters in expected.items():
-        model = MODELS[name]
+        model = (MODELS | DIRECT)[name]
         found = [parameter for parameter, yes in zip(model.parameters, model.drifts, strict=True) if yes]
         assert found == parameters.split(), name
 
