@@ -28,11 +28,7 @@ from .result import VarianceComponent
 class DriftThresholds:
     """How far the standard deviations of drifts are estimated from the block, and when they are settled."""
 
-    least_redundancy: float = threshold(
-        1.0, "",
-        "redundancy from which a drift counts as estimated; a prior's size matters less than that of an "
-        "observation's sigma",
-    )  # fmt: skip
+    least_redundancy: float = threshold(1.0, "", "of an estimated drift; the size of a prior matters little")
     settled: float = threshold(
         0.05, "",
         "relative change of the sigma of an image's drift that is not worth another solution; `of_term` "

@@ -36,16 +36,8 @@ from .weights import WEIGHTS, least_squares
 class ConvergenceThresholds:
     """When iterations that are not the last end."""
 
-    before_snooping: float = threshold(
-        0.05, "",
-        "relative decrease of the cost before a round of data snooping: cameras to some tenths of a pixel"
-        " will do",
-    )  # fmt: skip
-    robust: float = threshold(
-        1e-4, "",
-        "… of reweighted iterations, which converge slowly: what is left moves single blunders, not the "
-        "cameras",
-    )  # fmt: skip
+    before_snooping: float = threshold(0.05, "", "relative decrease of the cost before a round of data snooping")
+    robust: float = threshold(1e-4, "", "… of reweighted iterations: what is left moves single blunders only")
 
 
 CONVERGENCE = ConvergenceThresholds()

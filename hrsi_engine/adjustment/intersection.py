@@ -26,10 +26,7 @@ CENTRE_STEPS = 6
 class StartThresholds:
     """When a start position is near enough."""
 
-    closure_m: float = threshold(
-        10.0, "m",
-        "step below which the ray of an image's centre is settled: a start needs no more",
-    )  # fmt: skip
+    closure_m: float = threshold(10.0, "m", "step at which the ray of an image's centre is settled: it is a start")
 
 
 START = StartThresholds()

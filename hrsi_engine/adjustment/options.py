@@ -43,9 +43,7 @@ class AdjustOptions:
     """
 
     model: str = option(
-        "auto",
-        "Correction of each image's RPC; auto and generic choose it by GCPs and tie points",
-        choices=MODEL_NAMES,
+        "auto", "Correction of each image's RPC; auto and generic choose it by GCPs and tie points", choices=MODEL_NAMES
     )
     robust: str = option("none", "Weight function against blunders", choices=WEIGHT_NAMES)
     reject_sigma: float = option(

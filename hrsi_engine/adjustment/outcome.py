@@ -42,10 +42,7 @@ class ResultWarningThresholds:
 
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
     many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
-    from_prior: float = threshold(
-        0.5, "",
-        "share of a parameter from its prior above which it counts as not determined",
-    )  # fmt: skip
+    from_prior: float = threshold(0.5, "", "share of a parameter from its prior: above, it is not determined")
 
 
 RESULT_WARNINGS = ResultWarningThresholds()

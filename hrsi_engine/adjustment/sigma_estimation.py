@@ -59,23 +59,12 @@ class SigmaThresholds:
     """When sigmas are tested, estimated and settled."""
 
     settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
-    significance: float = threshold(
-        0.01, "",
-        "of the two-sided chi² test of a sigma; where it fails by chance, the estimate is nearly what was"
-        " given",
-    )  # fmt: skip
+    significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
     material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
-    of_stated_sigmas: float = threshold(
-        4.0, "observations",
-        "what the sigmas as given count for, where all are tested at once",
-    )  # fmt: skip
+    of_stated_sigmas: float = threshold(4.0, "observations", "what given sigmas count for in the common test")
     least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
-    most_plausible: float = threshold(
-        2.0, "",
-        "image points that fit worse by this ratio have other faults than their sigma, which sigma0 must "
-        "go on telling",
-    )  # fmt: skip
+    most_plausible: float = threshold(2.0, "", "ratio beyond which image points have other faults than sigma")
 
 
 SIGMA = SigmaThresholds()

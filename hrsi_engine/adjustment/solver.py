@@ -20,10 +20,7 @@ from .statistics.precision import Precision, compute_precision
 
 
 def adjust(
-    block: Block,
-    options: AdjustOptions | None = None,
-    progress: Progress = silent,
-    start: np.ndarray | None = None,
+    block: Block, options: AdjustOptions | None = None, progress: Progress = silent, start: np.ndarray | None = None
 ) -> Adjustment:
     """Adjust a block; return corrected cameras, points and their precision.
 
@@ -56,10 +53,7 @@ def adjust(
 
 
 def run_adjuster(
-    block: Block,
-    options: AdjustOptions | None = None,
-    progress: Progress = silent,
-    start: np.ndarray | None = None,
+    block: Block, options: AdjustOptions | None = None, progress: Progress = silent, start: np.ndarray | None = None
 ) -> tuple[Adjustment, Adjuster]:
     """Do what `adjust` does; return the result, and what it was made with for those who go on from there."""
     try:

@@ -21,11 +21,7 @@ from .observations import Observations
 class RayGeometryThresholds:
     """Which rays tell heights."""
 
-    weak_angle_deg: float = threshold(
-        3.0, "°",
-        "rays that converge by less know the height at least twenty times worse than the position",
-        "1 / tan 3° = 19",
-    )  # fmt: skip
+    weak_angle_deg: float = threshold(3.0, "°", "rays that converge by less know heights badly", "1 / tan 3° = 19")
 
 
 RAY_GEOMETRY = RayGeometryThresholds()

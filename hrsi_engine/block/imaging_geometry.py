@@ -45,16 +45,10 @@ class GeometryThresholds:
     terrain_grid: int = threshold(50, "points", "along each side of an image, between which little relief hides")
     volume_grid: int = threshold(11, "points", "along each side of an image at which its RPC is checked")
     volume_heights: int = threshold(7, "points", "of heights at which it is checked")
-    least_denominator: float = threshold(
-        0.1, "", "denominator of an RPC over its median, below which it is close to a pole"
-    )
+    least_denominator: float = threshold(0.1, "", "denominator of an RPC over its median, below which a pole is near")
     ground_reach: float = threshold(1.5, "", "normalised lon and lat that an image of its own RPC does not exceed")
-    lowest_height_m: float = threshold(
-        -600.0, "m", "lowest land on Earth, with some reserve", "theory: Dead Sea shore, -430 m"
-    )
-    highest_height_m: float = threshold(
-        9500.0, "m", "highest land on Earth, with some reserve", "theory: Mount Everest, 8849 m"
-    )
+    lowest_height_m: float = threshold(-600.0, "m", "lowest land, with reserve", "theory: Dead Sea shore, -430 m")
+    highest_height_m: float = threshold(9500.0, "m", "highest land, with reserve", "theory: Mount Everest, 8849 m")
     crop_share: float = threshold(0.5, "", "an image smaller than this share of its RPC's extent is a crop")
     crop_origin: float = threshold(0.02, "", "of half the extent: the RPC's extent begins so near to the first pixel")
 

@@ -21,9 +21,7 @@ LASER_KIND = "laser"  # of the image points of ties that are measured at laser p
 class LaserHeightThresholds:
     """Standard deviation of laser heights."""
 
-    sigma_m: float = threshold(
-        0.3, "m", "of a laser height that states none: land under ICESat-2 in the open", "Neuenschwander 2020"
-    )
+    sigma_m: float = threshold(0.3, "m", "of a height that states none: land under ICESat-2", "Neuenschwander 2020")
 
 
 LASER_HEIGHT = LaserHeightThresholds()

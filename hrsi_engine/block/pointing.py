@@ -37,14 +37,9 @@ class PointingThresholds:
     """A priori accuracy of sensors of which nothing is stated, and how it changes over an image."""
 
     unknown_px: float = threshold(5.0, "px", "standard deviation of the pointing of an unknown sensor")
-    strip_share: float = threshold(
-        0.65, "", "change of the pointing error over a strip, over the error itself",
-        "Smiley 2009, QuickBird and WorldView-1",
-    )  # fmt: skip
+    strip_share: float = threshold(0.65, "", "pointing error's change over a strip, relative", "Smiley 2009, QuickBird")
     strip_m: float = threshold(100e3, "m", "length of such a strip: what these satellites take in one go")
-    smooth_m: float = threshold(
-        7e3, "m", "length below which the change grows with the time itself: a second of flight"
-    )
+    smooth_m: float = threshold(7e3, "m", "length below which the change grows with time itself: a second of flight")
     least_drift: float = threshold(
         3e-5, "px/px",
         "change across an image that is always allowed for: attitude drift and fit of the RPC",

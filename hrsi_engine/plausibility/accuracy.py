@@ -24,37 +24,26 @@ from ..block.pointing import compute_gsds_m
 from ..foundation.thresholds import threshold, thresholds
 
 #: Where most thresholds of this room come from.
-SIMULATED_BLOCKS = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
-PUBLISHED_ACCURACIES = "describes the published accuracies of the module's table"
+SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
+PUBLISHED = "describes the published accuracies of the module's table"
 
 
 @thresholds
 class AccuracyThresholds:
     """Errors that RPCs of satellite images may have, and errors that no RPC has."""
 
-    unknown_sigma_px: float = threshold(
-        12.0, "px", "standard deviation of the shift where the product states no accuracy", PUBLISHED_ACCURACIES
-    )
-    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", PUBLISHED_ACCURACIES)
-    least_sigma_px: float = threshold(
-        3.0, "px", "a stated standard deviation of the shift (ERR_BIAS) below is raised to this", SIMULATED_BLOCKS
-    )
-    least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED_BLOCKS)
-    large_shift_sigmas: float = threshold(
-        10.0, "sigma", "a larger shift of an image is reported as control-far", SIMULATED_BLOCKS
-    )
-    impossible_shift_sigmas: float = threshold(
-        15.0, "sigma", "no RPC errs by more than this and `impossible_shift_m`: the image does not fit its points",
-        SIMULATED_BLOCKS,
-    )  # fmt: skip
-    impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED_BLOCKS)
+    unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", PUBLISHED)
+    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", PUBLISHED)
+    least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
+    least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
+    large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift of an image is reported as far", SIMULATED)
+    impossible_shift_sigmas: float = threshold(15.0, "sigma", "no RPC errs by more than this and the next", SIMULATED)
+    impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED)
     misfit_px: float = threshold(
-        15.0, "px", "largest difference among the points of one image by measuring and drift", SIMULATED_BLOCKS
+        15.0, "px", "largest difference among the points of one image by measuring and drift", SIMULATED
     )
-    usual_drift: float = threshold(
-        3e-4, "px/px", "standard deviation of the change of an RPC's error over its image", SIMULATED_BLOCKS
-    )
-    largest_drift: float = threshold(1e-3, "px/px", "largest such change", SIMULATED_BLOCKS)
+    usual_drift: float = threshold(3e-4, "px/px", "sigma of the change of an RPC's error over its image", SIMULATED)
+    largest_drift: float = threshold(1e-3, "px/px", "largest such change", SIMULATED)
 
 
 ACCURACY = AccuracyThresholds()

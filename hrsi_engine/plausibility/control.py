@@ -24,7 +24,7 @@ import numpy as np
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import SIMULATED_BLOCKS, ImageAccuracy
+from .accuracy import SIMULATED, ImageAccuracy
 from .sightlines import Sightlines, compute_sightlines
 
 
@@ -32,24 +32,12 @@ from .sightlines import Sightlines, compute_sightlines
 class ControlFitThresholds:
     """When surveyed points fit the images on which they are measured."""
 
-    least_noise_px: float = threshold(
-        0.3, "px", "standard deviations of measurements below are raised to this: nobody measures better"
-    )
-    agreeing_share: float = threshold(
-        0.7, "", "share of an image's points that must agree for the image to fit", SIMULATED_BLOCKS
-    )
-    usual_scatter: float = threshold(
-        2.5, "", "largest robust scatter of right blocks over the expected one", SIMULATED_BLOCKS
-    )
-    most_freedom: int = threshold(
-        5, "points", "misfits of one image that count as independent: a drift makes the others alike", SIMULATED_BLOCKS
-    )
-    agreeing_sigmas: float = threshold(
-        8.0, "sigma", "a point within this many expected misfits of its image agrees with it", SIMULATED_BLOCKS
-    )
-    linear_cost_sigmas: float = threshold(
-        10.0, "sigma", "beyond, the cost of a shift grows with its logarithm instead of its square", SIMULATED_BLOCKS
-    )
+    least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to this")
+    agreeing_share: float = threshold(0.7, "", "share of an image's points that agree where the image fits", SIMULATED)
+    usual_scatter: float = threshold(2.5, "", "largest robust scatter of right blocks over the expected one", SIMULATED)
+    most_freedom: int = threshold(5, "points", "independent misfits of an image: a drift relates the rest", SIMULATED)
+    agreeing_sigmas: float = threshold(8.0, "sigma", "a point off by fewer expected misfits agrees", SIMULATED)
+    linear_cost_sigmas: float = threshold(10.0, "sigma", "a larger shift costs by its logarithm only", SIMULATED)
 
 
 CONTROL_FIT = ControlFitThresholds()

@@ -15,7 +15,7 @@ from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import SIMULATED_BLOCKS
+from .accuracy import SIMULATED
 from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
@@ -27,39 +27,16 @@ from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 class SlipThresholds:
     """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
 
-    certain_cost: float = threshold(
-        50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED_BLOCKS
-    )
-    least_cost: float = threshold(
-        22.0, "",
-        "a slip that lowers the cost by less is not named: by chance 1 in 10 000 among all slips",
-        "theory: logarithm of the likelihood ratio",
-    )  # fmt: skip
-    least_lead: float = threshold(
-        6.0, "", "cost by which the named slip must be better than every other", SIMULATED_BLOCKS
-    )
-    suspicious_sigmas: float = threshold(
-        3.5, "sigma", "shifts or a common height beyond make slips worth a try", SIMULATED_BLOCKS
-    )
-    explained_shift_sigmas: float = threshold(
-        4.5, "sigma", "largest shift of a right block: what a slip may leave", SIMULATED_BLOCKS
-    )
-    explained_scatter: float = threshold(
-        12.0, "", "largest scatter of a right block over the expected one: what a slip may leave", SIMULATED_BLOCKS
-    )
-    explained_share: float = threshold(
-        0.02, "", "or this share of the shift or scatter before the slip was undone", SIMULATED_BLOCKS
-    )
-    wrong_share: float = threshold(
-        0.25, "", "share of the GCPs, or of all points, that makes a set of surveys unusable when wrong"
-    )
-    height_sigmas: float = threshold(
-        6.0, "sigma", "a common height offset of the surveys beyond is reported", SIMULATED_BLOCKS
-    )
-    few_points_gain: float = threshold(
-        3.0, "", "a slip of a few points only is named where it improves the median misfit by this factor",
-        SIMULATED_BLOCKS,
-    )  # fmt: skip
+    certain_cost: float = threshold(50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED)
+    least_cost: float = threshold(22.0, "", "gain of a named slip: by chance 1 in 10 000", "theory: likelihood ratio")
+    least_lead: float = threshold(6.0, "", "cost by which the named slip must be better than every other", SIMULATED)
+    suspicious_sigmas: float = threshold(3.5, "sigma", "shifts or a common height beyond: slips are tried", SIMULATED)
+    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift that a slip may leave", SIMULATED)
+    explained_scatter: float = threshold(12.0, "", "largest scatter over the expected that it may leave", SIMULATED)
+    explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it was undone", SIMULATED)
+    wrong_share: float = threshold(0.25, "", "share of the GCPs, or of all points, whose errors make surveys unusable")
+    height_sigmas: float = threshold(6.0, "sigma", "a larger common height offset of surveys is reported", SIMULATED)
+    few_points_gain: float = threshold(3.0, "", "ratio by which a slip of few points improves their misfits", SIMULATED)
 
 
 SLIP = SlipThresholds()

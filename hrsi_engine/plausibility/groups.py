@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import SIMULATED_BLOCKS
+from .accuracy import SIMULATED
 from .control import CONTROL_FIT, MEDIAN_LENGTH, ControlFit
 
 
@@ -19,11 +19,9 @@ from .control import CONTROL_FIT, MEDIAN_LENGTH, ControlFit
 class GroupThresholds:
     """When surveyed points disagree with the others: single ones, or two clusters of misfits."""
 
-    gap_ratio: float = threshold(
-        8.0, "", "gap between two clusters, or distance of one point, over the spread within", SIMULATED_BLOCKS
-    )
-    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED_BLOCKS)
-    least_gap_px: float = threshold(2.0, "px", "smallest gap, in pixels on the ground", SIMULATED_BLOCKS)
+    gap_ratio: float = threshold(8.0, "", "gap of two clusters, or distance of a point, over their spread", SIMULATED)
+    least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED)
+    least_gap_px: float = threshold(2.0, "px", "smallest gap, in pixels on the ground", SIMULATED)
     fewest_points: int = threshold(4, "points", "fewer cannot be told apart")
     directions: int = threshold(12, "directions", "horizontal directions along which clusters are sought")
     least_lean: float = threshold(0.02, "m/m", "rays that lean less from the others' mean tell no height")

@@ -29,9 +29,7 @@ class IdentityThresholds:
     most_points: int = threshold(400, "points", "permutations of more are not tried: the costs grow with the square")
     most_images: int = threshold(12, "images", "permutations of more are not tried")
     sampled_points: int = threshold(12, "points", "of each image, that judge a permutation of images")
-    position_sigmas: float = threshold(
-        5.0, "sigma", "a measurement within this many standard deviations of the RPC may be of the survey there"
-    )
+    position_sigmas: float = threshold(5.0, "sigma", "of the RPC, within which a measurement may be of a survey")
 
 
 IDENTITY = IdentityThresholds()

@@ -22,9 +22,7 @@ class LaserThresholds:
     sigma_m: float = threshold(1.0, "m", "largest standard deviation that its file states")
     misfit_m: float = threshold(1.0, "m", "largest spread of its photons about the fitted segment")
     photons: float = threshold(10.0, "photons", "fewest photons of a segment")
-    slope: float = threshold(
-        0.3, "m/m", "steepest ground along the track: the plan position is known to some metres only"
-    )
+    slope: float = threshold(0.3, "m/m", "steepest ground on the track: the plan position is known to some metres only")
     canopy_m: float = threshold(3.0, "m", "highest vegetation: below, an image still shows the ground between it")
     neighbours: int = threshold(8, "points", "neighbours on the track with which a point is compared")
     neighbour_reach_m: float = threshold(150.0, "m", "farthest of them")

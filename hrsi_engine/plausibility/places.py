@@ -28,14 +28,10 @@ class PlacementThresholds:
     several_points: int = threshold(4, "points", "fewer are no pattern")
     range_slack: float = threshold(0.1, "", "share of the RPC's height range that heights may lie beyond it")
     range_slack_m: float = threshold(50.0, "m", "the same in metres; the larger of both counts")
-    height_unit_share: float = threshold(
-        0.7, "", "share of heights outside the range from which their unit is in question"
-    )
+    height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM should cover")
     coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
-    copied_height_m: float = threshold(
-        1e-3, "m", "surveyed heights this near to the DEM were read from it and tell nothing"
-    )
+    copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM were read from it")
     dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
 
 

@@ -18,7 +18,7 @@ from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree
 from ..surface.dem import HeightSurface, cell_size_m, surface_heights
-from .accuracy import SIMULATED_BLOCKS
+from .accuracy import SIMULATED
 
 
 @thresholds
@@ -27,25 +27,17 @@ class ReliefThresholds:
 
     fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height tell nothing")
     most_points: int = threshold(20_000, "points", "of more a sample is compared")
-    unlike_m: float = threshold(
-        15.0, "m", "scatter of the differences that is reported, where it exceeds the two below too", SIMULATED_BLOCKS
-    )
-    unlike_share: float = threshold(0.5, "", "the same as a share of the relief's own scatter", SIMULATED_BLOCKS)
-    unlike_sigmas: float = threshold(
-        5.0, "sigma", "the same in standard deviations of the points' heights", SIMULATED_BLOCKS
-    )
+    unlike_m: float = threshold(15.0, "m", "scatter of differences that is reported, beyond the next two", SIMULATED)
+    unlike_share: float = threshold(0.5, "", "the same as a share of the relief's own scatter", SIMULATED)
+    unlike_sigmas: float = threshold(5.0, "sigma", "the same in standard deviations of the points' heights", SIMULATED)
     far_off_m: float = threshold(50.0, "m", "a difference beyond is no tree, house or change of the ground")
     far_off_points: int = threshold(5, "points", "so many such differences are no matter of a few wrong tie points")
     far_off_share: float = threshold(0.01, "", "or this share of all")
     same_value_m: float = threshold(2.0, "m", "spread of an undeclared nodata value by undulations over a block")
-    displacement_cells: float = threshold(
-        2.0, "cells", "smallest displacement of a DEM that is reported, in its cells", SIMULATED_BLOCKS
-    )
-    displacement_sigmas: float = threshold(
-        5.0, "sigma", "the same in standard deviations of the block's position", SIMULATED_BLOCKS
-    )
-    left_of_scatter: float = threshold(0.5, "", "share of the scatter that a displacement may leave", SIMULATED_BLOCKS)
-    left_of_relief: float = threshold(0.2, "", "share of the relief that a displacement may leave", SIMULATED_BLOCKS)
+    displacement_cells: float = threshold(2.0, "cells", "smallest displacement of a DEM that is reported", SIMULATED)
+    displacement_sigmas: float = threshold(5.0, "sigma", "the same in standard deviations of the position", SIMULATED)
+    left_of_scatter: float = threshold(0.5, "", "share of the scatter that a displacement may leave", SIMULATED)
+    left_of_relief: float = threshold(0.2, "", "share of the relief that a displacement may leave", SIMULATED)
     beyond_share: float = threshold(0.3, "", "share of the points that may lie beyond the moved DEM")
     most_steps: int = threshold(12, "steps", "iterations for the displacement")
 
@@ -54,11 +46,7 @@ RELIEF = ReliefThresholds()
 
 
 def find_relief_reasons(
-    ground: np.ndarray,
-    surface: HeightSurface,
-    sigma_plan_m: float = 0.0,
-    sigma_h_m: float = 0.0,
-    holds: bool = False,
+    ground: np.ndarray, surface: HeightSurface, sigma_plan_m: float = 0.0, sigma_h_m: float = 0.0, holds: bool = False
 ) -> list[Reason]:
     """Return the reason why a DEM does not show the ground of a block.
 

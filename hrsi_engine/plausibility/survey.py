@@ -21,17 +21,11 @@ from .accuracy import ImageAccuracy
 class SurveyThresholds:
     """When surveyed coordinates were rounded, or check points are copies of GCPs."""
 
-    coarse_decimals: int = threshold(
-        5, "decimals", "of a degree (1.1 m); more decimals harm no satellite image", "theory: 1e-5 degrees are 1.1 m"
-    )
-    decimal_slack: float = threshold(
-        1e-6, "", "of the last decimal: what reading, writing and a turn of 360 degrees leave"
-    )
+    coarse_decimals: int = threshold(5, "decimals", "of a degree: more harm no image", "theory: 1e-5 degrees are 1.1 m")
+    decimal_slack: float = threshold(1e-6, "", "of the last decimal: what reading, writing and a turn of 360° leave")
     fewest_points: int = threshold(4, "points", "from which on not all coordinates are round by chance")
     harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
-    copied_share: float = threshold(
-        0.5, "", "share of the check points measured where GCPs are, from which on they are copies"
-    )
+    copied_share: float = threshold(0.5, "", "share of check points measured where GCPs are that makes them copies")
     same_target_px: float = threshold(1.5, "px", "measurements nearer than this may be of one target")
 
 

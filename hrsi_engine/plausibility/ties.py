@@ -21,7 +21,7 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
-from .accuracy import SIMULATED_BLOCKS, ImageAccuracy
+from .accuracy import SIMULATED, ImageAccuracy
 from .sightlines import Sightlines, compute_sightlines
 from .slips import PIXEL_SLIPS, Slip
 
@@ -38,36 +38,21 @@ class TieThresholds:
         "rays whose slopes differ by less tell no height: 500 m of relief part them by 2.5 m; at 0.02 every "
         "twentieth pair of right blocks failed", "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
     )  # fmt: skip
-    miss_px: float = threshold(
-        4.0, "px", "rays of a right point pass each other by less than this, or the two below", SIMULATED_BLOCKS
-    )
-    miss_sigmas: float = threshold(6.0, "sigma", "the same in standard deviations of the measurement", SIMULATED_BLOCKS)
-    miss_drift: float = threshold(3e-4, "px/px", "the same by the RPCs' drift over half an image", SIMULATED_BLOCKS)
-    largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED_BLOCKS)
-    off_share: float = threshold(
-        0.05, "", "share of a pair's points beyond its bulk that asks for a drift, and that a drift may leave",
-        SIMULATED_BLOCKS,
-    )  # fmt: skip
+    miss_px: float = threshold(4.0, "px", "rays of a right point pass nearer than this, or the two below", SIMULATED)
+    miss_sigmas: float = threshold(6.0, "sigma", "the same in standard deviations of the measurement", SIMULATED)
+    miss_drift: float = threshold(3e-4, "px/px", "the same by the RPCs' drift over half an image", SIMULATED)
+    largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED)
+    off_share: float = threshold(0.05, "", "share beyond a pair's bulk: a drift is tried, and may leave it", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations for the drift of a pair")
     bulk_share: float = threshold(0.15, "", "share of a pair's points whose narrowest interval holds the bulk")
-    bulk_sigmas: float = threshold(
-        8.0, "sigma", "a bulk farther from zero is beyond the errors of the RPCs", SIMULATED_BLOCKS
-    )
-    doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED_BLOCKS)
-    unusable_share: float = threshold(
-        0.37, "", "share of wrong measurements that makes the ties unusable", SIMULATED_BLOCKS
-    )
-    agreeing_share: float = threshold(
-        0.5, "", "share of a pair's points that must agree for the pair to fit", SIMULATED_BLOCKS
-    )
-    broken_share: float = threshold(
-        0.25, "", "a pair with a smaller share of agreeing points makes the ties unusable", SIMULATED_BLOCKS
-    )
-    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named slip leaves", SIMULATED_BLOCKS)
-    cured_ratio: float = threshold(
-        3.0, "", "smallest ratio of wrong points before and after a named slip is undone", SIMULATED_BLOCKS
-    )
-    fewest_cured: int = threshold(12, "points", "that a named slip must make join", SIMULATED_BLOCKS)
+    bulk_sigmas: float = threshold(8.0, "sigma", "a bulk farther from zero is beyond the errors of the RPCs", SIMULATED)
+    doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
+    unusable_share: float = threshold(0.37, "", "share of wrong measurements: the ties are unusable", SIMULATED)
+    agreeing_share: float = threshold(0.5, "", "share of a pair's points that agree where the pair fits", SIMULATED)
+    broken_share: float = threshold(0.25, "", "a pair with a smaller share makes the ties unusable", SIMULATED)
+    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named slip leaves", SIMULATED)
+    cured_ratio: float = threshold(3.0, "", "least ratio of wrong points before and after a named slip", SIMULATED)
+    fewest_cured: int = threshold(12, "points", "that a named slip must make join", SIMULATED)
     most_suspects: int = threshold(6, "images", "of which slips of single images are tried")
 
 

@@ -22,6 +22,5 @@
 from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {"model": "Equations Priors RefitRPC RefinementModel select_priors", "models": "MODELS"},
+    __name__, {"model": "Equations Priors RefitRPC RefinementModel select_priors", "models": "MODELS"}
 )

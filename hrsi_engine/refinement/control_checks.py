@@ -25,9 +25,7 @@ from .ground_area import compute_ground_area
 class ControlThresholds:
     """When GCPs of an image cannot be right, or do not determine it."""
 
-    farthest_m: float = threshold(
-        300e3, "m", "from an image: attitude errors of 0.1 rad move it by 120 km at most", "theory: 0.1 rad from 800 km"
-    )
+    farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
     same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
     least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
 
@@ -36,10 +34,7 @@ CONTROL = ControlThresholds()
 
 
 def check_control(image: Image, control: Control) -> list[str]:
-    """Return warnings about the control of an image.
-
-    Raises `InputError` that names the points.
-    """
+    """Return warnings about the control of an image. Raises `InputError` that names the points."""
     if not len(control):
         raise InputError(f"{image.id}: no GCP is measured on it: measure one, name its image file, or leave it out")
     _require_numbers(image, control)
@@ -122,7 +117,4 @@ def _warn_of_alignment(image: Image, control: Control) -> list[str]:
     ]
 
 
-WARNINGS: tuple[Callable[[Image, Control], list[str]], ...] = (
-    _warn_of_same_place,
-    _warn_of_alignment,
-)
+WARNINGS: tuple[Callable[[Image, Control], list[str]], ...] = (_warn_of_same_place, _warn_of_alignment)

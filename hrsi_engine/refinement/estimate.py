@@ -26,32 +26,21 @@ from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
 from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
+#: Data by which the iterations were tuned.
+CONVERGENCE = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)"
+
 
 @thresholds
 class EstimationThresholds:
     """How the parameters of one image are iterated."""
 
     most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
-    scaled_steps: int = threshold(
-        4, "steps",
-        "at most with the observations weighted as they fit, while residuals are large",
-        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
-    )  # fmt: skip
-    large_residual: float = threshold(
-        100.0, "sigma",
-        "RMS residual beyond which the first steps are weighted so",
-        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
-    )  # fmt: skip
-    gauss_newton_steps: int = threshold(
-        8, "steps",
-        "of Gauss-Newton before the second derivatives are used",
-        "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
-    )  # fmt: skip
+    scaled_steps: int = threshold(4, "steps", "at most with weights by the fit, while residuals are large", CONVERGENCE)
+    large_residual: float = threshold(100.0, "sigma", "larger RMS residual: first steps weighted so", CONVERGENCE)
+    gauss_newton_steps: int = threshold(8, "steps", "of Gauss-Newton before second derivatives are used", CONVERGENCE)
     difference_sigmas: float = threshold(0.1, "sigma", "step of the numeric second derivatives, of each parameter")
     least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
-    unsettled_ratio: float = threshold(
-        2.0, "", "growth of the cost by recomputed weights from which on there is no common minimum"
-    )
+    unsettled_ratio: float = threshold(2.0, "", "growth of the cost by new weights that tells of no common minimum")
     weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
 
 

@@ -36,19 +36,13 @@ from .model import ALL_ROWS, RowIndex
 class SensorThresholds:
     """Which pseudo sensors are plausible, and how exactly rays are followed."""
 
-    usual_height_m: float = threshold(
-        600e3, "m", "height of the pseudo sensor where the rays of a line are nearly parallel", "thesis, section 4.3"
-    )
+    usual_height_m: float = threshold(600e3, "m", "of the sensor, for nearly parallel rays", "thesis, section 4.3")
     least_height_m: float = threshold(1e3, "m", "lowest plausible height: an aircraft")
     largest_height_m: float = threshold(2e6, "m", "highest plausible height: above the highest mapping satellites")
-    largest_climb: float = threshold(
-        0.02, "", "change of the height over half an image, relative; more is noise of nearly parallel rays"
-    )
+    largest_climb: float = threshold(0.02, "", "relative change of height over half an image; more is noise")
     least_range_m: float = threshold(100.0, "m", "between the two heights of a ray, where the RPC's range is smaller")
     closure_px: float = threshold(1e-9, "px", "step of the projection at which its iteration ends")
-    height_closure_m: float = threshold(
-        1e-6, "m", "height error of a grid of corrected rays at which its iteration ends"
-    )
+    height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays that ends its iteration")
     most_steps: int = threshold(20, "steps", "of both iterations")
 
 

@@ -147,10 +147,7 @@ def refine_rpc(
 
 
 def refine_image(
-    image: Image,
-    control: Control,
-    options: RefineOptions | None = None,
-    models: Mapping[str, RefinementModel] = MODELS,
+    image: Image, control: Control, options: RefineOptions | None = None, models: Mapping[str, RefinementModel] = MODELS
 ) -> Refinement:
     """Return an image refined from its control; see `refine_rpc`."""
     options = options or RefineOptions()

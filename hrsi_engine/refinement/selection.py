@@ -55,11 +55,7 @@ class SelectionThresholds:
     blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst of all GCPs", "Rosner 1983")
     least_redundancy: float = threshold(4.0, "", "left without a GCP, for a model to judge it")
     least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP do no harm")
-    expected_error: float = threshold(
-        2.0, "sigma",
-        "RMS prediction error (2D: 1.4 where all is well) that demands no richer model",
-        "real GCPs, 2026-11-22 (docs/accuracy_blunders.md)",
-    )  # fmt: skip
+    expected_error: float = threshold(2.0, "sigma", "RMS prediction error, good enough", "docs/accuracy_blunders.md")
     large_error: float = threshold(5.0, "sigma", "beyond, too few GCPs are said to disagree")
     drift_measurements: int = threshold(
         25_000, "measurements",

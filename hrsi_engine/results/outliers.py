@@ -23,12 +23,7 @@ from .residuals import Residuals
 class OutlierThresholds:
     """Which residuals stand out."""
 
-    sigmas: float = threshold(
-        4.0,
-        "sigma",
-        "length of a residual beyond which it is an outlier",
-        "theory: of a two-dimensional normal error, 1 in 3000 is larger",
-    )
+    sigmas: float = threshold(4.0, "sigma", "of an outlier's residual", "theory: of 2D normal errors 1 in 3000 exceeds")
     most_listed: int = threshold(200, "outliers", "outliers that the report lists")
 
 

@@ -35,9 +35,7 @@ from ..refinement.stacked_cameras import linearise_images, project_to_images
 class ResidualThresholds:
     """How many residuals are worked on together."""
 
-    known_at_once: int = threshold(
-        20_000, "measurements", "measurements of known points whose covariances are in memory together"
-    )
+    known_at_once: int = threshold(20_000, "measurements", "of known points whose covariances are in memory together")
 
 
 RESIDUAL = ResidualThresholds()

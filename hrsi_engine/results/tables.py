@@ -30,9 +30,7 @@ from .residuals import Residuals
 class TableThresholds:
     """How long layers may be."""
 
-    most_image_residuals: int = threshold(
-        1_000_000, "rows", "image residuals in a layer: a map shows no more, and each takes a hundred bytes twice"
-    )
+    most_image_residuals: int = threshold(1_000_000, "rows", "in a layer: a map shows no more, each takes 200 bytes")
 
 
 TABLE = TableThresholds()

@@ -54,10 +54,7 @@ class ParallaxThresholds:
     least_for_plane: int = threshold(20, "parallaxes", "fewer carry a constant only")
     least_for_scale: int = threshold(12, "parallaxes", "fewer judge nothing")
     agreeing: float = threshold(3.0, "sigma", "a parallax off its plane by less agrees")
-    levelling: float = threshold(
-        1e-3, "",
-        "relative weight that keeps the slopes of badly distributed parallaxes at zero",
-    )  # fmt: skip
+    levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
     worth_compiling: int = threshold(200, "image pairs", "from here on planes are tried by a compiled loop")
 
 

@@ -42,40 +42,16 @@ class GcpTestThresholds:
     """Which GCPs are wrong, what of them, and whether that is clear."""
 
     of_stated_sigmas: float = threshold(2.0, "observations", "what the stated sigmas count for in a variance factor")
-    worse_significance: float = threshold(
-        0.1, "",
-        "significance at which a kind of observations has a variance factor of its own (F test)",
-    )  # fmt: skip
+    worse_significance: float = threshold(0.1, "", "of a kind of observations with a variance factor of its own")
     all_subsets: int = threshold(1000, "subsets", "so many are tried one by one; more GCPs are searched")
-    starts: int = threshold(
-        12, "starts",
-        "random starts of the search",
-        "concentration steps (Rousseeuw and Van Driessen 1999)",
-    )  # fmt: skip
-    group_steps: int = threshold(
-        8, "steps",
-        "concentration steps from each start",
-        "concentration steps (Rousseeuw and Van Driessen 1999)",
-    )  # fmt: skip
-    unexplained: float = threshold(
-        15.0, "variance factors",
-        "sum of squares that an equally good explanation may leave",
-    )  # fmt: skip
-    like: float = threshold(
-        0.02, "",
-        "share of what the best explanation explains by which another may fall short: equations are only "
-        "nearly linear",
-    )  # fmt: skip
+    starts: int = threshold(12, "starts", "random starts of the search", "Rousseeuw and Van Driessen 1999")
+    group_steps: int = threshold(8, "steps", "concentration steps from a start", "Rousseeuw and Van Driessen 1999")
+    unexplained: float = threshold(15.0, "variance factors", "squares that an equally good explanation leaves")
+    like: float = threshold(0.02, "", "by which an explanation may fall short of the best: equations are not linear")
     simplicity: float = threshold(9.0, "variance factors", "squares that another unknown must explain: three sigma")
-    undecided: float = threshold(
-        6.0, "variance factors",
-        "by which one explanation of a GCP must be better than another",
-    )  # fmt: skip
+    undecided: float = threshold(6.0, "variance factors", "by which one explanation of a GCP must be better")
     most_together: int = threshold(40, "GCPs", "so many are searched as one; of more, each with its neighbourhood")
-    neighbourhood: int = threshold(
-        20, "GCPs",
-        "size of a neighbourhood; its nearer half is judged, with the other half around it",
-    )  # fmt: skip
+    neighbourhood: int = threshold(20, "GCPs", "of a neighbourhood; its nearer half is judged")
 
 
 GCP_TESTS = GcpTestThresholds()

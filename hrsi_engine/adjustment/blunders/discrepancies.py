@@ -34,15 +34,8 @@ from ..problem import Problem
 class DiscrepancyThresholds:
     """Which directions of the GCPs' errors can be tested."""
 
-    least_inverse_share: float = threshold(
-        1e-9, "",
-        "share of the largest eigenvalue of an inverse below which a direction does not count",
-        "rounding of float64",
-    )  # fmt: skip
-    least_share: float = threshold(
-        1e-3, "",
-        "share of an error that shows in the residuals; a direction with less is not tested",
-    )  # fmt: skip
+    least_inverse_share: float = threshold(1e-9, "", "of the largest eigenvalue that counts", "rounding of float64")
+    least_share: float = threshold(1e-3, "", "of an error that shows in the residuals; less is not tested")
 
 
 DISCREPANCY = DiscrepancyThresholds()

@@ -35,20 +35,11 @@ from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 class SnoopingThresholds:
     """How long rounds of data snooping go on, and with what weights."""
 
-    tie_rounds: int = threshold(
-        6, "rounds",
-        "most rounds in which cameras and decisions on tie measurements alternate",
-    )  # fmt: skip
+    tie_rounds: int = threshold(6, "rounds", "in which cameras and decisions on tie measurements alternate")
     control_rounds: int = threshold(3, "rounds", "most rounds in which GCPs are tested")
     rare: float = threshold(2e-4, "", "share of the measurements whose change of decision is not worth another round")
-    strong_drift: float = threshold(
-        10.0, "",
-        "times the usual drift, which no sensor exceeds: a GCP that such a drift explains is not accused",
-    )  # fmt: skip
-    survey_weight: float = threshold(
-        1e-3, "",
-        "factor of the surveys' weights while tie measurements are judged: sigmas thirty times as large",
-    )  # fmt: skip
+    strong_drift: float = threshold(10.0, "", "times the usual drift: GCPs that it explains are not accused")
+    survey_weight: float = threshold(1e-3, "", "factor of the surveys' weights while ties are judged")
 
 
 SNOOPING = SnoopingThresholds()

@@ -37,15 +37,8 @@ MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against the
 class RayTestThresholds:
     """Which measurements of a tie point are blunders."""
 
-    credit: float = threshold(
-        0.05, "",
-        "odds of agreeing by chance up to which two rays that are left are believed (Bayes, see the "
-        "module)",
-    )  # fmt: skip
-    gross: float = threshold(
-        1.5, "",
-        "times the user's limit: beyond it a point has a blunder, and not just bad luck",
-    )  # fmt: skip
+    credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are believed (see the module)")
+    gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder, and not bad luck")
 
 
 RAYS = RayTestThresholds()

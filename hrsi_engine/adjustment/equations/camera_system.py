@@ -29,19 +29,9 @@ class CameraSystemThresholds:
         "more are solved by conjugate gradients: the factors of an affine block that large take some 12 "
         "GB",
     )  # fmt: skip
-    nearby: float = threshold(
-        1e-7, "",
-        "relative error of a step by the factors of a nearby matrix; a pass of Gauss-Newton mends what is"
-        " left",
-    )  # fmt: skip
-    nearby_unknowns: int = threshold(
-        500, "unknowns",
-        "of fewer, new factors cost nothing, and are exact where the matrix is badly conditioned",
-    )  # fmt: skip
-    nearby_iterations: int = threshold(
-        10, "iterations",
-        "most with the factors of a nearby matrix, each a twentieth of new factors in a large block",
-    )  # fmt: skip
+    nearby: float = threshold(1e-7, "", "relative error by a nearby matrix's factors; the next pass mends it")
+    nearby_unknowns: int = threshold(500, "unknowns", "of fewer, new factors cost nothing and are exact")
+    nearby_iterations: int = threshold(10, "iterations", "with a nearby matrix; each costs 1/20 of new factors")
 
 
 SYSTEM = CameraSystemThresholds()

@@ -243,12 +243,7 @@ class SparseFactor:
     """
 
     def __init__(
-        self,
-        graph: sparse.csr_matrix,
-        start: np.ndarray,
-        columns: np.ndarray,
-        size: int,
-        position: np.ndarray,
+        self, graph: sparse.csr_matrix, start: np.ndarray, columns: np.ndarray, size: int, position: np.ndarray
     ) -> None:
         self.cameras, self.size = graph.shape[0], size
         self._start, self._columns = start, columns

@@ -45,10 +45,7 @@ class PointStepThresholds:
     """When an intersection of rays is settled."""
 
     closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
-    most_step_m: float = threshold(
-        5e3, "m",
-        "largest step: weak geometry takes short steps, the equations are nearly linear",
-    )  # fmt: skip
+    most_step_m: float = threshold(5e3, "m", "largest step: with weak geometry steps are short")
     worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
 
 

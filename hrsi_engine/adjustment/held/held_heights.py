@@ -33,10 +33,7 @@ from .shared_errors import ErrorSource, GroupHistory, SourceFit, compare_groups,
 class HeightThresholds:
     """Which heights can be judged."""
 
-    least_by_rays: float = threshold(
-        1e-4, "",
-        "share of a height that comes from rays; below, nothing judges the observed height",
-    )  # fmt: skip
+    least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
 
 
 HEIGHTS = HeightThresholds()

@@ -26,10 +26,7 @@ NON_CENTRALITY = 4.13
 class ReliabilityThresholds:
     """Which residuals tell of their own observation."""
 
-    least_redundancy: float = threshold(
-        1e-3, "",
-        "redundancy number below which a residual says nothing of its own observation",
-    )  # fmt: skip
+    least_redundancy: float = threshold(1e-3, "", "a residual with less says nothing of its observation")
 
 
 RELIABILITY = ReliabilityThresholds()

@@ -39,19 +39,9 @@ class VarianceThresholds:
         "redundancy of a group below which its variance factor is known to no better than a third",
         "1 / sqrt(2 r) of a variance component with redundancy r",
     )  # fmt: skip
-    least_matched_px: float = threshold(
-        0.02, "px",
-        "no matching is better",
-        "least-squares matching (Förstner 1982, Grün 1985)",
-    )  # fmt: skip
-    of_surveys: float = threshold(
-        6.0, "observations",
-        "what the factor of all surveys counts for in each of their groups",
-    )  # fmt: skip
-    least_survey_share: float = threshold(
-        1e-5, "",
-        "redundancy number of a survey below which it says nothing of its sigma",
-    )  # fmt: skip
+    least_matched_px: float = threshold(0.02, "px", "no matching is better", "Förstner 1982, Grün 1985")
+    of_surveys: float = threshold(6.0, "observations", "what the factor of all surveys counts for in groups")
+    least_survey_share: float = threshold(1e-5, "", "least redundancy number of a survey that counts")
     same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
 
 

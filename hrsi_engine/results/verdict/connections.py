@@ -26,9 +26,7 @@ class ConnectionThresholds:
     fewest_ties: int = threshold(4, "points", "that hold an image: two for its shift, and two that would show an error")
     fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
     kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
-    extrapolation_px: float = threshold(
-        5.0, "px", "standard deviation of an image's corners beyond that of the middle of its points", SOUND_BLOCKS
-    )
+    extrapolation_px: float = threshold(5.0, "px", "sigma of image corners beyond that amid the points", SOUND_BLOCKS)
 
 
 CONNECTION = ConnectionThresholds()

@@ -21,9 +21,7 @@ from .significance import SOUND_BLOCKS
 class CameraThresholds:
     """Errors of cameras that no observation's standard deviation contains."""
 
-    unmodelled_px: float = threshold(
-        0.5, "px", "standard deviation of a camera's unmodelled errors in sample and in line", SOUND_BLOCKS
-    )
+    unmodelled_px: float = threshold(0.5, "px", "of a camera's unmodelled errors in sample and line", SOUND_BLOCKS)
 
 
 CAMERA = CameraThresholds()

@@ -25,9 +25,7 @@ class FieldThresholds:
     most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
     fewest_rows: int = threshold(12, "points", "fewer are not tested")
     images_at_once: int = threshold(100, "images", "of up to a thousand points: 30 MB")
-    rank_tolerance: float = threshold(
-        1e-9, "", "eigenvalues below, over the largest, leave the rank open: such an image is tested alone"
-    )
+    rank_tolerance: float = threshold(1e-9, "", "relative eigenvalues below leave the rank open: images tested alone")
     risk_margin: float = threshold(1.001, "", "margin of the test of many images at once for its rounding")
     equal_share: float = threshold(0.8, "", "share of what the richest model explains from which a simpler one serves")
     noted_px: float = threshold(0.05, "px", "RMS from which on a field is a note")

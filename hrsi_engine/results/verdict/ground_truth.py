@@ -29,35 +29,17 @@ class GroundTruthThresholds:
 
     doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
     unusable_misfit: float = threshold(7.0, "", "the same that makes a block unusable", SOUND_BLOCKS)
-    unusable_error: float = threshold(
-        10.0, "", "RMS error of the check points over the predicted one that makes a block unusable", SOUND_BLOCKS
-    )
-    height_scatter: float = threshold(
-        2.0, "",
-        "scatter of heights over their stated standard deviation that is reported, if it is also beyond the "
-        "next", SOUND_BLOCKS,
-    )  # fmt: skip
+    unusable_error: float = threshold(10.0, "", "RMS check point error over prediction: block unusable", SOUND_BLOCKS)
+    height_scatter: float = threshold(2.0, "", "scatter of heights over stated, beyond the next too", SOUND_BLOCKS)
     height_scatter_m: float = threshold(5.0, "m", "the same in metres", SOUND_BLOCKS)
-    canopy_m: float = threshold(
-        3.0, "m", "laser points lower by more are the ground, where the others may be tree tops", SOUND_BLOCKS
-    )
+    canopy_m: float = threshold(3.0, "m", "laser points lower by more are ground, the others tree tops", SOUND_BLOCKS)
     fewest_lower: int = threshold(10, "points", "so many lower points are reported", SOUND_BLOCKS)
     lower_share: float = threshold(0.1, "", "or this share of the laser points, the larger of both", SOUND_BLOCKS)
-    largest_condition: float = threshold(
-        1e12, "", "condition of a point's normal equations beyond which its rays do not intersect"
-    )
-    outlier_ratio: float = threshold(
-        4.0, "",
-        "misfit of a GCP over the RMS of its image's field, from which on the point is wrong and not the "
-        "camera", SOUND_BLOCKS,
-    )  # fmt: skip
-    single_error: float = threshold(
-        3.0, "", "error of one check point over what the others show that is reported", SOUND_BLOCKS
-    )
+    largest_condition: float = threshold(1e12, "", "of a point's normal equations: beyond, its rays do not intersect")
+    outlier_ratio: float = threshold(4.0, "", "GCP's misfit over its image's RMS: the point is wrong", SOUND_BLOCKS)
+    single_error: float = threshold(3.0, "", "error of one check point over the others' that is reported", SOUND_BLOCKS)
     wrong_share: float = threshold(0.3, "", "share of GCPs left out beyond which the others may be the wrong ones")
-    ambiguous_sigmas: float = threshold(
-        10.0, "sigma", "contradiction of GCPs that cannot be resolved and makes a block unusable", SOUND_BLOCKS
-    )
+    ambiguous_sigmas: float = threshold(10.0, "sigma", "unresolved contradiction of GCPs: block unusable", SOUND_BLOCKS)
 
 
 GROUND_TRUTH = GroundTruthThresholds()

@@ -14,10 +14,7 @@ SOUND_BLOCKS = "sound simulated blocks of six sensors, seeds below 1000, 2026-11
 class SignificanceThresholds:
     """Error probability of the verdict's tests."""
 
-    risk: float = threshold(
-        1e-4, "", "error probability of each test: twenty tests a block make two false alarms in a thousand blocks",
-        "theory",
-    )  # fmt: skip
+    risk: float = threshold(1e-4, "", "error probability of each of the twenty tests of a block", "theory")
 
 
 SIGNIFICANCE = SignificanceThresholds()

@@ -18,28 +18,16 @@ from .significance import SOUND_BLOCKS, is_significant
 class SolutionThresholds:
     """When the solution of an adjustment cannot be trusted."""
 
-    settled_sigmas: float = threshold(
-        1.0, "sigma", "movement of the unknowns by one more step that leaves the result what it is"
-    )
-    doubtful_residuals: float = threshold(
-        3.0, "", "residuals over what measurement and camera explain that are reported", SOUND_BLOCKS
-    )
+    settled_sigmas: float = threshold(1.0, "sigma", "movement by one more step that leaves the result what it is")
+    doubtful_residuals: float = threshold(3.0, "", "reported residuals over noise and camera", SOUND_BLOCKS)
     unusable_residuals: float = threshold(10.0, "", "the same that make a block unusable", SOUND_BLOCKS)
-    doubtful_sigmas: float = threshold(
-        5.0, "sigma", "correction of an image in standard deviations of its prior that is reported", SOUND_BLOCKS
-    )
+    doubtful_sigmas: float = threshold(5.0, "sigma", "reported correction of an image, in prior sigmas", SOUND_BLOCKS)
     unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
-    granted_shift_px: float = threshold(
-        20.0, "px", "standard deviation of the shift that any RPC may have", SOUND_BLOCKS
-    )
-    granted_drift: float = threshold(
-        2e-4, "px/px", "standard deviation of the drift that any RPC may have", SOUND_BLOCKS
-    )
+    granted_shift_px: float = threshold(20.0, "px", "sigma of the shift that any RPC may have", SOUND_BLOCKS)
+    granted_drift: float = threshold(2e-4, "px/px", "sigma of the drift that any RPC may have", SOUND_BLOCKS)
     doubtful_fit_px: float = threshold(0.1, "px", "largest difference of a refined RPC from its model that is reported")
     unusable_fit_px: float = threshold(1.0, "px", "the same that makes a block unusable")
-    least_prior_share: float = threshold(
-        1e-12, "", "share of a parameter from its prior below which the prior cannot be derived from it"
-    )
+    least_prior_share: float = threshold(1e-12, "", "a prior with less share in a parameter is not derived from it")
 
 
 SOLUTION = SolutionThresholds()
