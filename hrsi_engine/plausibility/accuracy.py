@@ -25,15 +25,15 @@ from ..foundation.thresholds import threshold, thresholds
 
 #: Where most thresholds of this room come from.
 SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
-PUBLISHED = "describes the published accuracies of the module's table"
+OF_SENSORS = "describes the published accuracies of the module's table"
 
 
 @thresholds
 class AccuracyThresholds:
     """Errors that RPCs of satellite images may have, and errors that no RPC has."""
 
-    unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", PUBLISHED)
-    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", PUBLISHED)
+    unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", OF_SENSORS)
+    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
     least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
     large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift of an image is reported as far", SIMULATED)

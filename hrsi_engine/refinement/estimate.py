@@ -27,7 +27,7 @@ from ..foundation.thresholds import threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 #: Data by which the iterations were tuned.
-CONVERGENCE = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)"
+TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)"
 
 
 @thresholds
@@ -35,9 +35,9 @@ class EstimationThresholds:
     """How the parameters of one image are iterated."""
 
     most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
-    scaled_steps: int = threshold(4, "steps", "at most with weights by the fit, while residuals are large", CONVERGENCE)
-    large_residual: float = threshold(100.0, "sigma", "larger RMS residual: first steps weighted so", CONVERGENCE)
-    gauss_newton_steps: int = threshold(8, "steps", "of Gauss-Newton before second derivatives are used", CONVERGENCE)
+    scaled_steps: int = threshold(4, "steps", "at most with weights by the fit, while residuals are large", TUNED_ON)
+    large_residual: float = threshold(100.0, "sigma", "larger RMS residual: first steps weighted so", TUNED_ON)
+    gauss_newton_steps: int = threshold(8, "steps", "of Gauss-Newton before second derivatives are used", TUNED_ON)
     difference_sigmas: float = threshold(0.1, "sigma", "step of the numeric second derivatives, of each parameter")
     least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
     unsettled_ratio: float = threshold(2.0, "", "growth of the cost by new weights that tells of no common minimum")
