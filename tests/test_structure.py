@@ -12,11 +12,9 @@ from measure_trips import Calls, Trip
 ROOT = Path(__file__).resolve().parents[1]
 #: How far a count on the page may lie behind the sources, so that not every change of a line changes the page.
 STALE = 0.02
-#: Limits that are not kept yet, and why.
+#: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
-    "product lines without the laboratory": "code that libraries replace is being taken out",
-    "functions above 60 lines": "the last ones are being divided",
-    "names that are participles, adverbs or letters, %": "functions are being renamed",
+    "product lines without the laboratory": (68_500, "thresholds, layers and geodesy added what deletions saved")
 }
 
 
@@ -34,7 +32,9 @@ def figures(product: Product) -> dict[str, float]:
 def test_limit_is_kept(figures: dict[str, float], figure: str):
     """`scripts/measure_structure.py --now --names` lists what is counted."""
     if figures[figure] > LIMITS[figure] and figure in NOT_YET:
-        pytest.skip(f"{figures[figure]:g}, and {LIMITS[figure]:g} is the limit: {NOT_YET[figure]}")
+        most, why = NOT_YET[figure]
+        assert figures[figure] <= most, f"{figures[figure]:g} is more than before ({most:g}): take something out"
+        pytest.skip(f"{figures[figure]:g}, and {LIMITS[figure]:g} is the limit: {why}")
     assert figures[figure] <= LIMITS[figure]
 
 

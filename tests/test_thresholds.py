@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import list_thresholds
-import pytest
 
 from hrsi.hrsi_engine.foundation.thresholds import threshold, thresholds
 
@@ -55,7 +54,6 @@ def test_the_page_shows_name_value_unit_meaning_and_origin():
     ]
 
 
-@pytest.mark.skip(reason="enabled once all topics have moved to their classes")
 def test_the_page_is_current():
     assert list_thresholds.PAGE.read_text(encoding="utf-8") == list_thresholds.write_page(), (
         f"docs/thresholds.md is not current: run {list_thresholds.COMMAND} (or `make thresholds`)"
