@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from qgis.core import QgsCoordinateReferenceSystem, QgsCoordinateTransform, QgsPointXY, QgsProject
+import numpy as np
+from qgis.core import QgsPointXY
 from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint, QgsVertexMarker
 from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QColor
 
-_LONLAT = QgsCoordinateReferenceSystem("EPSG:4326")
+from ...processing_algorithms import point_session
+
 _MARK = QColor(255, 176, 0)
 
 
@@ -58,12 +60,20 @@ class MapLink:
         self._mark.setIconSize(18)
         self._mark.setPenWidth(2)
         of_map = self.canvas.mapSettings().destinationCrs()
-        to_map = QgsCoordinateTransform(_LONLAT, of_map, QgsProject.instance())
-        self._mark.setCenter(to_map.transform(QgsPointXY(*lonlat)))
+        place = (
+            point_session.operations_of(of_map.toWkt()).from_wgs84(np.array([lonlat]))[0]
+            if of_map.isValid()
+            else lonlat
+        )
+        self._mark.setCenter(QgsPointXY(*map(float, place)))
 
 
 def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
     """Return longitude and latitude of a place in the CRS of a map."""
     of_map = canvas.mapSettings().destinationCrs()
-    place = QgsCoordinateTransform(of_map, _LONLAT, QgsProject.instance()).transform(point)
-    return place.x(), place.y()
+    if not of_map.isValid():
+        return point.x(), point.y()
+    lon, lat, _ = (
+        point_session.operations_of(of_map.toWkt()).to_wgs84(np.array([[point.x(), point.y(), 0.0]]))[0].tolist()
+    )
+    return lon, lat

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .transfers import new_tie as new_tie
     from .transfers import place_tie as place_tie
     from .views import dem_height as dem_height
+    from .views import operations_of as operations_of
     from .views import place_on as place_on
     from .views import view_of as view_of
 
@@ -45,7 +46,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "files": "new_session open_block read_ground_points save",
         "recovery": "EditKeeper find_journals forget recover",
         "transfers": "find_transfers new_tie place_tie",
-        "views": "dem_height place_on view_of",
+        "views": "dem_height operations_of place_on view_of",
         "adjusting": "adjust_block block_of follow",
     },
 )

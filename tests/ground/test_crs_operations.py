@@ -23,13 +23,14 @@ from hrsi.hrsi_engine.ground.crs_operations import operations_of, without_height
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Where positions may be converted: the service and the two modules that serve it.
 SERVICE = {"crs_operations.py", "geoids.py", "plate_motion.py"}
-#: Places in the map window, which QGIS draws by its own operations: the way back of a click is QGIS's too.
-MAP_WINDOW = {"plugin/points_panel/map_link.py", "plugin/first_steps.py"}
+#: It moves the map window to the extent of a layer as QGIS draws it; no coordinate of the block comes from that.
+MAP_WINDOW = {"plugin/first_steps.py"}
 FORBIDDEN = {
     "Transformer",
     "TransformerGroup",
@@ -216,6 +217,38 @@ def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(
     assert float(figures[1]) < 0.05  # pixels between the RPCs of this job and of the one on WGS84
     report = json.loads((tmp_path / "Chile" / "map" / "report.json").read_text())
     assert report["crs_operations"][0]["code"] == "EPSG:6972"
+    assert "PSAD56 to WGS 84 (16)" in (tmp_path / "Chile" / "map" / "report.html").read_text()
     assert report["untested_by_check_points"]["ce90_m"] == pytest.approx(1.5175 * 17.0 * np.sqrt(2.0 / 3.0), rel=1e-3)
     assert "which these cannot test" in report["verdict"]["sentence"]
     assert report["images"]["image_1"]["err_bias_m"] == pytest.approx(17.0 / np.sqrt(3.0), rel=0.01)
+
+
+def test_the_commands_as_typed(tmp_path: Path) -> None:
+    """`rpc-info --crs`, and README's `orthorectify --dem-datum egm2008` where only EGM96 is installed."""
+    bare = tmp_path / "proj"
+    bare.mkdir()
+    egm96 = Path("/usr/share/proj/egm96_15.gtx")
+    if not egm96.is_file():
+        pytest.skip("EGM96 is not installed: apt-get install proj-data")
+    for file in (Path(pyproj.datadir.get_data_dir()) / "proj.db", egm96):
+        shutil.copy(file, bare)
+    environment = {
+        **os.environ,
+        **dict.fromkeys(("PROJ_DATA", "PROJ_LIB", "PROJ_USER_WRITABLE_DIRECTORY"), str(bare)),
+    }
+
+    def hrsi(code: int, *words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "hrsi", *words], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == code, done.stderr
+        return done.stdout + done.stderr
+
+    rpc_image(tmp_path / "a.tif", camera(0.35))
+    write_dem(tmp_path / "dem.tif")
+    image, ortho = str(tmp_path / "a.tif"), ("--dem", str(tmp_path / "dem.tif"), "--dem-datum", "egm2008")
+    assert "ETRS89 to WGS 84 (1)" in hrsi(0, "rpc-info", image, "--crs", "EPSG:25832")
+    told = hrsi(0, "orthorectify", image, *ortho, "--output-dir", str(tmp_path / "ortho"))
+    assert "the geoid of egm2008 is not installed, egm96 stands in" in told
+    strict = hrsi(2, "orthorectify", image, *ortho, "--strict-datum", "--output-dir", str(tmp_path / "strict"))
+    assert "projsync" in strict
