@@ -21,13 +21,7 @@ from ..foundation.progress import Progress, silent, stage
 from ..foundation.workers.scheduling import Keeper, Scheduler, open_scheduler
 from ..surface.dem import HeightSurface
 from .block_matching import joining
-from .block_matching.links import (
-    ImageHold,
-    cut_weak_bridges,
-    drop_unsound_links,
-    find_bridges,
-    summarise_holds,
-)
+from .block_matching.links import ImageHold, cut_weak_bridges, drop_unsound_links, find_bridges, summarise_holds
 from .block_matching.search import PairCandidate, TieSearch, count_points_per_cell
 from .tie_options import TieOptions
 

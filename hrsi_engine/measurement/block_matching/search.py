@@ -19,12 +19,7 @@ from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
 from . import coarse, joining, overlaps, plan
 from .completion import TransferJob, transfer_star
-from .links import (
-    ImageLink,
-    drop_unsound_links,
-    find_displaced_images,
-    judge_links,
-)
+from .links import ImageLink, drop_unsound_links, find_displaced_images, judge_links
 from .overlaps import CHOICE, choose_probes, compute_central_views, compute_convergence_deg, find_likely_overlaps
 from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
 from .pair_choice import PairChoice

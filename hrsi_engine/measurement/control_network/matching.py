@@ -13,13 +13,7 @@ from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.detectors import clip_to_image
-from ..interest_points.options import (
-    CANDIDATE_QUALITY,
-    DETECTOR_SETS,
-    CentreOptions,
-    CornerOptions,
-    DetectionOptions,
-)
+from ..interest_points.options import CANDIDATE_QUALITY, DETECTOR_SETS, CentreOptions, CornerOptions, DetectionOptions
 from ..interest_points.windows import Area
 from .growth import GrowthOptions, GrowthStage, grow_network
 from .network import Network

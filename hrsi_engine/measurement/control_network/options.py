@@ -38,12 +38,7 @@ class ControlNetworkOptions:
         unit="°",
     )
     incidence_deg: float = option(
-        10.0,
-        "Incidence angle of both images that it allows for",
-        name="incidence",
-        minimum=0.0,
-        maximum=60.0,
-        unit="°",
+        10.0, "Incidence angle of both images that it allows for", name="incidence", minimum=0.0, maximum=60.0, unit="°"
     )
     reach_px: float = option(
         200.0, "Longest distance of a super point from its root", name="reach", minimum=20.0, unit="px", advanced=True

@@ -84,6 +84,5 @@ def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> Ar
     smooth = blur(grey, 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
     clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
     return ArrayRaster(
-        interpolate(smooth, *places, order=1),
-        interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0,
+        interpolate(smooth, *places, order=1), interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
     )

@@ -160,10 +160,7 @@ class ImageGcps(NamedTuple):
 
 
 def contradiction(
-    images: Sequence[Image],
-    control: ReferenceControl,
-    gcps: Sequence[ImageGcps],
-    accuracy: ReferenceAccuracy,
+    images: Sequence[Image], control: ReferenceControl, gcps: Sequence[ImageGcps], accuracy: ReferenceAccuracy
 ) -> Contradiction | None:
     """Return the difference between surveyed GCPs and the reference; None where no image has both."""
     by_id = {image.id: image for image in images}
