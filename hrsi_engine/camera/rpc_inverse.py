@@ -83,17 +83,14 @@ class Solver:
         self._derivatives = np.concatenate([polynomials @ matrix for matrix in DERIVATIVES[:2]])
         with np.errstate(all="ignore"):
             self._inverse = fit_inverse(polynomials)
-            self._affine = self._compute_affine_inverse()
-
-    def _compute_affine_inverse(self) -> np.ndarray:
-        """``(2, 4)``: normalised L, P as an affine function of (1, sample, line, H), from the centre's derivatives."""
-        terms = monomials(np.zeros((3, 1)))
-        values = self._polynomials @ terms
-        ratios = values[:2] / values[2:]
-        derivatives = np.concatenate([self._polynomials @ matrix for matrix in DERIVATIVES])
-        slopes = slopes_of_ratios(derivatives, terms, ratios, values[2:])[:, :, 0]
-        inverse = np.linalg.pinv(slopes[:2].T) if np.isfinite(slopes).all() else np.zeros((2, 2))
-        return np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
+            # ``(2, 4)``: normalised L, P as an affine function of (1, sample, line, H), from the centre's derivatives
+            terms = monomials(np.zeros((3, 1)))
+            values = self._polynomials @ terms
+            ratios = values[:2] / values[2:]
+            derivatives = np.concatenate([self._polynomials @ matrix for matrix in DERIVATIVES])
+            slopes = slopes_of_ratios(derivatives, terms, ratios, values[2:])[:, :, 0]
+            inverse = np.linalg.pinv(slopes[:2].T) if np.isfinite(slopes).all() else np.zeros((2, 2))
+            self._affine = np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
 
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""

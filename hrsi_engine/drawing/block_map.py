@@ -166,7 +166,14 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     places = np.vstack([*rings.values(), data.lonlat[here], ties[finite_rows(ties)]])
     if not len(places):
         return MapDrawing()
-    view = _fit_view(places)
+    # A view that shows all places (lon, lat)
+    frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
+    local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
+    low, high = local.min(axis=0), local.max(axis=0)
+    extent = np.maximum(high - low, 1.0)
+    scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
+    slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
+    view = _MapView(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
     # Drawing units per metre of residual; None without residuals
     residual = data.residual_en_m[finite_rows(data.residual_en_m)]
     typical = float(np.percentile(np.linalg.norm(residual, axis=1), 90.0)) if len(residual) else 0.0
@@ -198,17 +205,6 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
             "cells": figures,
         },
     )  # fmt: skip
-
-
-def _fit_view(places: np.ndarray) -> _MapView:
-    """Return a view that shows all places (lon, lat)."""
-    frame = LocalFrame(float(continuous_longitudes(places[:, 0]).mean()), float(places[:, 1].mean()))
-    local = frame.from_ground(np.column_stack([places, np.zeros(len(places))]))[:, :2]
-    low, high = local.min(axis=0), local.max(axis=0)
-    extent = np.maximum(high - low, 1.0)
-    scale = min((_WIDTH - 2.0 * _MARGIN) / extent[0], (_WIDTH - 2.0 * _MARGIN) / extent[1])
-    slack = (_WIDTH - 2.0 * _MARGIN) / scale - extent[0]  # a tall block stands in the middle
-    return _MapView(frame, low[0] - slack / 2.0, high[1], scale, max(extent[1] * scale + 2.0 * _MARGIN, 320.0))
 
 
 def _describe_map(data: BlockMap, here: np.ndarray) -> str:
@@ -306,7 +302,10 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
         total = np.bincount(which[known], np.asarray(values[known], dtype=np.float64) ** power, len(code))
         number = np.bincount(which[known], minlength=len(code))
         with np.errstate(invalid="ignore"):
-            return [_round_figure(value) for value in (total / number) ** (1.0 / power)]
+            return [
+                float(f"{value:.{_CELL_DIGITS}g}") if math.isfinite(value) else None
+                for value in (total / number) ** (1.0 / power)
+            ]
 
     shade = 0.12 + 0.43 * np.sqrt(count / max(int(count.max(initial=1)), 1))
     parts = [
@@ -319,10 +318,6 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
         "rays": mean(ties.rays[here]),
     }  # fmt: skip
     return parts, figures
-
-
-def _round_figure(value: float) -> float | None:
-    return float(f"{value:.{_CELL_DIGITS}g}") if math.isfinite(value) else None
 
 
 def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: float | None) -> Iterable[str]:

@@ -61,7 +61,10 @@ def draw_pair(first: PictureSide, second: PictureSide) -> str:
     number_points = (
         np.sort(np.unique(cell, axis=0, return_index=True)[1])[:NUMBERED_PAIRS] if len(cell) else np.empty(0, dtype=int)
     )
-    colours, numbered = _choose_colours(first), number_points
+    # A colour for each point: the hue runs with the sample, the lightness with the line
+    share = (first.points - first.origin) / np.maximum(np.array(first.grey.shape[::-1]), 1)
+    rgb = [colorsys.hls_to_rgb(0.85 * float(x), 0.4 + 0.3 * float(y), 1.0) for x, y in np.clip(share, 0.0, 1.0)]
+    colours = ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in rgb]
     parts = [f'<svg class="plot" viewBox="0 0 {width:.1f} {height:.1f}">']
     for left, side, size in zip((0.0, sizes[0][0] + PICTURES_GAP), (first, second), sizes, strict=True):
         places = (side.points - side.origin + 0.5) * scale + (left, 0.0)
@@ -70,31 +73,18 @@ def draw_pair(first: PictureSide, second: PictureSide) -> str:
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{colour}"/>'
             for (x, y), colour in zip(places, colours, strict=True)
         ]
-        parts += [_draw_image(side, scale, left, size), *marks, *_choose_numbers(places[numbered])]
+        grey, valid = np.where(side.valid, side.grey, 0).astype(np.float32), side.valid
+        if scale < 1.0:
+            smaller = round(grey.shape[1] * scale), round(grey.shape[0] * scale)
+            grey, valid = reduce_by_area(grey, smaller), reduce_mask(valid, smaller)
+        parts += [
+            f'<image x="{left:.1f}" width="{size[0]:.1f}" height="{size[1]:.1f}" preserveAspectRatio="none" '
+            f'href="data:image/png;base64,{encode_grey_png(grey, valid)}"/>',
+            *marks,
+            *[
+                f'<text x="{x + 4:.1f}" y="{y - 4:.1f}" style="font-size:16px;fill:#fff;stroke:#000;stroke-width:3px;'
+                f'paint-order:stroke">{number + 1}</text>'
+                for number, (x, y) in enumerate(places[number_points])
+            ],
+        ]
     return "".join([*parts, "</svg>"])
-
-
-def _draw_image(side: PictureSide, scale: float, left: float, size: np.ndarray) -> str:
-    grey, valid = np.where(side.valid, side.grey, 0).astype(np.float32), side.valid
-    if scale < 1.0:
-        smaller = round(grey.shape[1] * scale), round(grey.shape[0] * scale)
-        grey, valid = reduce_by_area(grey, smaller), reduce_mask(valid, smaller)
-    return (
-        f'<image x="{left:.1f}" width="{size[0]:.1f}" height="{size[1]:.1f}" preserveAspectRatio="none" '
-        f'href="data:image/png;base64,{encode_grey_png(grey, valid)}"/>'
-    )
-
-
-def _choose_colours(side: PictureSide) -> list[str]:
-    """Return a colour for each point: the hue runs with the sample, the lightness with the line."""
-    share = (side.points - side.origin) / np.maximum(np.array(side.grey.shape[::-1]), 1)
-    rgb = [colorsys.hls_to_rgb(0.85 * float(x), 0.4 + 0.3 * float(y), 1.0) for x, y in np.clip(share, 0.0, 1.0)]
-    return ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in rgb]
-
-
-def _choose_numbers(places: np.ndarray) -> list[str]:
-    return [
-        f'<text x="{x + 4:.1f}" y="{y - 4:.1f}" style="font-size:16px;fill:#fff;stroke:#000;stroke-width:3px;'
-        f'paint-order:stroke">{number + 1}</text>'
-        for number, (x, y) in enumerate(places)
-    ]

@@ -108,7 +108,13 @@ def detect_features(tile: ImageTile, most: int) -> PartResult:
         for column in range(0, tile.pixels.shape[1], OVERVIEW.tile_px)
     ]
     xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
-    keep = _select_strongest(xy, response, tile.pixels.shape, most)
+    # Of at most so many features, the strongest of every part of the image come first
+    cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
+    cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
+    order = np.lexsort((-response, cell))
+    _, first = np.unique(cell[order], return_index=True)
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    keep = order[np.argsort(rank, kind="stable")[:most]]
     return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}
 
 
@@ -124,15 +130,3 @@ def _detect_in_part(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray,
         (xy >= (column - 0.5, row - 0.5)) & (xy < (column + OVERVIEW.tile_px - 0.5, row + OVERVIEW.tile_px - 0.5))
     ).all(axis=1)
     return xy[own], found.strength[own], found.descriptors[own]
-
-
-def _select_strongest(xy: np.ndarray, response: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
-    """Return the indices of at most so many features: the strongest of every part of the image, these first."""
-    cell = np.floor(xy / ((shape[1] + 1.0) / OVERVIEW.cells, (shape[0] + 1.0) / OVERVIEW.cells)).astype(np.int64) @ (
-        1,
-        OVERVIEW.cells,
-    )
-    order = np.lexsort((-response, cell))
-    _, first = np.unique(cell[order], return_index=True)
-    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
-    return np.asarray(order[np.argsort(rank, kind="stable")[:most]])

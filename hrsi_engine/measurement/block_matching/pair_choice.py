@@ -62,7 +62,16 @@ class PairChoice:
             return []
         wanted = self._choose_trees()
         wanted |= self._choose_by_geometry(wanted)
-        wanted |= self._choose_last_tries(wanted)
+        # Pairs of the images that no probe gives hope: the probe may be wrong
+        of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
+        more: set[NumberPair] = set()
+        for number, pairs in of_image.items():
+            if number in chosen or any(pair in self.found for pair in pairs):
+                continue
+            left = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
+            untried = [pair for pair in pairs if pair not in self.failed]
+            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(left, 0)])
+        wanted |= more
         new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
 
@@ -118,18 +127,6 @@ class PairChoice:
             fill = max(good, key=lambda pair: (added[pair], self._rate_pair(pair)), default=None)
             if fill is not None and added[fill]:
                 more.add(fill)
-        return more
-
-    def _choose_last_tries(self, wanted: set[NumberPair]) -> set[NumberPair]:
-        """Return pairs of the images that no probe gives hope: the probe may be wrong."""
-        of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
-        more: set[NumberPair] = set()
-        for number, pairs in of_image.items():
-            if number in chosen or any(pair in self.found for pair in pairs):
-                continue
-            left = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
-            untried = [pair for pair in pairs if pair not in self.failed]
-            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(left, 0)])
         return more
 
     def _cells_of_image(self, pair: NumberPair, image: int) -> int:

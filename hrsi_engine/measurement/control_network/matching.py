@@ -16,10 +16,9 @@ from ..interest_points.detectors import clip_to_image
 from ..interest_points.options import CANDIDATE_QUALITY, DETECTOR_SETS, CentreOptions, CornerOptions, DetectionOptions
 from ..interest_points.windows import Area
 from .growth import GrowthOptions, GrowthStage, grow_network
-from .network import Network
 from .options import ControlNetworkOptions
 from .refinement import NodePositions, refine_matches
-from .seeding import Seed, SeedOptions, find_seeds
+from .seeding import SeedOptions, find_seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperPointMatch
 from .tolerances import Tolerance, make_tolerance
 from .unknown_scale import SCALE, FeatureVote, vote_by_features
@@ -256,30 +255,24 @@ def match_views(
         refined, positions = refine_matches(network, first, second, options.consistency_px)
         if not len(refined) or robust_sigma(positions.epipolar_px) > seed.largest_spread_px:
             continue
-        found = _make_match(seed, refined, positions, first, second)
+        there, here = first.to_image(positions.first), second.to_image(positions.second)
+        scaled = {
+            "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
+            "residual_px": positions.residual_px * second.reduction,
+            "epipolar_px": positions.epipolar_px * second.reduction,
+        }  # fmt: skip
+        design = np.column_stack([there, np.ones(len(there))])
+        affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
+        found = ControlNetworkMatch(
+            FOUND, "", positions._replace(**scaled), first.points.kind[refined.first_row], refined.generation,
+            refined.father, seed.hypothesis.count, seed.runner_up, (len(first.xy), len(second.xy)), affine,
+        )  # fmt: skip
         if best is None or len(found) > len(best):
             best = found
         if len(best) >= options.least:
             advance(progress, 1.0, f"{len(best)} correspondences")
             return best
     return _make_failure(first, second, seen, 0 if best is None else len(best))
-
-
-def _make_match(
-    seed: Seed, network: Network, positions: NodePositions, first: NetworkWindow, second: NetworkWindow
-) -> ControlNetworkMatch:
-    there, here = first.to_image(positions.first), second.to_image(positions.second)
-    scaled = {
-        "first": there, "second": here, "sigma_px": positions.sigma_px * second.reduction,
-        "residual_px": positions.residual_px * second.reduction,
-        "epipolar_px": positions.epipolar_px * second.reduction,
-    }  # fmt: skip
-    design = np.column_stack([there, np.ones(len(there))])
-    affine = np.linalg.lstsq(design, here, rcond=None)[0].T if len(there) >= 3 else np.full((2, 3), np.nan)
-    return ControlNetworkMatch(
-        FOUND, "", positions._replace(**scaled), first.points.kind[network.first_row], network.generation,
-        network.father, seed.hypothesis.count, seed.runner_up, (len(first.xy), len(second.xy)), affine,
-    )  # fmt: skip
 
 
 def _make_failure(

@@ -46,7 +46,11 @@ def _match_batch(
     solution, seen = np.zeros((len(centre), TERMS)), np.zeros((len(centre), len(offset)))
     going = np.flatnonzero(solvable)
     for _ in range(options.iterations):
-        going = _drop_outside(second, xy, affine, status, going, options.half)
+        rows, columns = second.coefficients.shape
+        reach = options.half * np.abs(affine[going]).sum(axis=2)
+        inside = np.all((xy[going] - reach >= 1.0) & (xy[going] + reach < np.array([columns, rows]) - 3.0), axis=1)
+        status[going[~inside]] = OUTSIDE
+        going = going[inside]
         if not len(going):
             break
         at = xy[going, :, None] + affine[going] @ offset.T
@@ -75,16 +79,6 @@ def _make_designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, wei
     A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
     A[:, 7] = 1.0
     return A
-
-
-def _drop_outside(
-    second: MatchImage, xy: np.ndarray, affine: np.ndarray, status: np.ndarray, going: np.ndarray, half: int
-) -> np.ndarray:
-    rows, columns = second.coefficients.shape
-    reach = half * np.abs(affine[going]).sum(axis=2)
-    inside = np.all((xy[going] - reach >= 1.0) & (xy[going] + reach < np.array([columns, rows]) - 3.0), axis=1)
-    status[going[~inside]] = OUTSIDE
-    return going[inside]
 
 
 def _interpolate_spline(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
