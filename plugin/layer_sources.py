@@ -58,15 +58,8 @@ def list_sources(values: Any) -> list[Any]:
 def point_source(value: Any, name: str, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> str:
     """Return ``FILE`` or ``FILE|layername=L`` for a vector layer of the project or a path.
 
-    Parameters
-    ----------
     value : layer, layer id or name, feature source definition (also: selected features only) or path
-    name : layer name of the copy, where one is needed
-
-    Raises
-    ------
-    QgsProcessingException
-        The copy could not be written.
+    name : layer name of the copy, where one is needed; `QgsProcessingException` tells that it could not be written
     """
     selected_only = isinstance(value, QgsProcessingFeatureSourceDefinition) and value.selectedFeaturesOnly
     value = _static(value)

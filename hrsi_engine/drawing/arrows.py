@@ -9,21 +9,9 @@ SHORTEST_UNITS = 0.5  # what is shorter would be a blot
 
 
 def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNITS) -> str:
-    """Return the path of an arrow as SVG writes it; empty for one too short to be seen.
+    """Return the path (attribute ``d`` of SVG) of an arrow from x, y by dx, dy; empty for one too short to be seen.
 
-    Parameters
-    ----------
-    x, y : float
-        Where it begins.
-    dx, dy : float
-        How far it leads.
-    head : float
-        Length of its head; that of a short arrow is shorter.
-
-    Returns
-    -------
-    str
-        For the attribute ``d``.
+    ``head`` is the length of its head; that of a short arrow is shorter.
     """
     length = math.hypot(dx, dy)
     if not length >= SHORTEST_UNITS:
@@ -42,17 +30,6 @@ def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD
 
 
 def choose_round_length(longest: float) -> float:
-    """Return the longest of 1, 2, 5 times a power of ten that is not longer.
-
-    Parameters
-    ----------
-    longest : float
-        Above 0.
-
-    Returns
-    -------
-    float
-        The round length.
-    """
+    """Return the longest of 1, 2, 5 times a power of ten that is not longer than ``longest``, which is above 0."""
     power = 10.0 ** math.floor(math.log10(longest))
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= longest * 1.000001)

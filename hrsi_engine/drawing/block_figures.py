@@ -21,18 +21,9 @@ MAP_NAME = "block-map"
 class PointChip:
     """The surroundings of a point on an image, and its residual there.
 
-    Parameters
-    ----------
-    id, image, role : str
-        Id of the point, id of the image, gcp or check.
-    point : int
-        The point's number on the page; -1 without.
-    residual_px : (2,) ndarray
-        Observed - computed.
-    outlier : bool
-        Whether it is an outlier.
-    chip : TargetChip
-        Pixels, measured and computed position, outline.
+    id, image, role : of the point, of the image, gcp or check; point : its number on the page, -1 without
+    residual_px : (2,) observed - computed; outlier : whether it is an outlier
+    chip : pixels, measured and computed position, outline
     """
 
     id: str
@@ -62,20 +53,9 @@ class Picture:
 class ReportFigures:
     """Contents of the figures of a block's report.
 
-    Parameters
-    ----------
-    map : BlockMap, optional
-        The map.
-    points : mapping
-        Columns of the points on the map, in its order, for the page's script.
-    pictures : sequence of Picture
-        Of some images.
-    cards : sequence of ImageCard
-        Images with their residuals.
-    chips : sequence of PointChip
-        Known points and outliers on images with pixels.
-    normalised : mapping of str to (n,) ndarray
-        Normalised residuals by axis.
+    points : columns of the points on the map, in its order, for the page's script
+    pictures : of some images; cards : images with their residuals
+    chips : known points and outliers on images with pixels; normalised : (n,) normalised residuals by axis
     """
 
     map: BlockMap | None = None

@@ -148,17 +148,7 @@ def draw_block_map(data: BlockMap) -> str:
 def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     """Return the map and what a script needs to move about in it; without places, an empty one.
 
-    Parameters
-    ----------
-    data : BlockMap
-        What to draw.
-    name : str
-        The element's id, where a script is to find it.
-
-    Returns
-    -------
-    DrawnMap
-        SVG and figures.
+    ``name`` is the element's id, where a script is to find it.
     """
     rings = {image: list_corners(polygon) for image, polygon in data.footprints.items() if not polygon.is_empty}
     here = np.flatnonzero(finite_rows(data.lonlat))

@@ -16,17 +16,8 @@ def lazy_names(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return what a package needs to show names of its modules: its ``__getattr__``, ``__dir__`` and ``__all__``.
 
-    Parameters
-    ----------
-    package : str
-        The package's ``__name__``.
-    modules : mapping of str to str
-        The names that each module gives, separated by blanks: ``{"errors": "HrsiError InputError"}``.
-
-    Returns
-    -------
-    tuple
-        To be bound in the package's ``__init__`` as ``__getattr__, __dir__, __all__``.
+    package : its ``__name__``
+    modules : the names that each module gives, separated by blanks: ``{"errors": "HrsiError InputError"}``
     """
     where = {name: module for module, names in modules.items() for name in names.split()}
 

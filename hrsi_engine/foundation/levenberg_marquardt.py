@@ -99,14 +99,11 @@ def descend(
 ) -> Descent[T]:
     """Return the minimum next to a place.
 
-    Parameters
-    ----------
     start : where to begin; its cost must be finite
-    step : returns the step from a place with a damping
-    variance : the variance of unit weight at a place, sigma0²
+    step : returns the step from a place with a damping; variance : the variance of unit weight at a place, sigma0²
     most : steps to compute
     weighed : gives an accepted place other weights (robust ones); costs are compared with the same weights only. The
-        first step, before which residuals judge nothing, is then no reason to stop
+    first step, before which residuals judge nothing, is then no reason to stop
     tolerance : a promised decrease of this share of the cost is none either
     """
     best = at = start

@@ -29,21 +29,9 @@ JUDGEMENT = "judgement"
 def threshold(value: Value, unit: str, meaning: str, origin: str = JUDGEMENT) -> Value:
     """Declare a threshold as a field of a class made by `thresholds`.
 
-    Parameters
-    ----------
-    value : number
-        The threshold.
-    unit : str
-        ``"px"``, ``"m"``, ``"sigma"``, ``"matches"``; empty for a ratio.
-    meaning : str
-        What is compared with it, and what follows.
-    origin : str
-        A theory or publication, or the data and date by which it was tuned, or `JUDGEMENT`.
-
-    Returns
-    -------
-    number
-        For type checkers; in truth the dataclass field that holds it.
+    unit : ``"px"``, ``"m"``, ``"sigma"``, ``"matches"``; empty for a ratio
+    meaning : what is compared with it, and what follows
+    origin : a theory or publication, or the data and date by which it was tuned, or `JUDGEMENT`
     """
     return field(default=value, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 

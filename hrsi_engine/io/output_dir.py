@@ -36,18 +36,13 @@ def check_output_dir(
 
     What an interrupted run left in the folder is finished or removed first, unless one is only ``looking``.
 
-    Parameters
-    ----------
     path : the output folder; it need not exist
     overwrite : whether files that are there may be replaced
     names : names of the files that will be written, as far as they are known
     inputs : files that the run reads; neither they nor what belongs to them is ever replaced
-    looking : whether nothing may be changed
 
-    Raises
-    ------
-    InputError
-        the folder is a file, holds a result or other files of these names that may not be replaced, or inputs
+    Raises `InputError` where the folder is a file, holds a result or other files of these names that may not be
+    replaced, or inputs.
     """
     if path.startswith(VIRTUAL):
         found = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
@@ -102,18 +97,13 @@ def stage_folder(
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
 
-    Parameters
-    ----------
     path : the output folder; made where it is missing
     inputs : files that the run reads; neither they nor what belongs to them is ever replaced
     overwrite : whether other files that are there may be replaced; a vendor's RPC file is kept as ``.original`` then
     transaction : other changes, which happen together with these: all or none
     discarded : folders that are removed together with these changes
 
-    Raises
-    ------
-    InputError
-        a result would take the place of an input, or of a file that may not be replaced
+    Raises `InputError` where a result would take the place of an input, or of a file that may not be replaced.
     """
     if path.startswith(VIRTUAL):
         with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:

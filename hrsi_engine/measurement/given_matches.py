@@ -79,32 +79,9 @@ def refine_given_matches(
     *,
     scheduler: Scheduler | None = None,
 ) -> TiePoints:
-    """Measure given matches anew and judge them.
+    """Measure given matches (tracks, to some pixels) anew and judge them; return tracks over two images or more.
 
-    Parameters
-    ----------
-    images : sequence of Image
-        The block, with pixels.
-    given : ImagePoints
-        Tracks of approximate positions, to some pixels.
-    options : TieOptions, optional
-        What is kept of them.
-    progress : Progress
-        Callback; False cancels.
-    scheduler : Scheduler, optional
-        Who does the work; threads without.
-
-    Returns
-    -------
-    TiePoints
-        Tracks over two images or more.
-
-    Raises
-    ------
-    InputError
-        No match is between two images with pixels.
-    Cancelled
-        When ``progress`` asks to stop.
+    Raises `InputError` where no match is between two images with pixels, `Cancelled` when ``progress`` asks to stop.
     """
     options, scheduler = options or TieOptions(), scheduler or open_scheduler()
     jobs = list(_divide_into_jobs(images, given))

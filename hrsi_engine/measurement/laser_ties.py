@@ -64,12 +64,8 @@ def measure_laser_ties(
 ) -> ImagePoints:
     """Return tie points around laser points, measured in all images that show them.
 
-    Parameters
-    ----------
     images : those with pixels are used; their cameras should fit one another to a pixel, and the ground to some metres
     laser : points without a ``doubt`` are looked up, a bounded number, evenly along the tracks
-    threads : 0 takes all processors
-    progress : callback; False cancels
     """
     usable = [number for number, image in enumerate(images) if image.raster is not None]
     rows = select_along_tracks(laser, LASER_TIES.most_points)

@@ -50,25 +50,12 @@ class Transfer:
 def transfer_point(
     first: Raster, xy: np.ndarray, second: Raster, line: np.ndarray, by_first: np.ndarray, margin_px: float = 0.0
 ) -> Transfer:
-    """Measure a point of one image on another.
+    """Measure a point of one image on another; return its position there, or why there is none.
 
-    Parameters
-    ----------
-    first, second : Raster
-        Pixels of the images.
-    xy : (2,) ndarray
-        Where the point is on the first (sample, line).
-    line : (2, 2) ndarray
-        Where the second shows it at the lowest and at the highest height that it may have.
-    by_first : (2, 2) ndarray
-        Derivatives of positions on the second image by those on the first.
-    margin_px : float
-        How far the cameras may be off, in pixels of the second image.
-
-    Returns
-    -------
-    Transfer
-        The position on the second image, or why there is none.
+    xy : (2,) where the point is on the first (sample, line)
+    line : (2, 2) where the second shows it at the lowest and at the highest height that it may have
+    by_first : (2, 2) derivatives of positions on the second image by those on the first
+    margin_px : how far the cameras may be off, in pixels of the second image
     """
     scale = np.sqrt(abs(np.linalg.det(by_first)))
     if not np.isfinite(line).all() or not scale > 0.0:

@@ -157,26 +157,8 @@ def find_overlapping_pairs(
 ) -> list[tuple[str, str]]:
     """Return the ids of the images that may show common ground, pair by pair, before any pixel is looked at.
 
-    Parameters
-    ----------
-    images : sequence of Image
-        The block.
-    options : TieOptions, optional
-        How tie points would be found.
-    surface : HeightSurface, optional
-        The ground, where it is known.
-    earlier : collection of str
-        As of `find_tie_points`.
-
-    Returns
-    -------
-    list of tuple of str
-        The pairs.
-
-    Raises
-    ------
-    InputError
-        Fewer than two images have pixels, or no two of them overlap.
+    Parameters are those of `find_tie_points`. Raises `InputError` where fewer than two images have pixels, or no two of
+    them overlap.
     """
     search = TieSearch(images, options or TieOptions(), surface, open_scheduler(), None, marked=False, earlier=earlier)
     found = search.find_overlaps_of_images()

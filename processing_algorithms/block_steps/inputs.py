@@ -39,27 +39,16 @@ def read_block(
     ties: Sequence[ImagePoints] = (),
     known: Sequence[GroundPoints] = (),
 ) -> tuple[Block, list[str]]:
-    """Read point files and put the block together with ties and known points that are there.
+    """Read point files and put the block together with ties and known points; return it and what the user should know.
 
     Ground positions count in the layer of GCPs only: a layer of image points may be one that HRSI wrote, at adjusted
     positions.
 
-    Parameters
-    ----------
-    images : opened images
     points : the point files, what is control, and sigmas where files give none
-    dem : gives surveyed points without heights theirs
-    tie_points : file of tie points
+    dem : gives surveyed points without heights theirs; tie_points : file of tie points
     ties, known : tie points and ground points that are there already
 
-    Returns
-    -------
-    The block and what the user should know.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, or nothing is measured on any image.
+    Raises `InputError` where a file cannot be read, or nothing is measured on any image.
     """
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)

@@ -101,14 +101,8 @@ def plan_results(
 ) -> Report:
     """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
 
-    Parameters
-    ----------
-    output : what is written, and where
-    images : opened
     block : as far as it is known before tie points are found; None where nothing is
-    warnings : what the user should know
-    reasons : what was found in the inputs
-    context : of the run
+    warnings : what the user should know; reasons : what was found in the inputs
     pairs : overlapping pairs in which tie points would be looked for
     together : whether the images are adjusted together, and what is known of them so is written
     """

@@ -78,20 +78,13 @@ def find_reference_control(
     context: Context,
     epoch: float | None = None,
 ) -> FromReference:
-    """Match images with a reference orthoimage.
+    """Match images, as far as they have pixels, with a reference orthoimage.
 
-    Parameters
-    ----------
-    images : those without pixels are passed over
-    options : the orthoimage
     surface : heights of its points; without, `InputError` says so
     sigma_dem_m : standard deviation of these heights; None tells it from the size of the DEM's cells
     epoch : year in which a CRS fixed to a plate is brought to WGS84
 
-    Raises
-    ------
-    InputError
-        There is no orthoimage or no DEM, or no image has pixels.
+    Raises `InputError` where there is no orthoimage or no DEM, or no image has pixels.
     """
     path = options.reference
     if path is None:

@@ -44,18 +44,7 @@ _log = logging.getLogger("hrsi")
 
 
 def make_call(algorithm: Algorithm) -> Callable[..., Result]:
-    """Return the function that runs a declared algorithm.
-
-    Parameters
-    ----------
-    algorithm : Algorithm
-        The declaration.
-
-    Returns
-    -------
-    callable
-        With the declared options as parameters; returns a `Result`.
-    """
+    """Return the function that runs a declared algorithm: its options are the parameters; it returns a `Result`."""
     signature = signature_of(algorithm)
 
     def call(*positional: Any, **named: Any) -> Result:

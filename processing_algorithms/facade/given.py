@@ -41,19 +41,9 @@ TAKEN: dict[Kind, Callable[[Any], Any]] = {Kind.IMAGES: _images, Kind.RASTER: pa
 
 
 def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as their declaration takes them.
+    """Return options by keyword as their declaration takes them.
 
-    Parameters
-    ----------
-    algorithm : Algorithm
-        The declared algorithm.
-    given : mapping
-        Options by keyword; None: not given. A `Block` as images brings its points with it.
-
-    Returns
-    -------
-    dict
-        Options by keyword.
+    ``given`` has None for what is not given. A `Block` as images brings its points with it.
     """
     options = {key: value for key, value in given.items() if value is not None}
     kinds = {param.key: param.kind for param in algorithm.params}

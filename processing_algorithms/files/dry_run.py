@@ -23,13 +23,9 @@ def plan(
 ) -> Report:
     """Return the report of a dry run: what would be written, how much there is, and what the checks found.
 
-    Parameters
-    ----------
-    context : of the run
     folder : the output directory; None where the result would be printed only
     names : files that would be written, in the folder or with their own paths
-    counts : what was read, by its name in the plural
-    warnings : what the user should know
+    counts : what was read, by its name in the plural; warnings : what the user should know
     verdict : of the checks of the inputs; by default nothing was found
     """
     files = [os.path.join(folder or "", name) for name in names]

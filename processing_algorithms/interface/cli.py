@@ -130,17 +130,9 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
-    """Run an algorithm and print what came out.
+    """Run an algorithm with options as they were typed and print what came out; ``origin`` has further options.
 
-    Parameters
-    ----------
-    algorithm : the algorithm
-    words : its options as they were typed
-    origin : where further options come from
-
-    Returns
-    -------
-    0, 1 where it found no solution, 2 where a dry run found the input wrong, 3 where no result can be used
+    Returns 0, 1 where it found no solution, 2 where a dry run found the input wrong, 3 where no result can be used.
     """
     spelt = partial(spell_arguments, params=algorithm.params)
     log = _open_log(algorithm, words, origin, spelt)

@@ -29,12 +29,9 @@ _RPC = re.compile(rb"LINE_?OFF", re.IGNORECASE)
 
 
 class RunLog:
-    """A listener that appends to a file; each line is written in one go, so that there are no half ones.
+    """A listener that appends to a file, made where missing; each line in one go, so that there are no half ones.
 
-    Parameters
-    ----------
-    path : the file; made where it is missing
-    spell : brings messages into the words of the command line
+    ``spell`` brings messages into the words of the command line.
     """
 
     def __init__(self, path: str, spell: Callable[[str], str] = str) -> None:

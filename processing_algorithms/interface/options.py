@@ -22,11 +22,8 @@ from .naming import option_label
 class OptionSource:
     """Origin of the options of a run that were not typed, as of a repeated run.
 
-    Parameters
-    ----------
     given : options by key, over which those that were typed win
-    messages : what is told first
-    record : further entries of the report
+    messages : what is told first; record : further entries of the report
     """
 
     given: Mapping[str, Any] = field(default_factory=dict)
@@ -51,12 +48,8 @@ COMMAND_LINE = Face()
 def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = COMMAND_LINE) -> dict[str, Any]:
     """Return every option of an algorithm by keyword: the given ones checked, the others at their default.
 
-    Messages name the options as the ``face`` does.
-
-    Raises
-    ------
-    InputError
-        An option is unknown or missing, or its value is not of its kind, choices or range.
+    Messages name the options as the ``face`` does. Raises `InputError` where an option is unknown or missing, or its
+    value is not of its kind, choices or range.
     """
     known = algorithm.defaults()
     for key in given:

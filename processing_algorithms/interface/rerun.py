@@ -25,10 +25,7 @@ _NEEDED = {"algorithm": str, "options": dict}
 def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tuple[Algorithm, list[str], OptionSource]:
     """Return algorithm, typed options and the origin of the others for ``report.json [options]``.
 
-    Raises
-    ------
-    InputError
-        There is no report, or it does not tell enough of its run.
+    Raises `InputError` where there is no report, or it does not tell enough of its run.
     """
     if not words or words[0].startswith("-"):
         raise InputError("rerun needs a report first: hrsi rerun report.json [options]")

@@ -125,11 +125,7 @@ class SilentTerminal(TerminalProgress):
 class LiveTerminal(TerminalProgress):
     """One line, as wide as the terminal and drawn again and again: what is done, how far it is, how long it will take.
 
-    Parameters
-    ----------
-    stream : a terminal
-    columns : returns its width
-    now : returns seconds
+    stream : a terminal; columns : returns its width; now : returns seconds
     """
 
     def __init__(

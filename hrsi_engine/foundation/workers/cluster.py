@@ -25,24 +25,9 @@ CLOSE_S = 2  # that it has to take leave
 def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
     """Give a client of the Dask scheduler at an address; what nobody waits for any more is cancelled in the end.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    certificates : Certificates
-        For an address that begins with ``tls://`` or ``wss://``.
-
-    Yields
-    ------
-    distributed.Client
-        The client.
-
-    Raises
-    ------
-    InputError
-        The package for workers is missing, or nobody answers at the address.
-    SolveError
-        The scheduler was lost, or its workers died again and again.
+    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Raises `InputError` where the package
+    for workers is missing or nobody answers at the address, `SolveError` where the scheduler was lost or its workers
+    died again and again.
     """
     try:
         from distributed import KilledWorker

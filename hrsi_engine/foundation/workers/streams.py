@@ -32,34 +32,15 @@ class Waiting(Protocol):
 class Calls:
     """Makes calls ``function(job)`` side by side.
 
-    Parameters
-    ----------
-    submit : callable
-        Hands a function and its job out.
-    ahead : int
-        Calls that are handed out before the first answer is taken.
-    elsewhere : bool
-        Whether they are made in other processes: then function and jobs travel.
+    submit : hands a function and its job out; ahead : calls that are handed out before the first answer is taken
+    elsewhere : whether they are made in other processes: then function and jobs travel
     """
 
     def __init__(self, submit: Callable[[Callable[..., Any], Any], Waiting], ahead: int, elsewhere: bool) -> None:
         self._submit, self._ahead, self.elsewhere = submit, ahead, elsewhere
 
     def answers(self, function: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[Answer]:
-        """Yield the answers of all jobs, in the order of the jobs.
-
-        Parameters
-        ----------
-        function : callable
-            Answers a job.
-        jobs : iterable
-            The jobs; drawn as they are handed out.
-
-        Yields
-        ------
-        object
-            What the function returned.
-        """
+        """Yield the answers of all jobs, in the order of the jobs, which are drawn as they are handed out."""
         under_way: deque[Waiting] = deque()
         for job in jobs:
             if len(under_way) >= self._ahead:
@@ -75,26 +56,7 @@ def open_calls(
 ) -> Iterator[Calls]:
     """Give what makes calls: workers of the Dask scheduler at an address, else threads; given up, it makes no more.
 
-    Parameters
-    ----------
-    address : str, optional
-        Of a Dask scheduler; by default threads of this process.
-    threads : int
-        Their number.
-    certificates : Certificates
-        For an address that begins with ``tls://`` or ``wss://``.
-
-    Yields
-    ------
-    Calls
-        What makes them.
-
-    Raises
-    ------
-    InputError
-        As `cluster.open_client`.
-    SolveError
-        Likewise.
+    Raises `InputError` and `SolveError` as `cluster.open_client`.
     """
     if address:
         with open_client(address, certificates) as client:

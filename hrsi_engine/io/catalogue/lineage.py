@@ -48,20 +48,10 @@ _SECRET = re.compile(r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]
 
 
 def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
-    """Return the report's entries on the run: version, date, command, inputs, platform.
+    """Return the report's entries on the run.
 
-    Parameters
-    ----------
-    command : str
-        The run as a command line.
-    named : mapping of str to iterable of str, optional
-        Files and folders that each option names for reading. Without it the entries tell of no inputs.
-
-    Returns
-    -------
-    dict
-        ``version``, ``date``, ``command``, ``directory`` (relative paths count from there), ``inputs``, ``versions``,
-        ``platform``.
+    ``version``, ``date``, ``command``, ``directory`` (relative paths count from there), ``inputs``, ``versions``,
+    ``platform``. ``named`` has the files and folders that each option names for reading; None: they tell of no inputs.
     """
     return {
         "version": VERSION,
@@ -100,15 +90,8 @@ def without_secrets_in(value: Any) -> Any:
 def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
     """Return the report's entry for each input file, including the files that GDAL lists with it.
 
-    Parameters
-    ----------
-    named : mapping of str to iterable of str
-        Paths by the key of the option that names them; what is no file (``auto``) is passed over.
-
-    Returns
-    -------
-    list of dict
-        ``option``, ``path``, ``size``, ``modified``, ``sha256`` or ``sampled_sha256`` (the other is None), ``crs``.
+    ``option``, ``path``, ``size``, ``modified``, ``sha256`` or ``sampled_sha256`` (the other is None), ``crs``.
+    ``named`` has paths by the key of the option that names them; what is no file (``auto``) is passed over.
     """
     entries: list[dict[str, Any]] = []
     seen: set[str] = set()

@@ -40,25 +40,12 @@ _RPC_ENDINGS = (".txt", ".rpb", ".xml", ".geom", ".json", ".rpc")
 
 
 def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | None:
-    """Return the images of the items that a name stands for; None for a name of anything else.
+    """Return the image of each item that a name stands for, in the order of the file; None for a name of anything else.
 
-    Parameters
-    ----------
-    name : str
-        A file with an item, an item collection or a page of an API; ``STACIT:"FILE":asset=NAME`` where its items have
-        several images.
-    log : callable
-        Is told where a page is one of several.
+    name : a file with an item, an item collection or a page of an API; ``STACIT:"FILE":asset=NAME`` where its items
+    have several images; log : is told where a page is one of several
 
-    Returns
-    -------
-    list of ItemImage or None
-        One an item, in the order of the file.
-
-    Raises
-    ------
-    InputError
-        An item has no image, or several and none is named; or the file is a folder of items.
+    Raises `InputError` where an item has no image, or several and none is named, and for a folder of items.
     """
     given = _NAMED_ASSET.fullmatch(name)
     file, wanted = (given["file"], given["asset"]) if given else (name, None)
@@ -89,22 +76,11 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
 
 
 def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
-    """Return the image paths that an earlier run recorded, with the properties of their STAC items.
+    """Return the image paths that an earlier run recorded, in their order, with the properties of their STAC items.
 
-    Parameters
-    ----------
-    entries : iterable of tuple
-        Id, path, and what named the item (`StacItem.named`); None for an image of no item.
+    entries : id, path, and what named the item (`StacItem.named`); None for an image of no item
 
-    Returns
-    -------
-    list of str
-        Paths, in the same order.
-
-    Raises
-    ------
-    InputError
-        An item is not in its file any more.
+    Raises `InputError` where an item is not in its file any more.
     """
     items: dict[str, dict[str, ItemImage]] = {}
     images: list[str] = []
@@ -210,18 +186,8 @@ def _pick_dicts(value: Any) -> Iterator[dict[str, Any]]:
 def href_path(href: str, base: str) -> str:
     """Return the path by which GDAL opens an address.
 
-    Parameters
-    ----------
-    href : str
-        ``https://…``, ``s3://…``, ``gs://…``, ``az://…``, ``file:///…``, a path, one of GDAL's virtual paths; or what
-        counts from ``base``.
-    base : str
-        Address or path of the file that it stands in.
-
-    Returns
-    -------
-    str
-        The path.
+    href : ``https://…``, ``s3://…``, ``gs://…``, ``az://…``, ``file:///…``, a path, one of GDAL's virtual paths; or
+    what counts from ``base``, the address or path of the file that it stands in
     """
     if href.startswith("/vsi"):
         return href
@@ -247,17 +213,7 @@ def href_path(href: str, base: str) -> str:
 def href_of(path: str, folder: str) -> str:
     """Return the address of a file for an item in a folder: relative where both are in one place, else whole.
 
-    Parameters
-    ----------
-    path : str
-        Of the file, as GDAL has it.
-    folder : str
-        Of the item.
-
-    Returns
-    -------
-    str
-        The address, which `href_path` turns back into the path.
+    `href_path` turns it back into the path.
     """
     if path.startswith("/vsicurl/"):
         return path.removeprefix("/vsicurl/")

@@ -36,8 +36,6 @@ def add_rows(
 ) -> int:
     """Put rows into leaf pages; return the first row that found no room, their number if all did.
 
-    Parameters
-    ----------
     pages : (p, size) bytes
     state : (4,) page that is being filled, its cells, where the cells begin, key of the last one; changed here
     last_keys : (p,) largest key of each full page, filled here
@@ -152,8 +150,6 @@ def end_page(pages: np.ndarray, state: np.ndarray, last_keys: np.ndarray) -> Non
 def fill_branches(pages: np.ndarray, bounds: np.ndarray, children: np.ndarray, last_keys: np.ndarray) -> None:
     """Fill branch pages.
 
-    Parameters
-    ----------
     pages : (p, size) bytes, all zero
     bounds : (p + 1,) children of page i are those from ``bounds[i]`` to ``bounds[i + 1]``
     children, last_keys : (n,) numbers of the pages below, and the largest key in each

@@ -28,25 +28,10 @@ def geopackage_layers(path: str) -> list[str]:
 
 
 def read_layer_table(path: str, layer: str) -> dict[str, np.ndarray]:
-    """Return the columns of a layer.
+    """Return the columns of a layer of a GeoPackage: its fields; empty numbers are NaN.
 
-    Parameters
-    ----------
-    path : str
-        A GeoPackage.
-    layer : str
-        One of its layers.
-
-    Returns
-    -------
-    dict of str to (n,) ndarray
-        Its fields; empty numbers are NaN. Points give their coordinates, ``lon, lat`` or ``x, y``, and ``height`` where
-        no field has that name; other geometries give ``geometry``, as objects of shapely.
-
-    Raises
-    ------
-    InputError
-        There is no such file or layer.
+    Points give their coordinates, ``lon, lat`` or ``x, y``, and ``height`` where no field has that name; other
+    geometries give ``geometry``, as objects of shapely. Raises `InputError` where there is no such file or layer.
     """
     with _open(path) as database:
         found = database.execute(

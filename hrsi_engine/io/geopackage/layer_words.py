@@ -12,15 +12,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 @dataclass(frozen=True, eq=False)
 class PickedColumn:
-    """Rows that share values: each stands there once, and every row has its number.
-
-    Parameters
-    ----------
-    values : (k,) or (k, d) ndarray
-        The values.
-    index : (n,) ndarray
-        The value of each row.
-    """
+    """Rows that share values: each of them, (k,) or (k, d), stands there once; ``index`` (n,) is that of each row."""
 
     values: np.ndarray
     index: np.ndarray
@@ -68,11 +60,6 @@ class StackedColumn(NDArrayOperatorsMixin):
     """The rows of some columns of numbers, one column behind the other; only what is asked for is put together.
 
     In arithmetic and in NumPy's functions it is the array of its rows.
-
-    Parameters
-    ----------
-    parts : tuple of (n,) or (n, d) ndarray or PickedColumn
-        The columns.
     """
 
     parts: tuple[Any, ...]

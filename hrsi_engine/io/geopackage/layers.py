@@ -257,12 +257,7 @@ def insert_rows(
 ) -> Iterator[None]:
     """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows.
 
-    Parameters
-    ----------
-    database : of the file
-    layer : whose table is there
-    rows : what they are inserted through
-    empty_first : whether the table has rows, which are to go
+    The layer's table is there; ``empty_first`` tells that it has rows, which are to go.
     """
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)

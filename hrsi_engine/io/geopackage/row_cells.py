@@ -15,12 +15,9 @@ _NO_BYTES = -1  # length of what is not there
 class Cells:
     """Columns as the compiled loop takes them.
 
-    Attributes
-    ----------
     kinds : (c,) which of `NUMBER_CELL`, `INTEGER_CELL`, `TEXT_CELL`, `BYTES_CELL`
     words : (c, n) 8 bytes each: the number, or the place of the bytes in ``content``
-    lengths : (c, n) of the bytes, negative where there is nothing
-    content : (b,) all bytes
+    lengths : (c, n) of the bytes, negative where there is nothing; content : (b,) all bytes
     """
 
     def __init__(self, columns: Sequence[Column], texts: Texts) -> None:

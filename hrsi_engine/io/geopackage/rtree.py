@@ -30,11 +30,8 @@ _Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
 class RtreeTables:
     """The tables of an R-tree.
 
-    Parameters
-    ----------
     nodes : by level, numbers of nodes and their contents (dtype ``V``)
-    rowids : rows and the nodes that they are in
-    parents : by level, nodes and the ones that they are in
+    rowids : rows and the nodes that they are in; parents : by level, nodes and the ones that they are in
     """
 
     nodes: Sequence[_Level]
@@ -45,10 +42,7 @@ class RtreeTables:
 def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTables | None:
     """Return a packed two-dimensional R-tree of boxes; None without any box.
 
-    Parameters
-    ----------
-    rowids : (n,) int, ascending
-    low, high : (n, 2) least and largest x, y; the same for points
+    rowids : (n,) int, ascending; low, high : (n, 2) least and largest x, y; the same for points
     """
     if not len(rowids):
         return None

@@ -33,10 +33,7 @@ _LONGEST_TYPE = 9  # bytes of a value's serial type, and of a number
 class Pages:
     """Rows into empty tables of a file, whose keys ascend; one table after the other.
 
-    Parameters
-    ----------
-    path : of the file
-    database : the same; it is not used from `begin` to `commit`
+    The database is that of the file; it is not used from `begin` to `commit`.
     """
 
     def __init__(self, path: str, database: sqlite3.Connection) -> None:

@@ -39,14 +39,8 @@ class Inserter(Protocol):
     def insert(self, table: str, names: Sequence[str], columns: Sequence[Column]) -> None:
         """Insert rows into a table, whose last rows they become.
 
-        Parameters
-        ----------
-        table : str
-            Its name.
-        names : sequence of str
-            Of its columns, in its order, the key first.
-        columns : sequence of (n,) ndarray or Words
-            Keys, which ascend; numbers (NaN becomes NULL), text, bytes (dtype ``V``), or objects: bytes and None.
+        names : of its columns, in its order, the key first
+        columns : keys, which ascend; numbers (NaN becomes NULL), text, bytes (dtype ``V``), or objects: bytes and None
         """
 
     def commit(self) -> None:
@@ -87,15 +81,7 @@ WITHOUT_SAFETY = ("PRAGMA synchronous = OFF", "PRAGMA journal_mode = OFF")
 
 
 def rows_of_new_file(path: str, database: sqlite3.Connection, count: int, columns: Sequence[Column]) -> Inserter:
-    """Return the faster way to insert rows into the empty tables of a new file: page writer or `sqlite3`.
-
-    Parameters
-    ----------
-    path : file
-    database : the same
-    count : number of rows
-    columns : as the table has
-    """
+    """Return the faster way to insert ``count`` rows into the empty tables of a new file: page writer or `sqlite3`."""
     if compiled_code.is_wanted(count >= ROW_WRITING.compiled_rows) and can_have_pages(path, columns):
         return Pages(path, database)
     return PythonRows(database)

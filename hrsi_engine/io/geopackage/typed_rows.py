@@ -60,21 +60,10 @@ def write_title(name: str, unit: str = "") -> str:
 
 
 def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
-    """Declare a column of a class of `LayerRows`.
+    """Declare a column of a class of `LayerRows`; to type checkers it is the field that the annotation says.
 
-    Parameters
-    ----------
-    description : str
-        What it holds; by default the text of `SHARED_COLUMNS` under its name, for a column of several layers.
-    unit : str
-        Of a number.
-    level : str
-        In a layer with rows of several levels, the one whose rows have it; empty: all.
-
-    Returns
-    -------
-    DeclaredColumn
-        For type checkers the field that the annotation says.
+    description : what it holds; by default the text of `SHARED_COLUMNS` under its name, for a column of several layers
+    unit : of a number; level : in a layer with rows of several levels, the one whose rows have it; empty: all
     """
     return DeclaredColumn(description, unit, level)
 
@@ -84,12 +73,8 @@ class LayerRows(Mapping[str, Column]):
     """Columns of equal length of a layer, by name: those that the class declares, no more and no fewer.
 
     A class names its layer (``class TiePointRows(LayerRows, layer="tie_points")``); the first line of its docstring
-    describes it. Columns of a base class come first.
-
-    Raises
-    ------
-    TypeError
-        A column is not declared, not given, of another length or of another kind than declared.
+    describes it. Columns of a base class come first. Raises `TypeError` where a column is not declared, not given, of
+    another length or of another kind than declared.
     """
 
     layer: ClassVar[str] = ""

@@ -177,14 +177,7 @@ def file_bytes(path: str) -> int | None:
 
 
 def require_texts(source: str, field: str, rows: int, longest: int) -> None:
-    """Raise `InputError` for a column of texts that no column of names is like.
-
-    Parameters
-    ----------
-    source, field : where the column stands
-    rows : their number
-    longest : characters of the longest text
-    """
+    """Raise `InputError` for a column of texts, ``longest`` characters at most, that no column of names is like."""
     if longest > FILE_BUDGETS.text_characters or (
         longest > FILE_BUDGETS.plain_text_characters and rows * longest * 4 > FILE_BUDGETS.wide_text_bytes
     ):

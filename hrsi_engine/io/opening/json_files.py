@@ -10,19 +10,10 @@ from .budgets import require_size
 
 
 def read_json(path: str, kind: str) -> Any:
-    """Return what a JSON file holds.
+    """Return what a JSON file (UTF-8, with or without a byte order mark) holds.
 
-    Parameters
-    ----------
-    path : str
-        The file; UTF-8, with or without a byte order mark.
-    kind : str
-        What it is read as, one of `budgets.MOST_BYTES`.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, is too large, or no JSON.
+    ``kind`` is what it is read as, one of `budgets.MOST_BYTES`. Raises `InputError` where it cannot be read, is too
+    large, or no JSON.
     """
     require_size(path, kind)
     try:

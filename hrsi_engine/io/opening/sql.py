@@ -14,22 +14,8 @@ from ...foundation.errors import OutputError
 def sql_text(template: str, **names: str | Sequence[str]) -> str:
     """Return an SQL text with names in its ``{places}``, each an identifier and nothing else.
 
-    Parameters
-    ----------
-    template : str
-        A constant text, with a place for each of ``names``.
-    **names : str or sequence of str
-        Of tables, columns or triggers; a sequence becomes a list with commas.
-
-    Returns
-    -------
-    str
-        The text for ``execute``.
-
-    Raises
-    ------
-    OutputError
-        A name that SQLite cannot hold.
+    The template is a constant text; names are those of tables, columns or triggers, and a sequence of them becomes a
+    list with commas. Raises `OutputError` for a name that SQLite cannot hold.
     """
     lists = {place: [given] if isinstance(given, str) else given for place, given in names.items()}
     return template.format(**{place: ", ".join(map(_quote, listed)) for place, listed in lists.items()})

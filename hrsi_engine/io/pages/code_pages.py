@@ -22,18 +22,7 @@ _INLINE = (
 
 
 def explain_codes(codes: Iterable[str]) -> dict[str, str]:
-    """Return the documentation of the codes of reasons as HTML, each once, in their order.
-
-    Parameters
-    ----------
-    codes : iterable of str
-        Codes of reasons.
-
-    Returns
-    -------
-    dict
-        HTML by code, of those that have a section; empty where the documentation is not installed.
-    """
+    """Return the documentation of codes of reasons as HTML, by code in their order; empty where none is installed."""
     sections = _read_sections()
     return {code: sections[code] for code in dict.fromkeys(codes) if code in sections}
 

@@ -85,18 +85,7 @@ def _make_environment() -> jinja2.Environment:
 
 
 def mark_code(text: str) -> Markup:
-    """Return a message as HTML; the arguments that it names in backticks are code.
-
-    Parameters
-    ----------
-    text : str
-        The message.
-
-    Returns
-    -------
-    Markup
-        The message, escaped.
-    """
+    """Return a message as escaped HTML; the arguments that it names in backticks are code."""
     parts = re.split(r"`([^`]+)`", text)  # what is in backticks comes second, fourth, …
     code = Markup("<code>{}</code>")
     return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
@@ -121,18 +110,7 @@ def figure(value: Any, digits: int = 3, unit: str = "") -> str:
 
 
 def digits_by_sigma(value: Any, sigma: Any) -> str:
-    """Return an estimate with as many digits as its standard deviation has a say in: two of the sigma's.
-
-    Parameters
-    ----------
-    value, sigma : float or None
-        The estimate and its standard deviation.
-
-    Returns
-    -------
-    str
-        Tiny ones with a power of ten.
-    """
+    """Return an estimate rounded to two digits of its standard deviation; tiny ones with a power of ten."""
     if not isinstance(value, (int, float)):
         return figure(value)
     if not isinstance(sigma, (int, float)) or not 0.0 < sigma < math.inf:
@@ -146,18 +124,7 @@ def digits_by_sigma(value: Any, sigma: Any) -> str:
 
 
 def duration(seconds: Any) -> str:
-    """Return a time in seconds, or minutes and seconds.
-
-    Parameters
-    ----------
-    seconds : float
-        The time.
-
-    Returns
-    -------
-    str
-        With its unit.
-    """
+    """Return a time in seconds, or minutes and seconds, with its unit."""
     if not isinstance(seconds, (int, float)) or seconds < 60.0:
         return figure(seconds, 1, "s")
     return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"

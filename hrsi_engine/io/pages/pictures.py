@@ -24,20 +24,7 @@ PICTURES = PictureThresholds()
 
 
 def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
-    """Return grey values as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG.
-
-    Parameters
-    ----------
-    grey : (lines, samples) ndarray
-        Of any type.
-    valid : (lines, samples) ndarray of bool
-        Which of them count.
-
-    Returns
-    -------
-    str
-        The URI.
-    """
+    """Return grey values of any type, where valid, as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG."""
     content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PICTURES.fill_grey)))
     if content is None:
         return f"data:image/png;base64,{encode_grey_png(grey, valid)}"

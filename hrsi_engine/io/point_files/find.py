@@ -107,20 +107,7 @@ def read_image_points(
 ) -> PointTables:
     """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage where it is valid.
 
-    Parameters
-    ----------
-    spec, ground_crs, height_datum, image_ids, surface, epoch
-        As of `read_points`.
-
-    Returns
-    -------
-    PointTables
-        The image points; ground points only where they were read with them.
-
-    Raises
-    ------
-    InputError
-        As `read_points`.
+    It has ground points only where they were read with them.
     """
     if not isinstance(spec, PointsInMemory) and "image" not in _parse_options(spec):
         kept = read_columns(*split_spec(spec), image_ids)

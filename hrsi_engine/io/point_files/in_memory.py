@@ -26,12 +26,9 @@ ARRAY_COLUMNS = {3: ("lon", "lat", "height"), 2: ("sample", "line")}
 class PointsInMemory(InMemory):
     """Points held in memory, with their name in messages.
 
-    Parameters
-    ----------
-    points : table, mapping of columns, array, GroundPoints, ImagePoints or PointTables
-        A table of pandas or GeoPandas, or a dict of columns, with the field names of point files; an array
-        ``(n, 3)`` of lon, lat in degrees and height, or ``(n, 2)`` of sample and line on the only image, row by row
-        the points 1, 2, …; or columns as the engine has them.
+    points : a table of pandas or GeoPandas, or a dict of columns, with the field names of point files; an array (n, 3)
+    of lon, lat in degrees and height, or (n, 2) of sample and line on the only image, row by row the points 1, 2, …; or
+    columns as the engine has them
     """
 
     __slots__ = ("points",)
@@ -44,24 +41,10 @@ class PointsInMemory(InMemory):
         return made
 
     def tables(self, reference: Reference, image_ids: Sequence[str]) -> PointTables:
-        """Return the points, checked as those of a file are.
+        """Return the ground points and the image points, checked as those of a file are.
 
-        Parameters
-        ----------
-        reference : Reference
-            What the coordinates refer to where the table leaves it open.
-        image_ids : sequence of str
-            Ids of the block's images.
-
-        Returns
-        -------
-        PointTables
-            The ground points and the image points.
-
-        Raises
-        ------
-        InputError
-            Names row, column or id, and what to do.
+        ``reference`` tells what the coordinates refer to where the table leaves it open. Raises `InputError` that names
+        row, column or id, and what to do.
         """
         points = self.points
         if isinstance(points, PointTables):
@@ -73,17 +56,9 @@ class PointsInMemory(InMemory):
         return interpret(self.table(), reference, image_ids)
 
     def table(self) -> PointTable:
-        """Return the unchecked table, as a reader of point files does.
+        """Return the unchecked table under the field names of point files, as a reader of point files does.
 
-        Returns
-        -------
-        PointTable
-            Under the field names of point files.
-
-        Raises
-        ------
-        InputError
-            Columns that differ in length, texts that are no numbers, or what is no table at all.
+        Raises `InputError` for columns that differ in length, texts that are no numbers, and what is no table at all.
         """
         columns, labels, places = _columns_of(self.points), _row_labels(self.points), _places_of(self.points, self)
         lengths = {name: len(column) for name, column in columns.items()}

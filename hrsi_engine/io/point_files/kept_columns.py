@@ -29,15 +29,7 @@ _FLOATS = ("sample", "line", "sigma", "quality")
 
 
 def write_columns(folder: str, points: ImagePoints) -> None:
-    """Write measurements beside the GeoPackage in the same folder, which holds the same and is finished.
-
-    Parameters
-    ----------
-    folder : str
-        Holds `LAYERS_FILE`.
-    points : ImagePoints
-        What its layer `LAYER` holds, in the same order.
-    """
+    """Write measurements beside the finished GeoPackage of a folder, whose `LAYER` holds the same in the same order."""
     columns: dict[str, Any] = {
         "schema": np.int64(_SCHEMA), "mark": np.array(_database_mark(folder)),
         "sample": points.xy[:, 0], "line": points.xy[:, 1], "sigma": points.sigma_px, "quality": points.quality,
@@ -49,19 +41,9 @@ def write_columns(folder: str, points: ImagePoints) -> None:
 
 
 def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointTables | None:
-    """Return the image points of a layer from the column cache beside its file; None where the cache is not valid.
+    """Return the image points of a layer of a GeoPackage from the column cache beside it.
 
-    Parameters
-    ----------
-    path, layer : str
-        The GeoPackage, and the layer that is wanted.
-    image_ids : sequence of str
-        Ids of the block's images.
-
-    Returns
-    -------
-    PointTables or None
-        None where there are no columns, the layer is another one or was changed since, or the columns are damaged.
+    None where there are no columns, the layer is another one or was changed since, or the columns are damaged.
     """
     folder, name = os.path.split(path)
     columns = os.path.join(folder, COLUMNS_FILE)

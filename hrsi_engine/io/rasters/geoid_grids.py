@@ -19,22 +19,8 @@ def open_geoid(datum: str) -> Geoid:
     """Return the geoid model that `find_geoid` finds, quietly, and from files only that hold what they claim.
 
     PROJ makes room for all cells that the head of a ``.gtx`` grid tells of before it looks for them; other formats say
-    themselves where they are damaged.
-
-    Parameters
-    ----------
-    datum : str
-        ``egm96``, ``egm2008`` or the path of a grid.
-
-    Returns
-    -------
-    Geoid
-        With ``stands_for`` where another model has to stand in.
-
-    Raises
-    ------
-    InputError
-        The grid is missing or damaged.
+    themselves where they are damaged. ``datum`` is ``egm96``, ``egm2008`` or the path of a grid; the result tells by
+    ``stands_for`` where another model has to stand in. Raises `InputError` where the grid is missing or damaged.
     """
     if datum.lower().endswith(".gtx") and os.path.isfile(datum):
         with open(datum, "rb") as file:

@@ -117,20 +117,8 @@ def open_image(source: ImageSource) -> Image:
 def path_of(source: ImageSource) -> str:
     """Return the path of the file that a path, a rasterio dataset or an xarray object stands for.
 
-    Parameters
-    ----------
-    source : path, rasterio dataset, or xarray object
-        xarray keeps the path in ``encoding["source"]``, rasterio in ``name``.
-
-    Returns
-    -------
-    str
-        The path.
-
-    Raises
-    ------
-    InputError
-        It stands for no file, as an array that was computed does.
+    xarray keeps the path in ``encoding["source"]``, rasterio in ``name``. Raises `InputError` for what stands for no
+    file, as an array that was computed does.
     """
     if isinstance(source, (str, os.PathLike)):
         return os.fspath(source)

@@ -75,19 +75,9 @@ class SunReading(NamedTuple):
 
 
 def read_sun(path: str, rpc: RPC | None) -> SunReading | None:
-    """Return where the sun stood when an image was taken.
+    """Return where the sun stood when an image, or that of an RPC file, was taken; None where nothing tells.
 
-    Parameters
-    ----------
-    path : str
-        Of the image, or of the RPC file that stands for it.
-    rpc : RPC, optional
-        Tells the place; without it the time of the image tells nothing.
-
-    Returns
-    -------
-    SunReading or None
-        The angles as stated; else from the time of the acquisition; None where neither is known.
+    The angles as stated; else from the time of the acquisition at the place that the RPC tells.
     """
     texts = [*_read_texts(path)]
     for source, text in texts:

@@ -41,17 +41,13 @@ Text = str | Sequence[str]
 def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[str, str] | None = None) -> RPC:
     """Return the RPC of numbers still in text form.
 
-    Parameters
-    ----------
     where : the file, as error messages name it
-    values : RPC field name -> text of the number (a unit may follow), or the 20 texts of a polynomial;
-        ``err_bias`` and ``err_rand`` may be missing
+    values : RPC field name -> text of the number (a unit may follow), or the 20 texts of a polynomial; ``err_bias`` and
+    ``err_rand`` may be missing
     names : RPC field name -> its name in the file, for messages (default: GDAL's names)
 
-    Raises
-    ------
-    InputError
-        A field is missing, is not a finite number, a polynomial has not 20 coefficients, or a scale is zero.
+    Raises `InputError` where a field is missing or is not a finite number, a polynomial has not 20 coefficients, or a
+    scale is zero.
     """
     names = names or GDAL_NAMES
     numbers: dict[str, float | np.ndarray | None] = {}

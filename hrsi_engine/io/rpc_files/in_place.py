@@ -74,32 +74,16 @@ def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[st
 def prepare_in_place(
     path: str, rpc: RPC, changes: Transaction, progress: Progress = silent, lineage: Lineage = UNTOLD
 ) -> tuple[str, ...]:
-    """Prepare the replacement of an image's RPC; it takes effect when the changes are committed.
+    """Prepare the replacement of an image's RPC, committed with the changes; return notices for the log.
 
-    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image,
-    or must be out of the way so that the new RPC wins, is part of the changes.
+    Pixels, overviews and the layout of a Cloud Optimized GeoTIFF stay as they are. What has to lie beside the image, or
+    must be out of the way so that the new RPC wins, is part of the changes.
 
-    Parameters
-    ----------
     path : a GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
-    rpc : the new RPC
     changes : collects the changes of this file, and of others that are to happen together with them
-    progress : callback; False cancels
-    lineage : what the file tells of itself
+    progress : callback; False cancels; lineage : what the file tells of itself
 
-    Returns
-    -------
-    tuple of str
-        notices for the log
-
-    Raises
-    ------
-    InputError
-        the file is of another kind
-    OutputError
-        there is no room, or no permission
-    Cancelled
-        ``progress`` asks to stop
+    Raises `InputError` for a file of another kind, `OutputError` without room or permission, and `Cancelled`.
     """
     reader = rpc_reader_of(path)
     if reader is not None:

@@ -29,12 +29,8 @@ from .tiff_directory import read_directory
 class Lineage:
     """Provenance stored in a file with a refined RPC.
 
-    Parameters
-    ----------
-    items : mapping of str to str
-        Metadata by name, ``HRSI_VERSION``.
-    original : RPC, optional
-        What the camera was before; a GeoTIFF keeps it so that `restore` brings it back.
+    items : metadata by name, ``HRSI_VERSION``
+    original : what the camera was before; a GeoTIFF keeps it so that `restore` brings it back
     """
 
     items: Mapping[str, str] = field(default_factory=dict)

@@ -53,18 +53,10 @@ _READ_BYTES = 2**20
 
 
 def content_mark(path: str) -> str:
-    """Return a short text that differs when the content of a dataset differs: its file, side files, sources of a VRT.
+    """Return a text that differs when the content of a dataset differs: its file, side files, sources of a VRT.
 
-    Parameters
-    ----------
-    path : str
-        A raster or vector file, or a virtual path of GDAL: into an archive, whose own content counts; of a file in
-        memory or behind a server its size, time and beginning.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
+    Of a virtual path of GDAL into an archive the archive's own content counts; of a file in memory or behind a server
+    its size, time and beginning. 32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
     """
     if path.startswith("/vsi"):
         archive = _find_archive(path)

@@ -22,10 +22,7 @@ _KEY = re.compile(r"[A-Za-z0-9_.-]+")
 class PartStore:
     """A folder of finished parts, made with the first: ``KEY.npz`` each. A file appears whole or not at all.
 
-    Parameters
-    ----------
-    folder : str
-        A folder on the disk, or in one of GDAL's virtual file systems that takes files (``/vsis3/bucket/run``).
+    It is on the disk, or in one of GDAL's virtual file systems that takes files (``/vsis3/bucket/run``).
     """
 
     def __init__(self, folder: str) -> None:

@@ -20,14 +20,8 @@ _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 def only_writer(folder: str | None) -> Iterator[None]:
     """Lock a folder against other runs; it is made where missing, and removed again where it stays empty.
 
-    Parameters
-    ----------
-    folder : the output folder; nothing is locked where it is None, or in one of GDAL's virtual file systems
-
-    Raises
-    ------
-    InputError
-        another run writes into the folder, or it cannot be made
+    Nothing is locked where it is None, or in one of GDAL's virtual file systems. Raises `InputError` where another run
+    writes into the folder, or it cannot be made.
     """
     if not folder or folder.startswith("/vsi"):
         yield

@@ -63,10 +63,7 @@ def temporary_folder(folder: str) -> str:
 def open_hidden_folder(folder: str) -> Iterator[str]:
     """Provide a temporary hidden folder inside ``folder``, which is removed with its content at the end.
 
-    Raises
-    ------
-    OutputError
-        the folder takes no files
+    Raises `OutputError` where the folder takes no files.
     """
     hidden = None
     try:

@@ -35,8 +35,6 @@ _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
 class Transaction:
     """Collects changes; `commit` makes them. Left without a commit, nothing has changed and nothing is left.
 
-    Parameters
-    ----------
     home : folder that gets the journal; where it is none on the disk (a virtual file system), that of the first change
     """
 
@@ -80,10 +78,8 @@ class Transaction:
     def commit(self) -> None:
         """Make all changes, in the order in which they were asked for.
 
-        Raises
-        ------
-        OutputError
-            the journal cannot be written (then nothing has changed), or a step fails (then the next run goes on)
+        Raises `OutputError` where the journal cannot be written (then nothing has changed), or a step fails (then the
+        next run goes on).
         """
         if not self._steps:
             return

@@ -55,16 +55,7 @@ LINKS = LinkThresholds()
 class ImageLink(NamedTuple):
     """A link by the numbers of its images.
 
-    Parameters
-    ----------
-    first, second : int
-        The images.
-    matches : int
-        That were kept.
-    closed, open : int
-        Triangles that it takes part in.
-    sound : bool
-        Whether its matches are used.
+    matches : that were kept; closed, open : triangles that it takes part in; sound : whether its matches are used
     """
 
     first: int
@@ -78,18 +69,8 @@ class ImageLink(NamedTuple):
 class ImageHold(NamedTuple):
     """How an image is connected to the others of its block.
 
-    Parameters
-    ----------
-    image : str
-        Its id.
-    links : int
-        Number of its sound links.
-    images : int
-        Images connected with it directly or through others, itself among them.
-    tried : int
-        Number of its pairs that were tried.
-    reason : str
-        Why it has no sound link; empty where it has one.
+    links : number of its sound links; images : connected with it directly or through others, itself among them
+    tried : number of its pairs that were tried; reason : why it has no sound link; empty where it has one
     """
 
     image: str

@@ -109,13 +109,6 @@ class SlidingFootprint:
 
     It slides by ``slide (2,)`` degrees of lon, lat per metre of height; ``extent`` is the shorter side of its box.
     ``box (2, 4)`` has least and greatest lon, lat at the lower height, and what they change by per metre.
-
-    Parameters
-    ----------
-    image : Image
-        The image.
-    heights : GroundRange
-        Two heights of the ground.
     """
 
     def __init__(self, image: Image, heights: GroundRange) -> None:

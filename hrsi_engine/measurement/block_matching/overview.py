@@ -61,19 +61,10 @@ def hand_over(features: PartResult) -> PartResult:
 
 
 class OverviewFeatures:
-    """Features of the overviews of many images, found once for the probes and all pairs.
+    """Features of the overviews of many images, found once for the probes and all pairs by ``parts``, one an image.
 
     Memory holds the strongest of each image, which probes compare; all of them where there is no keeper, else they are
     in its files.
-
-    Parameters
-    ----------
-    parts : sequence of WorkPart
-        That find the features, one for each image.
-    scheduler : Scheduler
-        Who runs them.
-    keeper : Keeper or None
-        Where the features are kept.
     """
 
     def __init__(self, parts: Sequence[WorkPart], scheduler: Scheduler, keeper: Keeper | None) -> None:

@@ -26,16 +26,8 @@ NumberPair = tuple[int, int]
 class PairChoice:
     """Chooses the pairs of a block round by round.
 
-    Parameters
-    ----------
-    images : int
-        Their number.
-    probes : sequence of Probe
-        What is known of pairs that overlap.
-    trees : int
-        Number of edge-disjoint spanning trees.
-    most_pairs : int
-        That are tried in all.
+    images : their number; probes : what is known of pairs that overlap
+    trees : number of edge-disjoint spanning trees; most_pairs : that are tried in all
     """
 
     def __init__(self, images: int, probes: Sequence[Probe], trees: int, most_pairs: int) -> None:

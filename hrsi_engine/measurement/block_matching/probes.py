@@ -24,16 +24,8 @@ from .overlaps import CHOICE, GroundRange
 class Probe(NamedTuple):
     """Result of the probe of a pair.
 
-    Parameters
-    ----------
-    first, second : int
-        Numbers of the images.
-    agreeing : int
-        Features that agree with one offset.
-    convergence_deg : float
-        Angle between the lines of sight.
-    cells : tuple of int
-        Parts of the first and of the second image with agreeing features, a bit for each.
+    agreeing : features that agree with one offset; convergence_deg : angle between the lines of sight
+    cells : parts of the first and of the second image with agreeing features, a bit for each
     """
 
     first: int

@@ -43,21 +43,9 @@ SHADOW = ShadowThresholds()
 
 
 def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray) -> np.ndarray:
-    """Find the dark gravity centres that are shadows of objects.
+    """Return which points (n,) are shadows of objects; only dark gravity centres can be.
 
-    Parameters
-    ----------
-    raster : Raster
-        The image that the points are in.
-    points : InterestPoints
-        Interest points; only dark centres can be shadows.
-    towards_sun : (2,) ndarray
-        Unit vector in the image, sample and line, from anything towards the sun.
-
-    Returns
-    -------
-    (n,) ndarray of bool
-        True for shadows.
+    towards_sun : (2,) unit vector in the image, sample and line, from anything towards the sun
     """
     found = np.zeros(len(points), dtype=bool)
     dark = np.flatnonzero(points.is_centre & (points.contrast < 0.0))
@@ -78,22 +66,7 @@ def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray
 
 
 def compute_image_direction(rpc: RPC, size: tuple[int, int], azimuth_deg: float) -> np.ndarray:
-    """Compute the direction in the middle of an image of an azimuth on the ground.
-
-    Parameters
-    ----------
-    rpc : RPC
-        The camera.
-    size : tuple of int
-        Samples and lines of the image.
-    azimuth_deg : float
-        Clockwise from north.
-
-    Returns
-    -------
-    (2,) ndarray
-        Unit vector, sample and line.
-    """
+    """Return the unit vector (2,), sample and line, of an azimuth (clockwise from north) in the middle of an image."""
     middle = (np.array([size], dtype=np.float64) - 1.0) / 2.0
     here = rpc.localize(middle, rpc.height_off).ground
     step = SHADOW.step_m * np.array([[np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0]])
