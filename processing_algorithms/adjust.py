@@ -10,7 +10,13 @@ from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.dem_offset import ground_reasons
 from .block_steps.earlier_block import read_earlier
-from .block_steps.laser_points import laser_entries, laser_warnings, read_laser_points, with_free_control
+from .block_steps.laser_points import (
+    laser_entries,
+    laser_warnings,
+    name_operations,
+    read_laser_points,
+    with_free_control,
+)
 from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.adjust import AdjustAlgorithmOptions
@@ -34,7 +40,9 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
-    laser = read_laser_points(images, options.laser, context)
+    laser = read_laser_points(images, options.laser, options.points, context)
+    block, told = name_operations(block, laser, options.points.strict_datum)
+    warnings += told
     how = with_free_control(how, options.dem, options.points, laser)
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)

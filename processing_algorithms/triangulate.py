@@ -17,6 +17,7 @@ from .block_steps.laser_points import (
     adjust_at_laser_points,
     laser_entries,
     laser_warnings,
+    name_operations,
     read_laser_points,
     with_free_control,
 )
@@ -65,7 +66,8 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     reasons += reference_reasons(entries)
     clock.lap("check")
     with plausibility.explain_failures(reasons):
-        laser = read_laser_points(images, options.laser, context)
+        laser = read_laser_points(images, options.laser, options.points, context)
+        block, told = name_operations(block, laser, options.points.strict_datum)
         how = with_free_control(how, options.dem, options.points, laser, places)
         how = block_inputs.with_dem(how, options.dem, options.points)
         part = context.stage(read_at, adjusted_at)
@@ -75,7 +77,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     offset = dem_offset.offset_warning(result, surface, how.sigma_dem_m)
     reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
-    warnings += [*more, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
+    warnings += [*more, *told, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
     entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
@@ -84,7 +86,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
 
 def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
     """Return what would be done: the pairs are counted, not matched, and checks look at the points that files hold."""
-    read_laser_points(images, options.laser, context)
+    laser = read_laser_points(images, options.laser, options.points, context)
     points, how, pairs = options.points, options.adjustment, None
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if options.tie_points == AUTOMATIC_TIES:
@@ -93,8 +95,9 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
     if pairs and not points.gcps and not points.image_points and not earlier.ties:
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
+    block, told = name_operations(block, laser, points.strict_datum)
     reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
-    return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, pairs)
+    return block_outputs.plan_results(options.output, images, block, warnings + told, reasons, context, pairs)
 
 
 def _automatic_ties(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..ground.operation_uses import OperationUse
 from .columns import Columns
 
 LASER_KIND = "laser"  # of the image points of ties that are measured at laser points
@@ -51,6 +52,8 @@ class LaserPoints(Columns):
         Why the file flags a point as unreliable; empty where it does not.
     source : str
         The file and layer, for messages.
+    operations : tuple of OperationUse
+        What brought the points to WGS84, with the errors that all of them share.
     """
 
     ids: np.ndarray
@@ -63,9 +66,17 @@ class LaserPoints(Columns):
     canopy_m: np.ndarray
     doubt: np.ndarray
     source: str = ""
+    operations: tuple[OperationUse, ...] = ()
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    @property
+    def operation_sigma_m(self) -> tuple[float, float]:
+        """Standard deviation of each horizontal coordinate, and of the height, that the points share."""
+        sigmas = np.array([use.operation.sigma_m for use in self.operations]).reshape(-1, 2)
+        plan, height = sigmas.max(axis=0, initial=0.0).tolist()
+        return plan, height
 
     @classmethod
     def create(
@@ -81,6 +92,7 @@ class LaserPoints(Columns):
         canopy_m: np.ndarray | float = np.nan,
         doubt: Sequence[str] | np.ndarray | str = "",
         source: str = "",
+        operations: tuple[OperationUse, ...] = (),
     ) -> LaserPoints:
         """Make columns of matching length from arrays or single values.
 
@@ -96,6 +108,8 @@ class LaserPoints(Columns):
             As the fields of the class.
         source : str
             The file and layer, for messages.
+        operations : tuple of OperationUse
+            What brought the points to WGS84.
 
         Returns
         -------
@@ -114,5 +128,5 @@ class LaserPoints(Columns):
 
         return cls(
             np.asarray(names, dtype=str), texts(track), place, column(sigma_m), column(slope), column(misfit_m),
-            column(photons), column(canopy_m), texts(doubt), source,
+            column(photons), column(canopy_m), texts(doubt), source, operations,
         )  # fmt: skip

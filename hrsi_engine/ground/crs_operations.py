@@ -36,11 +36,10 @@ from ..foundation.errors import InputError
 from .ellipsoid import wrap_once
 from .geodesy import WGS84, WGS84_3D
 from .geoids import find_substitute, how_to_get_grids
-from .operation_uses import CrsOperation, OperationUse, with_geoid
+from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
 from .plate_motion import PlateMotion, find_plate_motion
 
 EDGE_NODES = 21  # along each side of an area of use, to find its rectangle in the source CRS, as PROJ does
-COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of so many coordinates
 #: What a step of a pipeline is called that changes longitudes and latitudes from datum to datum.
 _DATUM_STEP = re.compile(
     r"proj=(helmert|molobadekas|molodensky|[a-z]*gridshift|defmodel|deformation|affine|horner|tinshift)|\bpm="

@@ -22,6 +22,7 @@ class OperationThresholds:
 
 
 OPERATIONS = OperationThresholds()
+COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of so many coordinates
 
 
 class CrsOperation(NamedTuple):
@@ -250,7 +251,7 @@ def list_operation_warnings(uses: Sequence[OperationUse], epoch_advice: str = ""
         if use.takes_plate_for_wgs84:
             told.append(
                 f"{use.source}: {use.crs} moves with its plate and is taken for WGS84 ({use.operation.name}): they may "
-                f"differ by {use.operation.accuracy_m:g} m in plan, which all its points share"
+                f"differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, which all its points share"
                 + (f"; {epoch_advice}" if epoch_advice else "")
             )
     return list(dict.fromkeys(told))

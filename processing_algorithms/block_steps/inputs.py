@@ -17,7 +17,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
-from ...hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.tracks import build_tracks
@@ -78,8 +78,8 @@ def read_block(
         raise InputError(_describe_missing(points, bool(ground)))
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=() if surface is None else surface.operations)
-    require_strict_datums(block.all_operations, points.strict_datum)
-    return block, [*warnings, *block.warnings, *_tell_operations(block)]
+    told = tell_operations(block, block.all_operations, points.strict_datum)
+    return block, [*warnings, *block.warnings, *told]
 
 
 def _describe_missing(points: PointFiles, has_ground: bool) -> str:
@@ -92,14 +92,17 @@ def _describe_missing(points: PointFiles, has_ground: bool) -> str:
     return "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
 
 
-def _tell_operations(block: Block) -> list[str]:
-    """Return what the user should know of the coordinate operations."""
-    return [*list_operation_warnings(block.all_operations, EPOCH_ADVICE), *_tell_motion(block)]
+def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bool) -> list[str]:
+    """Return what the user should know of coordinate operations; raise `InputError` where ``strict_datum`` forbids one.
+
+    That includes how far plate-fixed datums that are taken for WGS84 lie off it when the images were taken.
+    """
+    require_strict_datums(uses, strict_datum)
+    return [*list_operation_warnings(uses, EPOCH_ADVICE), *_tell_motion(block, uses)]
 
 
-def _tell_motion(block: Block) -> list[str]:
-    """Return by how much plate-fixed datums that are taken for WGS84 lie off it when the images were taken."""
-    fixed = dict.fromkeys(use.crs for use in block.all_operations if use.takes_plate_for_wgs84)
+def _tell_motion(block: Block, uses: Sequence[OperationUse]) -> list[str]:
+    fixed = dict.fromkeys(use.crs for use in uses if use.takes_plate_for_wgs84)
     known = finite_rows(block.points.ground)
     if not fixed or not known.any():
         return []

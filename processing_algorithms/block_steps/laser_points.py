@@ -26,6 +26,7 @@ from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, LaserFile, PointFiles
+from .inputs import tell_operations
 
 
 @thresholds
@@ -49,14 +50,16 @@ LASER_LOOK = LaserLookThresholds()
 NOT_SEEN = "not on two images"
 
 
-def read_laser_points(images: Sequence[Image], options: LaserFile, context: Context) -> LaserPoints | None:
+def read_laser_points(
+    images: Sequence[Image], options: LaserFile, files: PointFiles, context: Context
+) -> LaserPoints | None:
     """Return the laser points that options name, with a doubt where one is not to be used; None without.
 
     Only those on two images or more count; raises `InputError` where there are none.
     """
     if not options.laser:
         return None
-    points = read_laser(options.laser, options.laser_datum)
+    points = read_laser(options.laser, options.laser_datum, files.ground_crs, files.gcp_epoch)
     points = points.select(np.flatnonzero(_count_views(images, points.ground, 10.0 * LASER_LOOK.beside_px) >= 1))
     if not len(points):
         raise InputError(
@@ -68,6 +71,14 @@ def read_laser_points(images: Sequence[Image], options: LaserFile, context: Cont
     good = int((points.doubt == "").sum())
     context.log(f"{options.laser}: {len(points)} laser points on the images or near them, {good} of them usable")
     return points
+
+
+def name_operations(block: Block, laser: LaserPoints | None, strict_datum: bool) -> tuple[Block, list[str]]:
+    """Return a block with the coordinate operations of laser points among its own, and what a user should know."""
+    if laser is None:
+        return block, []
+    told = tell_operations(block, laser.operations, strict_datum)
+    return replace(block, operations=block.operations + laser.operations), told
 
 
 def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:

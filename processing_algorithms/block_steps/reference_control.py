@@ -13,7 +13,7 @@ from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlace
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
+from ...hrsi_engine.ground.operation_uses import OperationUse
 from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     ImageGcps,
@@ -29,8 +29,8 @@ from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.terrain import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
-from .inputs import EPOCH_ADVICE
 from .inputs import read_block as read_files
+from .inputs import tell_operations
 
 
 @thresholds
@@ -238,7 +238,6 @@ def read_reference_block(
     found = find_reference_control(
         images, reference, dem_surface(dem, files.height_datum, files.gcp_epoch), sigma_dem_m, context, files.gcp_epoch
     )
-    require_strict_datums(found.operations, files.strict_datum)
     ground, measured = reference_points(found)
     control = files
     if files.gcp_ids:
@@ -253,5 +252,5 @@ def read_reference_block(
     elif len(ground):
         places = ReferencePlaces(ground.ids, ground.ground, found.accuracy.sigma_xy_m, found.excessive)
     block = replace(block, operations=found.operations)
-    told = list_operation_warnings(found.operations, EPOCH_ADVICE)
+    told = tell_operations(block, found.operations, files.strict_datum)
     return block, places, [*found.warnings, *dict.fromkeys([*told, *warnings])], {"reference": found.entries}

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 import pytest
 from long_tests import mark_beyond
 from osgeo import ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.io.laser_files import read_laser
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
@@ -72,6 +75,34 @@ def test_laser_points_of_another_area_are_refused(block: Path, tmp_path: Path):
     file.write_text("lon,lat,height\n100,10,20\n")
     with pytest.raises(InputError, match="none of its laser points lies on an image"):
         run("adjust", **options(block, tmp_path / "out", image_points=str(block / "image_points.csv"), laser=str(file)))
+
+
+def test_laser_points_in_a_national_crs(block: Path, tmp_path: Path):
+    """Their operation is told, its error is in LE90, and `gcp_epoch` moves them with the plate."""
+    to_map = pyproj.Transformer.from_crs(4258, 25831, always_xy=True)
+    file, rows = tmp_path / "map.csv", list(csv.DictReader((block / "laser.csv").open()))
+    lonlat = np.array([[float(row["lon"]), float(row["lat"])] for row in rows])
+    with file.open("w", newline="") as target:
+        writer = csv.writer(target)
+        writer.writerow(["id", "track", "x", "y", "height", "sigma_h"])
+        for row, x, y in zip(rows, *to_map.transform(*lonlat.T), strict=True):
+            writer.writerow([row["id"], row["track"], repr(float(x)), repr(float(y)), row["h_mean"], row["h_sigma"]])
+    moved = read_laser(str(file), ground_crs="EPSG:25831", epoch=2023.5)
+    realised = pyproj.Transformer.from_crs("EPSG:9067", "EPSG:9000", always_xy=True)  # ETRF2000 to ITRF2014
+    expected = np.column_stack(realised.transform(*lonlat.T, np.zeros(len(rows)), np.full(len(rows), 2023.5))[:2])
+    np.testing.assert_allclose(moved.ground[:, :2], expected, atol=2e-9)
+    assert 0.5 < np.hypot(*ground_difference_m(moved.ground, np.pad(lonlat, ((0, 0), (0, 1))))[0, :2]) < 1.2
+    given = dict(image_points=str(block / "image_points.csv"), laser=str(file), laser_reach=40.0)
+    given |= dict(ground_crs="EPSG:25831+5720", laser_datum="layer")  # NGF-IGN69: its geoid is a grid
+    report = run("adjust", **options(block, tmp_path / "out", **given, gcp_epoch=2023.5))
+    (entry,) = report["crs_operations"]
+    assert (entry["source"], entry["code"]) == (str(file), "EPSG:1149") and "in 2023.5" in entry["name"]
+    if entry["geoid_stands_for"] is None:
+        pytest.skip("the geoid of NGF-IGN69 is installed")
+    assert entry["sigma_height_m"] == 1.0
+    assert report["parts"][0]["le90_m"] > 1.645
+    with pytest.raises(InputError, match="geoid of NGF-IGN69 height is not installed"):
+        run("adjust", **options(block, tmp_path / "strict", **given, strict_datum=True))
 
 
 def with_heights(block: Path, file: Path, change: Callable[[float], float]) -> str:

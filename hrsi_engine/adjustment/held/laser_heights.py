@@ -111,7 +111,6 @@ class LaserHeights:
     holds_points: bool = False
     can_be_biased_as_a_whole: bool = False
     common_m: float = LASER_FIT.track_sigma_m
-    overall_m: float = LASER_FIT.overall_sigma_m
     chosen: np.ndarray = field(init=False)  #: (o,) indices of the laser points that have ties, in the order of `rows`
     uneven: np.ndarray = field(init=False)  #: (…,) indices of those whose ties have no common height
     _planned: _TiesOfPoints | None = None
@@ -120,6 +119,10 @@ class LaserHeights:
         names, track = np.unique(self.laser.track, return_inverse=True)
         self.groups = tuple(f"track {name}" if name else "track without a name" for name in names.tolist())
         self._track = track
+
+    @property
+    def overall_m(self) -> float:
+        return float(np.hypot(LASER_FIT.overall_sigma_m, self.laser.operation_sigma_m[1]))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the laser heights where the points lie."""
@@ -173,7 +176,8 @@ class LaserHeights:
         mean_away = np.einsum("nk,nkc->nc", planes.share, away)
         between = np.einsum("nc,ncd,nd->n", mean_away, planes.covariance, mean_away)
         rough = np.einsum("nk,nk->n", planes.share**2, (LASER_FIT.roughness * np.linalg.norm(away, axis=2)) ** 2)
-        place = (LASER_FIT.place_sigma_m * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
+        place_sigma_m = np.hypot(LASER_FIT.place_sigma_m, self.laser.operation_sigma_m[0])
+        place = (place_sigma_m * np.linalg.norm(planes.slope, axis=1)) ** 2 / 2.0
         sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
         of, column = np.nonzero((there & (planes.share > 0.0))[even])
         return _TiesOfPoints(

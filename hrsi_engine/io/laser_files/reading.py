@@ -20,7 +20,9 @@ TRACK_FIELDS = ("rgt", "cycle")  #: what tells the passes of ICESat-2 apart; the
 NO_GROUND = "a height of no ground"
 
 
-def read_laser(spec: str, height_datum: str = "ellipsoidal", ground_crs: str | None = None) -> LaserPoints:
+def read_laser(
+    spec: str, height_datum: str = "ellipsoidal", ground_crs: str | None = None, epoch: float | None = None
+) -> LaserPoints:
     """Return the laser points of a file.
 
     Parameters
@@ -32,7 +34,9 @@ def read_laser(spec: str, height_datum: str = "ellipsoidal", ground_crs: str | N
         What heights of a layer refer to: ``ellipsoidal``, ``layer`` (as its CRS says), ``egm96``, ``egm2008`` or a
         geoid grid file. Granules are always ellipsoidal.
     ground_crs : str, optional
-        CRS of a file that names none.
+        CRS of x and y in a file that names none; longitudes and latitudes are WGS84 there.
+    epoch : float, optional
+        Year in which a CRS fixed to a plate is brought to WGS84.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def read_laser(spec: str, height_datum: str = "ellipsoidal", ground_crs: str | N
     if head.startswith(HDF5_HEAD):
         return _mark_impossible_heights(read_granule(path))
     table = read_parquet(path) if head.startswith(PARQUET_HEAD) else point_reader_of(path).read(path, layer)
-    return _mark_impossible_heights(_of_table(table, Reference(ground_crs or "", height_datum)))
+    return _mark_impossible_heights(_of_table(table, Reference(ground_crs or "", height_datum, epoch=epoch)))
 
 
 def _read_head(path: str) -> bytes:
@@ -77,16 +81,17 @@ def _of_table(table: PointTable, reference: Reference) -> LaserPoints:
             f"{table.source}: has no heights: laser points need a field height (or h_mean), or points with z"
         )
     table = _with_heights(table)
+    if table.geometry is None and not {"x", "y"} <= table.columns.keys():
+        reference = replace(reference, ground_crs="")
     placed = ground_positions(table, reference)
-    ground = placed.ground
     nothing = np.full(len(table), np.nan)
     sigma = table.columns.get("sigma_h", nothing)
     sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}
     ids = table.columns.get("id")
     return LaserPoints.create(
-        ground, ids=None if ids is None or (ids == "").any() else ids, track=_name_tracks(table),
+        placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=_name_tracks(table),
         sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
-        photons=sources["photons"], canopy_m=sources["canopy"], source=table.source,
+        photons=sources["photons"], canopy_m=sources["canopy"], source=table.source, operations=placed.operations,
     )  # fmt: skip
 
 
