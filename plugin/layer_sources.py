@@ -137,12 +137,9 @@ def _is_unchanged(layer: QgsVectorLayer) -> bool:
 
 
 def _copy(
-    layer: QgsVectorLayer,
-    name: str,
-    selected_only: bool,
-    context: QgsProcessingContext,
+    layer: QgsVectorLayer, name: str, selected_only: bool, context: QgsProcessingContext,
     feedback: QgsProcessingFeedback,
-) -> str:
+) -> str:  # fmt: skip
     """Write a layer with its fields and CRS to a temporary GeoPackage and return that source."""
     path = Path(QgsProcessingUtils.generateTempFilename(f"{name}.gpkg"))
     path.parent.mkdir(parents=True, exist_ok=True)

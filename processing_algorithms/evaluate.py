@@ -143,12 +143,9 @@ def run(options: EvaluateOptions, context: Context) -> Report:
 
 
 def _plan_run(
-    options: EvaluateOptions,
-    images: Sequence[Image],
-    sets: Sequence[str],
-    surface: HeightSurface | None,
+    options: EvaluateOptions, images: Sequence[Image], sets: Sequence[str], surface: HeightSurface | None,
     context: Context,
-) -> Report:
+) -> Report:  # fmt: skip
     """Return what would be done: the pairs are counted, not matched."""
     counts = {"images": len(images), "sets of RPCs": len(sets)}
     warnings: list[str] = []

@@ -116,12 +116,9 @@ def _automatic_ties(
 
 
 def _read_block(
-    images: Sequence[Image],
-    earlier: EarlierBlock,
-    options: TriangulateOptions,
-    found: Sequence[ImagePoints],
+    images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, found: Sequence[ImagePoints],
     context: Context,
-) -> tuple[Block, ReferencePlaces | None, list[str], Report]:
+) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
     """Return the block, places of a reference where one is named, warnings and entries of the report."""
     points, dem, ties = options.points, options.dem, [*earlier.ties, *found]
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points

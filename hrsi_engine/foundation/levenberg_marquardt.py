@@ -90,13 +90,9 @@ class Descent(Generic[T]):
 
 
 def descend(
-    start: T,
-    step: Callable[[T, float], Step[T]],
-    variance: Callable[[T], float],
-    most: int,
-    weighed: Callable[[T], T] | None = None,
-    tolerance: float = 0.0,
-) -> Descent[T]:
+    start: T, step: Callable[[T, float], Step[T]], variance: Callable[[T], float], most: int,
+    weighed: Callable[[T], T] | None = None, tolerance: float = 0.0,
+) -> Descent[T]:  # fmt: skip
     """Return the minimum next to a place.
 
     start : where to begin; its cost must be finite

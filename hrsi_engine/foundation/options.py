@@ -52,19 +52,10 @@ class Option:
 
 
 def option(
-    default: Any = MISSING,
-    help: str = "",
-    *,
-    name: str = "",
-    unit: str = "",
-    choices: tuple[str, ...] = (),
-    minimum: float | None = None,
-    maximum: float | None = None,
-    advanced: bool = False,
-    metavar: str = "",
-    kind: Enum | None = None,
-    piped: bool = False,
-) -> Any:
+    default: Any = MISSING, help: str = "", *, name: str = "", unit: str = "", choices: tuple[str, ...] = (),
+    minimum: float | None = None, maximum: float | None = None, advanced: bool = False, metavar: str = "",
+    kind: Enum | None = None, piped: bool = False,
+) -> Any:  # fmt: skip
     """Return a dataclass field that is an option; without a default it is required. For the others see `Option`."""
     said = Option(help, name, unit, choices, minimum, maximum, advanced, metavar, kind, piped)
     return field(default=default, metadata={_OPTION: said})

@@ -40,11 +40,9 @@ def _choose_filters() -> Any:
 
 
 def filter_separable(
-    image: np.ndarray,
-    along_row: Sequence[float] | np.ndarray,
-    along_column: Sequence[float] | np.ndarray,
+    image: np.ndarray, along_row: Sequence[float] | np.ndarray, along_column: Sequence[float] | np.ndarray,
     border: str = "mirror",
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the correlation with a kernel that is the product of two, both odd and symmetric or antisymmetric.
 
     float32 or float64, as the image; the kernels' middles are at the pixel.

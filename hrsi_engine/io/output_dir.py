@@ -89,12 +89,9 @@ def _images_of(report: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 @contextmanager
 def stage_folder(
-    path: str,
-    inputs: Iterable[str],
-    overwrite: bool = False,
-    transaction: Transaction | None = None,
+    path: str, inputs: Iterable[str], overwrite: bool = False, transaction: Transaction | None = None,
     discarded: Iterable[str] = (),
-) -> Iterator[Path]:
+) -> Iterator[Path]:  # fmt: skip
     """Yield a temporary folder whose files move into ``path`` together when the block ends without an exception.
 
     path : the output folder; made where it is missing

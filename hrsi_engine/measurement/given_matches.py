@@ -72,13 +72,9 @@ class ExternalMatchJob:
 
 
 def refine_given_matches(
-    images: Sequence[Image],
-    given: ImagePoints,
-    options: TieOptions | None = None,
-    progress: Progress = silent,
-    *,
+    images: Sequence[Image], given: ImagePoints, options: TieOptions | None = None, progress: Progress = silent, *,
     scheduler: Scheduler | None = None,
-) -> TiePoints:
+) -> TiePoints:  # fmt: skip
     """Measure given matches (tracks, to some pixels) anew and judge them; return tracks over two images or more.
 
     Raises `InputError` where no match is between two images with pixels, `Cancelled` when ``progress`` asks to stop.
@@ -175,13 +171,9 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
             continue
         options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
         found = refine_points(
-            tile,
-            other,
-            _estimate_geometry(job.reference, agreed),
-            pair.first_xy[inside],
-            pair.second_xy[inside],
+            tile, other, _estimate_geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside],
             options,
-        )
+        )  # fmt: skip
         rows.append(PartnerMatches(pair.number, found))
     return stack_matches(rows)
 

@@ -46,22 +46,13 @@ class TieOptions:
     """
 
     margin_px: float = option(
-        128.0,
-        "How far the RPCs may be off when tie points are searched; the search widens where it finds nothing",
-        name="search-margin",
-        minimum=0.0,
-        unit="px",
-        advanced=True,
-        metavar="PX",
-    )
+        128.0, "How far the RPCs may be off when tie points are searched; the search widens where it finds nothing",
+        name="search-margin", minimum=0.0, unit="px", advanced=True, metavar="PX",
+    )  # fmt: skip
     cells: int = option(
-        12,
-        "Every image is divided into N x N cells, which are filled evenly with tie points",
-        minimum=1,
-        maximum=1000,
-        advanced=True,
-        metavar="N",
-    )
+        12, "Every image is divided into N x N cells, which are filled evenly with tie points", minimum=1, maximum=1000,
+        advanced=True, metavar="N",
+    )  # fmt: skip
     per_cell: int = option(
         AUTOMATIC_CELLS,
         f"Tie points of a cell; 0 takes {TIE_SEARCH.full_per_cell} for images up to 2048 px, which are matched "
@@ -86,14 +77,9 @@ class TieOptions:
         metavar="N",
     )
     smallest_overlap: float = option(
-        0.02,
-        "Share of an image that another must show to be matched",
-        name="min-overlap",
-        minimum=0.0,
-        maximum=1.0,
-        advanced=True,
-        metavar="SHARE",
-    )
+        0.02, "Share of an image that another must show to be matched", name="min-overlap", minimum=0.0, maximum=1.0,
+        advanced=True, metavar="SHARE",
+    )  # fmt: skip
     match: TileMatchOptions = TileMatchOptions()
     match_sampled: TileMatchOptions = TileMatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
     match_linked: TileMatchOptions = TileMatchOptions(finders=(), most_points=150, windows_px=(31,))

@@ -63,15 +63,10 @@ class TiePoints(NamedTuple):
 
 
 def find_tie_points(
-    images: Sequence[Image],
-    options: TieOptions | None = None,
-    progress: Progress = silent,
-    *,
-    surface: HeightSurface | None = None,
-    scheduler: Scheduler | None = None,
-    keeper: Keeper | None = None,
+    images: Sequence[Image], options: TieOptions | None = None, progress: Progress = silent, *,
+    surface: HeightSurface | None = None, scheduler: Scheduler | None = None, keeper: Keeper | None = None,
     earlier: Collection[str] = (),
-) -> TiePoints:
+) -> TiePoints:  # fmt: skip
     """Find tie points between all overlapping images with pixels.
 
     Parameters
@@ -150,11 +145,9 @@ def find_tie_points(
 
 
 def find_overlapping_pairs(
-    images: Sequence[Image],
-    options: TieOptions | None = None,
-    surface: HeightSurface | None = None,
+    images: Sequence[Image], options: TieOptions | None = None, surface: HeightSurface | None = None,
     earlier: Collection[str] = (),
-) -> list[tuple[str, str]]:
+) -> list[tuple[str, str]]:  # fmt: skip
     """Return the ids of the images that may show common ground, pair by pair, before any pixel is looked at.
 
     Parameters are those of `find_tie_points`. Raises `InputError` where fewer than two images have pixels, or no two of

@@ -645,11 +645,9 @@ class PointsDock(QDockWidget):
             return True
         buttons = QMessageBox.StandardButton
         answer = QMessageBox.question(
-            self,
-            tr("HRSI Points"),
-            tr("Save the measurements of this block first?"),
+            self, tr("HRSI Points"), tr("Save the measurements of this block first?"),
             buttons.Save | buttons.Discard | buttons.Cancel,
-        )
+        )  # fmt: skip
         return answer == buttons.Discard or (answer == buttons.Save and bool(self.save()))
 
 

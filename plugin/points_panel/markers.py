@@ -110,11 +110,9 @@ def _colour_of(marker: Marker) -> QColor:
 
 
 def _draw_crosses(
-    painter: QPainter,
-    colour: QColor,
-    places: Sequence[tuple[float, float]],
+    painter: QPainter, colour: QColor, places: Sequence[tuple[float, float]],
     residuals_px: Sequence[tuple[float, float] | None],
-) -> None:
+) -> None:  # fmt: skip
     """Draw crosses on the screen, and their residuals, all at once: one by one takes long with some hundred."""
     crosses = [QLineF(x - _ARM, y, x + _ARM, y) for x, y in places] + [
         QLineF(x, y - _ARM, x, y + _ARM) for x, y in places

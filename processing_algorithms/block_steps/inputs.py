@@ -32,13 +32,9 @@ GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point fil
 
 
 def read_block(
-    images: Sequence[Image],
-    points: PointFiles,
-    dem: DemOptions | None = None,
-    tie_points: str | None = None,
-    ties: Sequence[ImagePoints] = (),
-    known: Sequence[GroundPoints] = (),
-) -> tuple[Block, list[str]]:
+    images: Sequence[Image], points: PointFiles, dem: DemOptions | None = None, tie_points: str | None = None,
+    ties: Sequence[ImagePoints] = (), known: Sequence[GroundPoints] = (),
+) -> tuple[Block, list[str]]:  # fmt: skip
     """Read point files and put the block together with ties and known points; return it and what the user should know.
 
     Ground positions count in the layer of GCPs only: a layer of image points may be one that HRSI wrote, at adjusted

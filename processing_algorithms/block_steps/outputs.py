@@ -90,15 +90,9 @@ def _item_file(image: Image) -> str:
 
 
 def plan_results(
-    output: BlockOutput,
-    images: Sequence[Image],
-    block: Block | None,
-    warnings: Sequence[str],
-    reasons: Sequence[Reason],
-    context: Context,
-    pairs: int | None = None,
-    together: bool = True,
-) -> Report:
+    output: BlockOutput, images: Sequence[Image], block: Block | None, warnings: Sequence[str],
+    reasons: Sequence[Reason], context: Context, pairs: int | None = None, together: bool = True,
+) -> Report:  # fmt: skip
     """Return the report of a dry run: the files, the counts and the verdict of the checks before an adjustment.
 
     block : as far as it is known before tie points are found; None where nothing is

@@ -15,12 +15,9 @@ from ..interface.option_groups import DemOptions, PointFiles
 
 
 def input_reasons(
-    block: Block,
-    points: PointFiles,
-    dem: DemOptions | None = None,
-    sigma_shift_px: float | None = None,
+    block: Block, points: PointFiles, dem: DemOptions | None = None, sigma_shift_px: float | None = None,
     sigma_drift: float | None = None,
-) -> list[Reason]:
+) -> list[Reason]:  # fmt: skip
     """Return what in a block's inputs a careful operator would have to look into, worst first.
 
     The sigmas are those of the RPCs' errors where the user states them.

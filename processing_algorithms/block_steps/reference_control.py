@@ -39,11 +39,9 @@ class ReferenceSigmaThresholds:
 
     pixels: float = threshold(2.0, "px", "standard deviation in its pixels, up to that of satellites' own")
     satellite_m: float = threshold(
-        5.0,
-        "m",
-        "standard deviation of orthoimages of free satellites",
+        5.0, "m", "standard deviation of orthoimages of free satellites",
         "Sentinel-2: 12.5 m for 95 %; Landsat: 12 m CE90",
-    )
+    )  # fmt: skip
     satellite_pixels: float = threshold(
         0.5, "px", "standard deviation of orthoimages of free satellites in their pixels", "Landsat: pixels of 30 m"
     )
@@ -71,13 +69,9 @@ class FromReference(NamedTuple):
 
 
 def find_reference_control(
-    images: Sequence[Image],
-    options: ReferenceImage,
-    surface: HeightSurface | None,
-    sigma_dem_m: float | None,
-    context: Context,
-    epoch: float | None = None,
-) -> FromReference:
+    images: Sequence[Image], options: ReferenceImage, surface: HeightSurface | None, sigma_dem_m: float | None,
+    context: Context, epoch: float | None = None,
+) -> FromReference:  # fmt: skip
     """Match images, as far as they have pixels, with a reference orthoimage.
 
     surface : heights of its points; without, `InputError` says so
@@ -167,11 +161,9 @@ def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
         np.concatenate([ids[part.places[used]] for part, used in rows]),
         np.concatenate([np.full(int(used.sum()), part.image_id) for part, used in rows]),
         np.concatenate([part.xy[used] for part, used in rows]),
-        np.concatenate([part.sigma_px[used] for part, used in rows]),
-        REFERENCE_KIND,
-        np.concatenate([part.score[used] for part, used in rows]),
-        found.entries["path"],
-    )
+        np.concatenate([part.sigma_px[used] for part, used in rows]), REFERENCE_KIND,
+        np.concatenate([part.score[used] for part, used in rows]), found.entries["path"],
+    )  # fmt: skip
     return ground, image_points
 
 
@@ -221,15 +213,9 @@ def reference_reasons(entries: Report) -> list[Reason]:
 
 
 def read_reference_block(
-    images: Sequence[Image],
-    files: PointFiles,
-    dem: DemOptions,
-    tie_points: str | None,
-    ties: Sequence[ImagePoints],
-    reference: ReferenceImage,
-    sigma_dem_m: float | None,
-    context: Context,
-) -> tuple[Block, ReferencePlaces | None, list[str], Report]:
+    images: Sequence[Image], files: PointFiles, dem: DemOptions, tie_points: str | None, ties: Sequence[ImagePoints],
+    reference: ReferenceImage, sigma_dem_m: float | None, context: Context,
+) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
     """Read a block with the GCPs of the reference among its points; also these as places, warnings, report entries.
 
     Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside

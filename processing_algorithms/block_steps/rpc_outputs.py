@@ -56,13 +56,9 @@ def _lineage_of(image: Image, items: Mapping[str, str]) -> Lineage:
 
 
 def write_new_files(
-    folder: Path,
-    images: Sequence[Image],
-    refined: Sequence[RefitRPC],
-    how: str,
-    items: Mapping[str, str],
+    folder: Path, images: Sequence[Image], refined: Sequence[RefitRPC], how: str, items: Mapping[str, str],
     progress: Progress,
-) -> dict[str, str]:
+) -> dict[str, str]:  # fmt: skip
     """Write each image's refined RPC into a new file of ``folder``; return the file names by image id."""
     names = plan_file_names(images, how)
     for done, (image, new) in enumerate(zip(images, refined, strict=True)):
@@ -88,12 +84,9 @@ def clear_the_way(
 
 
 def prepare_images(
-    images: Sequence[Image],
-    refined: Sequence[RefitRPC],
-    changes: Transaction,
-    items: Mapping[str, str],
+    images: Sequence[Image], refined: Sequence[RefitRPC], changes: Transaction, items: Mapping[str, str],
     progress: Progress,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Make the images themselves ready to take the refined RPCs, all together or none; return notices."""
     notices: list[str] = []
     with_pixels = images_with_pixels(images, refined)

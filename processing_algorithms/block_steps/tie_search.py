@@ -37,14 +37,9 @@ def find_ties(
         found = refine_given_matches(images, given, options.search, context.progress, scheduler=scheduler)
     else:
         found = find_tie_points(
-            images,
-            options.search,
-            context.progress,
-            surface=surface,
-            scheduler=scheduler,
-            keeper=finished.parts,
+            images, options.search, context.progress, surface=surface, scheduler=scheduler, keeper=finished.parts,
             earlier=earlier,
-        )
+        )  # fmt: skip
     for pair in found.pairs:
         context.log(f"{pair.first} - {pair.second}: {pair.matches} matches")
     for hold in found.holds:

@@ -31,28 +31,17 @@ class EvaluateOptions:
         metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
     )
     used_points: str | None = option(
-        None,
-        "Image points that an adjustment of these RPCs used (block.gpkg): tracks near one of them take no part",
-        kind=Kind.POINTS,
-        metavar="FILE",
-    )
+        None, "Image points that an adjustment of these RPCs used (block.gpkg): tracks near one of them take no part",
+        kind=Kind.POINTS, metavar="FILE",
+    )  # fmt: skip
     apart_px: float = option(
-        10.0,
-        "How far from `used_points` a track must be, on each of its images",
-        name="apart",
-        minimum=0.0,
-        unit="px",
-        advanced=True,
-        metavar="PX",
-    )
+        10.0, "How far from `used_points` a track must be, on each of its images", name="apart", minimum=0.0, unit="px",
+        advanced=True, metavar="PX",
+    )  # fmt: skip
     reject: float = option(
-        6.0,
-        "Leave out tracks with a residual of so many sigmas under every set of RPCs: wrong matches; 0 keeps all",
-        minimum=0.0,
-        unit="sigma",
-        advanced=True,
-        metavar="SIGMAS",
-    )
+        6.0, "Leave out tracks with a residual of so many sigmas under every set of RPCs: wrong matches; 0 keeps all",
+        minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
+    )  # fmt: skip
     points: PointFiles = nest_options(PointFiles)
     dem: DemOptions = nest_options(DemOptions)
     search: SearchOptions = nest_options(SearchOptions)

@@ -26,12 +26,9 @@ class GcpsFromReferenceOptions:
     height_datum: str = height_datum_option()
     strict_datum: bool = strict_datum_option()
     sigma_dem: float | None = option(
-        None,
-        "Standard deviation of the DEM's heights; by default from the size of its cells",
-        minimum=1e-6,
-        unit="m",
+        None, "Standard deviation of the DEM's heights; by default from the size of its cells", minimum=1e-6, unit="m",
         metavar="M",
-    )
+    )  # fmt: skip
     folder: ResultFolder = nest_options(ResultFolder)
 
 

@@ -15,12 +15,9 @@ class LocalizeOptions:
 
     images: tuple[str, ...] = images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
-        None,
-        "Image points: a vector layer or CSV; by default lines on standard input",
-        kind=Kind.POINTS,
-        piped=True,
+        None, "Image points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
         metavar=POINTS,
-    )
+    )  # fmt: skip
     terrain: TerrainOptions = nest_options(TerrainOptions)
     folder: OptionalFolder = nest_options(OptionalFolder)
     common: Common = nest_options(Common)

@@ -30,21 +30,14 @@ class OrthorectifyOptions:
     images: tuple[str, ...] = images_option("Images with RPC")
     terrain: TerrainOptions = nest_options(TerrainOptions)
     terrain_points: str | None = option(
-        None,
-        "Points whose heights make the terrain, instead of a DEM: the layer ground_points of a triangulation",
-        kind=Kind.POINTS,
-        metavar=POINTS,
-    )
+        None, "Points whose heights make the terrain, instead of a DEM: the layer ground_points of a triangulation",
+        kind=Kind.POINTS, metavar=POINTS,
+    )  # fmt: skip
     ground_crs: str | None = ground_crs_option()
     fill_gaps: int = option(
-        0,
-        "Interpolate gaps of the DEM up to so many of its cells wide; 0 leaves them nodata",
-        minimum=0,
-        maximum=1000,
-        unit="cells",
-        advanced=True,
-        metavar="N",
-    )
+        0, "Interpolate gaps of the DEM up to so many of its cells wide; 0 leaves them nodata", minimum=0, maximum=1000,
+        unit="cells", advanced=True, metavar="N",
+    )  # fmt: skip
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees north and 80 "
@@ -68,13 +61,9 @@ class OrthorectifyOptions:
     )
     resampling: str = option("cubic", "GDAL's resampling kernel", choices=RESAMPLING_NAMES)
     error_px: float = option(
-        0.05,
-        "Largest error of a pixel's position in the image; 0 computes every pixel exactly",
-        minimum=0.0,
-        maximum=10.0,
-        unit="px",
-        metavar="PX",
-    )
+        0.05, "Largest error of a pixel's position in the image; 0 computes every pixel exactly", minimum=0.0,
+        maximum=10.0, unit="px", metavar="PX",
+    )  # fmt: skip
     nodata: str | None = option(
         None,
         "Value of pixels that the image does not show, or mask for a mask band; by default the image's own, else a "

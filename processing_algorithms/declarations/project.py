@@ -15,12 +15,9 @@ class ProjectOptions:
 
     images: tuple[str, ...] = images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
-        None,
-        "Ground points: a vector layer or CSV; by default lines on standard input",
-        kind=Kind.POINTS,
-        piped=True,
+        None, "Ground points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
         metavar=POINTS,
-    )
+    )  # fmt: skip
     ground_crs: str | None = ground_crs_option()
     terrain: TerrainOptions = nest_options(TerrainOptions)
     folder: OptionalFolder = nest_options(OptionalFolder)

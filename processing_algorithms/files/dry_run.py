@@ -14,13 +14,9 @@ REPORT_FILE, PAGE_FILE = "report.json", "report.html"
 
 
 def plan(
-    context: Context,
-    folder: str | None,
-    names: Sequence[str],
-    counts: Mapping[str, int],
-    warnings: Sequence[str] = (),
+    context: Context, folder: str | None, names: Sequence[str], counts: Mapping[str, int], warnings: Sequence[str] = (),
     verdict: Mapping[str, Any] | None = None,
-) -> Report:
+) -> Report:  # fmt: skip
     """Return the report of a dry run: what would be written, how much there is, and what the checks found.
 
     folder : the output directory; None where the result would be printed only

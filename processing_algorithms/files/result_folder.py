@@ -20,12 +20,9 @@ def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> No
 
 
 def plan_folder(
-    options: ResultFolder | OptionalFolder,
-    file: str,
-    counts: Mapping[str, int],
-    warnings: Sequence[str],
+    options: ResultFolder | OptionalFolder, file: str, counts: Mapping[str, int], warnings: Sequence[str],
     context: Context,
-) -> Report:
+) -> Report:  # fmt: skip
     """Return the report of a dry run of what `write_folder` writes."""
     names = [REPORT_FILE, file] if options.output_dir else []
     return plan(context, options.output_dir, names, counts, warnings)

@@ -170,12 +170,10 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     terminal = terminal_of(sys.stderr, line.quiet)
     listeners = Listeners([terminal, *([log] if log else [])])
     context = Context(
-        listeners.progress,
-        lambda message: listeners.log(spelt(message)),
-        command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]),
-        record=dict(origin.record),
+        listeners.progress, lambda message: listeners.log(spelt(message)),
+        command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]), record=dict(origin.record),
         dry_run=line.dry_run,
-    )
+    )  # fmt: skip
     try:
         for message in origin.messages:
             context.log(message)

@@ -59,11 +59,9 @@ class LineOptions:
 
     dry_run: bool = option(False, "Read and check everything, write nothing, and say what would be done")
     log: str | None = option(
-        None,
-        "Text file to which the run adds its progress, warnings and errors, with their times",
-        kind=Kind.FILE,
+        None, "Text file to which the run adds its progress, warnings and errors, with their times", kind=Kind.FILE,
         metavar="FILE",
-    )
+    )  # fmt: skip
     quiet: bool = option(False, "No progress and no messages, only errors")
     json: bool = option(False, "Print the report as one JSON document")
 
@@ -83,11 +81,9 @@ class OptionalFolder:
     """Where results go, if anywhere."""
 
     output_dir: str | None = option(
-        None,
-        "Directory for report and layers; without it the result is only printed",
-        kind=Kind.OUTPUT_DIR,
+        None, "Directory for report and layers; without it the result is only printed", kind=Kind.OUTPUT_DIR,
         metavar="DIR",
-    )
+    )  # fmt: skip
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
@@ -150,11 +146,9 @@ class DemOptions:
 
     dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
     dem_datum: str | None = option(
-        None,
-        "What the heights of the DEM refer to, where it is not what `height_datum` says",
-        advanced=True,
+        None, "What the heights of the DEM refer to, where it is not what `height_datum` says", advanced=True,
         metavar=DATUMS,
-    )
+    )  # fmt: skip
 
 
 @options
@@ -169,11 +163,9 @@ class LaserFile:
         metavar=POINTS,
     )
     laser_datum: str = option(
-        "ellipsoidal",
-        "What the heights of laser points in a layer refer to; those of granules are ellipsoidal",
-        advanced=True,
-        metavar=DATUMS,
-    )
+        "ellipsoidal", "What the heights of laser points in a layer refer to; those of granules are ellipsoidal",
+        advanced=True, metavar=DATUMS,
+    )  # fmt: skip
 
 
 @options(kw_only=True)
@@ -204,11 +196,9 @@ class PointFiles:
         None, "Ground points with known position: a vector layer or CSV", kind=Kind.POINTS, metavar=POINTS
     )
     image_points: str | None = option(
-        None,
-        "Where points were measured on the images; ground positions in it are not used",
-        kind=Kind.POINTS,
+        None, "Where points were measured on the images; ground positions in it are not used", kind=Kind.POINTS,
         metavar="FILE",
-    )
+    )  # fmt: skip
     gcp_ids: tuple[str, ...] | None = option(
         None, "These points are control, all other known points are check points", metavar="A,B,…"
     )

@@ -67,12 +67,9 @@ def adjust_block(
 
 
 def show_adjustment(
-    follower: Follower,
-    left: Residuals,
-    listed: Collection[str] = frozenset(),
-    warnings: tuple[str, ...] = (),
+    follower: Follower, left: Residuals, listed: Collection[str] = frozenset(), warnings: tuple[str, ...] = (),
     reasons: Sequence[Reason] = (),
-) -> AdjustmentView:
+) -> AdjustmentView:  # fmt: skip
     """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
     result, images = follower.result, follower.result.block.images
     names = result.block.points.ids

@@ -158,12 +158,9 @@ def _open_images(paths: Sequence[str]) -> list[Image]:
 
 
 def _make_session(
-    images: Sequence[Image],
-    ground: GroundPoints | None,
-    image: ImagePoints | None,
-    path: str,
+    images: Sequence[Image], ground: GroundPoints | None, image: ImagePoints | None, path: str,
     listed_ties: Collection[str] = (),
-) -> PointSession:
+) -> PointSession:  # fmt: skip
     """Return a session; measurements of points that are not in its list are tie points."""
     points = [] if ground is None else _survey_points(ground, listed_ties)
     if image is None:

@@ -64,12 +64,10 @@ def update_view(adjusted: AdjustmentView, edited: Collection[str], now: Block) -
     residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
     residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
     return CurrentView(
-        model,
-        {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
+        model, {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
         CurrentResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
-        residual_m,
-        suspicions,
-    )
+        residual_m, suspicions,
+    )  # fmt: skip
 
 
 def _residuals(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:

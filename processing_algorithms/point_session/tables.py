@@ -31,13 +31,11 @@ def image_points(session: PointSession, names: Collection[str] | None = None) ->
     keys = [key for key in session.measured if names is None or key[0] in names]
     rows = [session.measured[key] for key in keys]
     return ImagePoints.create(
-        [name for name, _ in keys],
-        [image for _, image in keys],
+        [name for name, _ in keys], [image for _, image in keys],
         np.array([[row.sample, row.line] for row in rows]).reshape(-1, 2),
-        np.array([row.sigma for row in rows], dtype=np.float64),
-        np.array([row.kind for row in rows], dtype=str),
+        np.array([row.sigma for row in rows], dtype=np.float64), np.array([row.kind for row in rows], dtype=str),
         np.array([row.quality for row in rows], dtype=np.float64),
-    )
+    )  # fmt: skip
 
 
 def images_layer(session: PointSession) -> Layer:

@@ -69,12 +69,9 @@ Scheduler = Callable[[Graph, Sequence[str], Done], None]
 
 
 def run_parts(
-    parts: Sequence[WorkPart],
-    wanted: Sequence[str],
-    scheduler: Scheduler,
-    keeper: Keeper | None = None,
+    parts: Sequence[WorkPart], wanted: Sequence[str], scheduler: Scheduler, keeper: Keeper | None = None,
     progress: Progress = silent,
-) -> dict[str, PartResult]:
+) -> dict[str, PartResult]:  # fmt: skip
     """Run parts and return the results of the wanted ones; kept ones are read, the others run with what they need.
 
     Parts that were finished before a cancellation are kept.

@@ -24,16 +24,9 @@ _WHOLE = 2.0**47  # a whole number below this is kept as an integer by SQLite, t
 
 @njit(nogil=True, cache=True)
 def add_rows(
-    pages: np.ndarray,
-    state: np.ndarray,
-    last_keys: np.ndarray,
-    begin: int,
-    kinds: np.ndarray,
-    words: np.ndarray,
-    reals: np.ndarray,
-    lengths: np.ndarray,
-    content: np.ndarray,
-) -> int:
+    pages: np.ndarray, state: np.ndarray, last_keys: np.ndarray, begin: int, kinds: np.ndarray, words: np.ndarray,
+    reals: np.ndarray, lengths: np.ndarray, content: np.ndarray,
+) -> int:  # fmt: skip
     """Put rows into leaf pages; return the first row that found no room, their number if all did.
 
     pages : (p, size) bytes
@@ -111,16 +104,9 @@ def _choose_types(
 
 @njit(nogil=True, cache=True)
 def _write_values(
-    page: np.ndarray,
-    at: int,
-    types: np.ndarray,
-    row: int,
-    kinds: np.ndarray,
-    words: np.ndarray,
-    reals: np.ndarray,
-    lengths: np.ndarray,
-    content: np.ndarray,
-) -> None:
+    page: np.ndarray, at: int, types: np.ndarray, row: int, kinds: np.ndarray, words: np.ndarray, reals: np.ndarray,
+    lengths: np.ndarray, content: np.ndarray,
+) -> None:  # fmt: skip
     """Write a row's values, of these serial types, from a place of the page on."""
     for column in range(1, len(types)):
         serial, word = types[column], words[column, row]

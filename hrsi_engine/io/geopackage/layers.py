@@ -109,12 +109,9 @@ def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
 
 
 def write_geopackage(
-    path: str,
-    layers: Sequence[Layer],
-    styles: Mapping[str, Style] | None = None,
-    progress: Progress = silent,
+    path: str, layers: Sequence[Layer], styles: Mapping[str, Style] | None = None, progress: Progress = silent,
     lineage: Mapping[str, str] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
     Parameters

@@ -31,11 +31,9 @@ class FileBudgets:
     """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
 
     rpc_bytes: int = threshold(
-        32 * MIB,
-        "byte",
-        "largest RPC file that is read",
+        32 * MIB, "byte", "largest RPC file that is read",
         "the largest vendor XML known, with ephemeris and attitudes, has about 2 MB",
-    )
+    )  # fmt: skip
     points_bytes: int = threshold(
         256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
     )
@@ -44,20 +42,16 @@ class FileBudgets:
         128 * MIB, "byte", "largest report", "a report of ten thousand images and points has some 20 MB"
     )
     items_bytes: int = threshold(
-        256 * MIB,
-        "byte",
-        "largest file of STAC items",
+        256 * MIB, "byte", "largest file of STAC items",
         "an item with its RPC has some 10 kB: as many images as a block can have",
-    )
+    )  # fmt: skip
     names_bytes: int = threshold(32 * MIB, "byte", "largest list of images")
     journal_bytes: int = threshold(256 * MIB, "byte", "largest journal of points measured by hand")
     result_bytes: int = threshold(2048 * MIB, "byte", "largest result of one finished part of a search")
     laser_values: int = threshold(
-        50_000_000,
-        "values",
-        "most values of an array of laser heights",
+        50_000_000, "values", "most values of an array of laser heights",
         "a granule of GEDI has some 2e5 shots with 101 heights each",
-    )
+    )  # fmt: skip
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
     text_characters: int = threshold(
         4096, "characters", "longest id or name of an image", "paths and signed addresses fit"
@@ -104,11 +98,9 @@ class GroundHeights:
     lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
     highest_m: float = threshold(9_000.0, "m", "greatest height", "the highest mountain and the error of a datum")
     no_data_m: float = threshold(
-        -9999.0,
-        "m",
-        "height that stands for none in files that do not declare it",
+        -9999.0, "m", "height that stands for none in files that do not declare it",
         "no ground that images show is so deep",
-    )
+    )  # fmt: skip
 
 
 GROUND_HEIGHTS = GroundHeights()
@@ -132,11 +124,9 @@ class RpcBudgets:
     least_ground_scale_deg: float = threshold(1e-9, "deg", "smallest scale of latitudes and longitudes")
     least_height_scale_m: float = threshold(1e-3, "m", "smallest scale of heights")
     denominator: float = threshold(
-        1e3,
-        "",
-        "largest coefficient of a denominator relative to its constant term",
+        1e3, "", "largest coefficient of a denominator relative to its constant term",
         "the constant term is 1 in the files of all vendors; beyond, the denominator would pass zero",
-    )
+    )  # fmt: skip
     coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
 
 

@@ -39,15 +39,9 @@ _SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image", "features")
 
 
 def read_points(
-    spec: str,
-    *,
-    ground_crs: str | None = None,
-    height_datum: str = "layer",
-    image_ids: Sequence[str] = (),
-    surface: Surface | None = None,
-    adjusted: bool = False,
-    epoch: float | None = None,
-) -> PointTables:
+    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
+    surface: Surface | None = None, adjusted: bool = False, epoch: float | None = None,
+) -> PointTables:  # fmt: skip
     """Return the ground points and the image points of a file.
 
     Parameters
@@ -97,14 +91,9 @@ def read_points(
 
 
 def read_image_points(
-    spec: str,
-    *,
-    ground_crs: str | None = None,
-    height_datum: str = "layer",
-    image_ids: Sequence[str] = (),
-    surface: Surface | None = None,
-    epoch: float | None = None,
-) -> PointTables:
+    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
+    surface: Surface | None = None, epoch: float | None = None,
+) -> PointTables:  # fmt: skip
     """Return the image points of a file: as `read_points`, but from the column cache of a GeoPackage where it is valid.
 
     It has ground points only where they were read with them.

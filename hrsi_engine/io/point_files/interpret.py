@@ -109,14 +109,10 @@ def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> I
     images: Any = image_names(table, rows, image_ids)  # stands for an array
     sigma = positive(table, "sigma")
     return ImagePoints(
-        columns["id"],
-        images,
-        xy if everything else xy[rows],
-        sigma if everything else sigma[rows],
-        columns.get("kind", np.zeros(len(rows), dtype="U1")),
-        columns.get("quality", np.full(len(rows), np.nan)),
+        columns["id"], images, xy if everything else xy[rows], sigma if everything else sigma[rows],
+        columns.get("kind", np.zeros(len(rows), dtype="U1")), columns.get("quality", np.full(len(rows), np.nan)),
         table.source,
-    )
+    )  # fmt: skip
 
 
 def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -> NameColumn:

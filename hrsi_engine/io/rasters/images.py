@@ -35,11 +35,9 @@ class OpenImageThresholds:
     """How many images are held open, and how much is read of one at once."""
 
     open_per_thread: int = threshold(
-        32,
-        "files",
-        "most files that a thread holds open",
+        32, "files", "most files that a thread holds open",
         "a block of a thousand images must not hold a thousand files open",
-    )
+    )  # fmt: skip
     strip_pixels: int = threshold(
         4_000_000, "px", "pixels read at once of an image read at a lower resolution", "memory"
     )

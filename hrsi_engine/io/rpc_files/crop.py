@@ -191,14 +191,10 @@ def _scale_pixels(rpc: RPC, place: CropPlace) -> RPC:
     """Return the RPC in pixels of another size or direction; OFF and SCALE take it, signs go into the numerators."""
     a, d = place.matrix[0, 0], place.matrix[1, 1]
     return replace(
-        rpc,
-        samp_off=(rpc.samp_off - place.first[0]) / a,
-        line_off=(rpc.line_off - place.first[1]) / d,
-        samp_scale=rpc.samp_scale / abs(a),
-        line_scale=rpc.line_scale / abs(d),
-        samp_num=rpc.samp_num * np.sign(a),
+        rpc, samp_off=(rpc.samp_off - place.first[0]) / a, line_off=(rpc.line_off - place.first[1]) / d,
+        samp_scale=rpc.samp_scale / abs(a), line_scale=rpc.line_scale / abs(d), samp_num=rpc.samp_num * np.sign(a),
         line_num=rpc.line_num * np.sign(d),
-    )
+    )  # fmt: skip
 
 
 def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:

@@ -41,12 +41,9 @@ def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC,
     axes = [_shift_and_scale(path, metadata, axis) for axis in ("COL", "ROW")]
     (sample, sample_scale), (line, line_scale) = axes
     chip = replace(
-        rpc,
-        samp_off=(rpc.samp_off - sample) / sample_scale,
-        samp_scale=rpc.samp_scale / sample_scale,
-        line_off=(rpc.line_off - line) / line_scale,
-        line_scale=rpc.line_scale / line_scale,
-    )
+        rpc, samp_off=(rpc.samp_off - sample) / sample_scale, samp_scale=rpc.samp_scale / sample_scale,
+        line_off=(rpc.line_off - line) / line_scale, line_scale=rpc.line_scale / line_scale,
+    )  # fmt: skip
     return chip, f"ICHIPB applied: the chip begins at sample {sample:g}, line {line:g} of the full image"
 
 

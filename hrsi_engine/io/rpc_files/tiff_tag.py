@@ -59,12 +59,9 @@ def read_numbers(path: str) -> list[float] | None:
 
 
 def set_numbers(
-    path: str,
-    numbers: list[float],
-    keep_original: bool,
-    lineage: Mapping[str, str] | None = None,
+    path: str, numbers: list[float], keep_original: bool, lineage: Mapping[str, str] | None = None,
     original: list[float] | None = None,
-) -> bool:
+) -> bool:  # fmt: skip
     """Write the RPC tag into a TIFF file in place; return False where the directory had to move.
 
     With ``keep_original`` the old doubles (or those of ``original``, where the RPC came from beside the image) go into

@@ -27,17 +27,13 @@ class ContentSampling:
     """Which parts of a file are hashed to tell its states from one another."""
 
     whole_bytes: int = threshold(
-        64 * 2**20,
-        "byte",
-        "a file with its side files up to this size is hashed whole",
+        64 * 2**20, "byte", "a file with its side files up to this size is hashed whole",
         "reading all of a larger one takes longer than it saves",
-    )
+    )  # fmt: skip
     edge_bytes: int = threshold(
-        2**20,
-        "byte",
-        "length of the beginnings and ends of all files together",
+        2**20, "byte", "length of the beginnings and ends of all files together",
         "headers, tags and tables of tiles stand there",
-    )
+    )  # fmt: skip
     least_edge_bytes: int = threshold(4096, "byte", "least length of the beginning and the end of one file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
     block_bytes: int = threshold(16 * 2**10, "byte", "length of a block")

@@ -21,11 +21,9 @@ class ReplacingThresholds:
 
     copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
     many_files: int = threshold(
-        100,
-        "files",
-        "beyond, the whole file system is flushed once instead of each file",
+        100, "files", "beyond, the whole file system is flushed once instead of each file",
         "a flush of one file takes some milliseconds",
-    )
+    )  # fmt: skip
 
 
 REPLACING = ReplacingThresholds()

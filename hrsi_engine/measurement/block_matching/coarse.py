@@ -152,11 +152,9 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
 def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
     """Return the features of windows of the first image and of the parts of the second that may show them."""
     geometry = TilePairGeometry(
-        job.first.rpc,
-        job.second.rpc,
-        *job.heights,
+        job.first.rpc, job.second.rpc, *job.heights,
         margin_px=(COARSE.band_growth[1] * job.margin_px, COARSE.band_growth[1] * job.margin_px),
-    )
+    )  # fmt: skip
     found: tuple[list[PartResult], list[PartResult]] = ([], [])
     side = COARSE.window_px * job.steps[0]
     for centre in job.first.grid_px(COARSE.windows, COARSE.windows, margin=-1.0 / COARSE.windows).round().astype(int):

@@ -143,13 +143,9 @@ def _sort_triangles(
 
 
 def _compute_closure(
-    matches: BlockMatches,
-    first: np.ndarray,
-    second: np.ndarray,
-    third: NumberPair,
-    between: np.ndarray,
+    matches: BlockMatches, first: np.ndarray, second: np.ndarray, third: NumberPair, between: np.ndarray,
     trees: dict[NumberPair, cKDTree],
-) -> float | None:
+) -> float | None:  # fmt: skip
     """Return the median closure of a triangle in px; None where too few points are in all three links."""
     _, a, b = np.intersect1d(matches.track[first], matches.track[second], return_indices=True)
     q, r = matches.second_xy[first[a]], matches.second_xy[second[b]]

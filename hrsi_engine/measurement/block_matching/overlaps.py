@@ -154,12 +154,9 @@ def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRang
 
 
 def find_overlaps(
-    images: Sequence[Image],
-    ranges: Sequence[GroundRange],
-    surface: HeightSurface | None,
-    smallest: float,
+    images: Sequence[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float,
     candidates: Sequence[tuple[int, int]] | None = None,
-) -> list[Overlap]:
+) -> list[Overlap]:  # fmt: skip
     """Return the pairs of images, of all or of candidates, that share at least ``smallest`` (0 to 1) of one of them."""
     if surface is not None:
         outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]

@@ -68,15 +68,9 @@ class TieSearch:
     """State and rounds of one search."""
 
     def __init__(
-        self,
-        images: Sequence[Image],
-        options: TieOptions,
-        surface: HeightSurface | None,
-        scheduler: Scheduler,
-        keeper: Keeper | None,
-        marked: bool = True,
-        earlier: Collection[str] = (),
-    ) -> None:
+        self, images: Sequence[Image], options: TieOptions, surface: HeightSurface | None, scheduler: Scheduler,
+        keeper: Keeper | None, marked: bool = True, earlier: Collection[str] = (),
+    ) -> None:  # fmt: skip
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:

@@ -114,11 +114,9 @@ def _match_cell(job: StarJob, cell: Cell, options: dict[int, TileMatchOptions]) 
 
 
 def _match_window(
-    tile: ImageTile,
-    own: ImageWindow,
-    places: Sequence[tuple[Partner, ImageWindow]],
+    tile: ImageTile, own: ImageWindow, places: Sequence[tuple[Partner, ImageWindow]],
     options: dict[int, TileMatchOptions],
-) -> list[PartnerMatches]:
+) -> list[PartnerMatches]:  # fmt: skip
     """Match one window with its places in partners, then transfer what only some of them gave."""
     shown = [(partner, read_tile(partner.image, place, partner.step)) for partner, place in places]
     tiles = [(partner, other) for partner, other in shown if other is not None]
@@ -151,12 +149,9 @@ def _merge_contrasts(ways: Sequence[TileMatches]) -> TileMatches:
 
 
 def _complete_partner(
-    index: int,
-    tile: ImageTile,
-    tiles: Sequence[tuple[Partner, ImageTile]],
-    found: Sequence[TileMatches],
+    index: int, tile: ImageTile, tiles: Sequence[tuple[Partner, ImageTile]], found: Sequence[TileMatches],
     options: TileMatchOptions,
-) -> TileMatches:
+) -> TileMatches:  # fmt: skip
     """Return a partner's matches with those added that the others' heights lead to."""
     own = found[index]
     others = [

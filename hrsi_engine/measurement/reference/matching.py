@@ -102,12 +102,9 @@ class ReferenceControl:
 
 
 def match_reference(
-    images: Sequence[Image],
-    reference: Orthoimage,
-    surface: HeightSurface,
-    options: ReferenceOptions | None = None,
+    images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, options: ReferenceOptions | None = None,
     progress: Progress = silent,
-) -> ReferenceControl:
+) -> ReferenceControl:  # fmt: skip
     """Return the places of an orthoimage that are found in images.
 
     Parameters
@@ -208,13 +205,9 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     score = np.array([match.score for match in chosen])
     offset = xy - projected[rows]
     agreement = find_agreement(
-        xy,
-        offset,
-        task.image.centre_px,
-        task.image.half_size_px,
-        task.step * options.reach_px,
+        xy, offset, task.image.centre_px, task.image.half_size_px, task.step * options.reach_px,
         REFERENCE_MATCHES.agreement * task.step,
-    )
+    )  # fmt: skip
     refusal = ""
     if agreement is None or agreement.chance_log10 > REFERENCE_MATCHES.chance_log10:
         refusal = f"{len(rows)} places resemble the reference, but not all shifted alike: it may show another place"

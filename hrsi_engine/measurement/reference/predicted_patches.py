@@ -129,16 +129,9 @@ def read_patch(raster: Raster, origin: np.ndarray, shape: tuple[int, int], step:
 
 
 def predict_patch(
-    image: Image,
-    reference: Orthoimage,
-    surface: HeightSurface,
-    origin: np.ndarray,
-    shape: tuple[int, int],
-    step: float,
-    offset_px: np.ndarray,
-    node_px: float,
-    gsd_m: float,
-) -> Patch:
+    image: Image, reference: Orthoimage, surface: HeightSurface, origin: np.ndarray, shape: tuple[int, int],
+    step: float, offset_px: np.ndarray, node_px: float, gsd_m: float,
+) -> Patch:  # fmt: skip
     """Return the prediction of a patch of an image from an orthoimage.
 
     ``offset_px (2,)`` is by how much the image's points lie beside where its RPC puts them; rays are computed every

@@ -52,13 +52,9 @@ def transfer(source: RPC, target: RPC, xy: np.ndarray, height_m: np.ndarray | fl
 
 
 def compute_epipolar_miss(
-    first: RPC,
-    second: RPC,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
-    height_m: np.ndarray | float,
+    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
     iterations: int = 3,
-) -> EpipolarMiss:
+) -> EpipolarMiss:  # fmt: skip
     """Return distance across and height of matches; ``height_m`` is where the search along the line starts."""
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)

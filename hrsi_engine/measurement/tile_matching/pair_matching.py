@@ -57,13 +57,9 @@ def match_tile(
 
 
 def transfer_points(
-    first: ImageTile,
-    second: ImageTile,
-    geometry: TilePairGeometry,
-    first_xy: np.ndarray,
-    height_m: np.ndarray,
+    first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, height_m: np.ndarray,
     options: TileMatchOptions | None = None,
-) -> TileMatches:
+) -> TileMatches:  # fmt: skip
     """Return where given points of the first tile with known heights appear in the second; those that are found.
 
     ``first_xy (n, 2)`` are whole pixels of the first tile (as `match_tile` returns them), ``height_m (n,)`` their
@@ -82,13 +78,9 @@ def transfer_points(
 
 
 def refine_points(
-    first: ImageTile,
-    second: ImageTile,
-    geometry: TilePairGeometry,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
+    first: ImageTile, second: ImageTile, geometry: TilePairGeometry, first_xy: np.ndarray, second_xy: np.ndarray,
     options: TileMatchOptions | None = None,
-) -> TileMatches:
+) -> TileMatches:  # fmt: skip
     """Return matches made elsewhere, measured anew; those that stand the tests of `match_tile`.
 
     Points are the whole pixels of the first tile next to ``first_xy (n, 2)``; they are sought a few pixels around

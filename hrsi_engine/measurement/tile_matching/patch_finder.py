@@ -51,13 +51,9 @@ def find_distinct_places(pixels: np.ndarray, valid: np.ndarray, most: int = FIND
 
 
 def seek(
-    pixels: np.ndarray,
-    places: np.ndarray,
-    other: np.ndarray,
-    known: np.ndarray,
-    offset: tuple[float, float],
+    pixels: np.ndarray, places: np.ndarray, other: np.ndarray, known: np.ndarray, offset: tuple[float, float],
     reach_px: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return which places are found in another array of the same geometry, and where, in pixels of the first.
 
     ``offset`` is where the other's first pixel lies in the first; a place is sought within ``reach_px`` of where it is

@@ -58,14 +58,9 @@ class Consistency(NamedTuple):
 
 
 def check_rpc_consistency(
-    first: RPC,
-    second: RPC,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
-    height_m: np.ndarray | float,
-    floor_px: float = 0.5,
-    unit_px: float = 1.0,
-) -> Consistency:
+    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
+    floor_px: float = 0.5, unit_px: float = 1.0,
+) -> Consistency:  # fmt: skip
     """Test matches against RPC geometry, whatever the relative bias of the RPCs.
 
     Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
