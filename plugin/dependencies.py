@@ -1,7 +1,5 @@
 """What to tell a user of QGIS whose Python lacks a package."""
 
-from __future__ import annotations
-
 import importlib.util
 import shlex
 import sys

@@ -1,7 +1,5 @@
 """How a parameter's own field is given to the dialogs of Processing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import Qgis, QgsProcessingParameterDefinition

@@ -1,7 +1,5 @@
 """QGIS's enumerations under their names since QGIS 3.36, which QGIS 4 (Qt 6) asks for; QGIS 3.22 has the older ones."""
 
-from __future__ import annotations
-
 from qgis.core import Qgis, QgsProcessing, QgsProcessingParameterDefinition, QgsProcessingParameterNumber
 
 if hasattr(Qgis, "ProcessingParameterFlag"):

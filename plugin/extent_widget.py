@@ -1,7 +1,5 @@
 """The dialog's field for an extent: a word, or a box from the map, a layer, drawn, or typed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import QgsProcessingContext

@@ -3,8 +3,6 @@
 The example is simulated in a second or two: nothing has to be downloaded, and its images have pixels to measure on.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page behind an algorithm's *Help* button: its declaration as HTML, in QGIS's temporary folder."""
 
-from __future__ import annotations
-
 from html import escape
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The help panel of an algorithm's dialog, from its declaration."""
 
-from __future__ import annotations
-
 from html import escape
 
 from ..processing_algorithms.interface.declare import Algorithm, Param

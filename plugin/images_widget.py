@@ -4,8 +4,6 @@ QGIS's own field (for several layers) loads what it is given, from the history o
 no raster.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import QgsProcessingContext, QgsProject

@@ -1,7 +1,5 @@
 """A field that takes a layer of the project, a file, or one of a few words (``auto``, ``none``)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ A layer that is more than its file (in memory, edited, filtered, joined, from a 
 copied to a temporary GeoPackage. This happens in the main thread, before the algorithm runs.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

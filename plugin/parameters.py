@@ -5,8 +5,6 @@ parameters for layers accept only what QGIS itself can load; an RPC file without
 or a file that is not there (which the engine names in its error) must pass, so these are subclassed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast

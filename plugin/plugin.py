@@ -1,7 +1,5 @@
 """Entry point of the QGIS plugin: it brings the Processing provider and the panel, and takes them away again."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import Qgis, QgsApplication, QgsMessageLog

@@ -1,7 +1,5 @@
 """The Processing provider ``hrsi``: one QGIS algorithm for every declared algorithm."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

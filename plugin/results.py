@@ -1,7 +1,5 @@
 """What an algorithm gives back to QGIS: its files, and the layers that a map should show."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 `scripts/make_translations.py` collects them; what it finds must be literal text where `tr` is called.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from qgis.core import QgsApplication

@@ -1,7 +1,5 @@
 """The verdict on a result where people in QGIS see it: red or amber in the log, and in the message bar."""
 
-from __future__ import annotations
-
 from html import escape
 from typing import Any
 

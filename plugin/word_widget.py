@@ -1,7 +1,5 @@
 """The dialog's field for a parameter that takes a word or a file; for points also a layer of the project."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import QgsProcessingContext, QgsProcessingParameterFeatureSource

@@ -5,8 +5,6 @@ To add an algorithm, write what it says of itself in ``declarations/NAME.py``, i
 module of an algorithm, which imports what is heavy, is loaded when it is run.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..hrsi_engine.foundation.progress import Progress, silent

@@ -1,7 +1,5 @@
 """`adjust`: the block adjustment from existing image points."""
 
-from __future__ import annotations
-
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.results.block_results import assemble_result

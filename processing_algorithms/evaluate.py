@@ -1,7 +1,5 @@
 """`evaluate`: how well RPCs fit, several sets of them side by side on the same tracks, ground points and DEM."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """`fit-rpc`: an RPC from a table or grid of correspondences between ground and image."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`gcps-from-reference`: GCPs by matching raw images to a reference orthoimage and DEM."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..hrsi_engine.block.reference_places import REFERENCE_KIND

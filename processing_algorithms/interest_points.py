@@ -1,7 +1,5 @@
 """`interest-points`: corners, super points and gravity centres of images."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`localize`: image points to the ground."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

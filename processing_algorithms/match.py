@@ -1,7 +1,5 @@
 """`match`: two images, or a window of each, without RPC, by control networks (thesis chapter 3)."""
 
-from __future__ import annotations
-
 from collections import Counter
 from time import perf_counter
 

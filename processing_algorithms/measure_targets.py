@@ -1,7 +1,5 @@
 """`measure-targets`: sub-pixel centres and corners near approximate positions, or from hand-measured edge points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """`ortho-check`: how well orthoimages fit one another, or a reference, before and after."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ..hrsi_engine.foundation.workers.threads import thread_count

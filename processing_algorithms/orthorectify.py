@@ -1,7 +1,5 @@
 """`orthorectify`: orthoimages of a whole block on one map grid, through GDAL's warper."""
 
-from __future__ import annotations
-
 import time
 
 from .declarations.orthorectify import OrthorectifyOptions

@@ -1,7 +1,5 @@
 """`project`: ground points into images."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

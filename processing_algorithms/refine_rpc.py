@@ -1,7 +1,5 @@
 """`refine-rpc`: one image or several, each by itself, from ground control points only."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`rpc-info`: how images see the ground and each other, and whether their RPCs are sound."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

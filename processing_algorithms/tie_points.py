@@ -1,7 +1,5 @@
 """`tie-points`: automatic tie points over a block, as layers and files that `adjust` and `triangulate` take."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

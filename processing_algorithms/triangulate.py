@@ -1,7 +1,5 @@
 """`triangulate`: the main job, from images and ground points to refined RPCs, residual layers and a report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ..hrsi_engine.block.block import Block, Image, ImagePoints

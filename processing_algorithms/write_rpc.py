@@ -1,7 +1,5 @@
 """`write-rpc`: an RPC into a GeoTIFF, a sidecar or a VRT, and the original back."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Arrows of the drawings: a line with a head, and the round length that their key shows."""
 
-from __future__ import annotations
-
 import math
 
 HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of a head, and half its width for a unit of its length

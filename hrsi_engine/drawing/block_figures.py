@@ -1,7 +1,5 @@
 """The figures of a block's report: its map, its images, chips of points, distributions, before and after."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

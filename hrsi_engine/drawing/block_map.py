@@ -4,8 +4,6 @@ The page's script (``map_controls.js`` of `io.pages`) pans and zooms it. Marks o
 each is drawn at (0, 0) of a group of its own, which is moved to the point's position.
 """
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Plots of distributions as SVG: histogram and Q-Q plot of normalised residuals."""
 
-from __future__ import annotations
-
 import html
 from statistics import NormalDist
 

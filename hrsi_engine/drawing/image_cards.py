@@ -1,7 +1,5 @@
 """One image of a block as SVG: its picture, residuals on it, their systematic part, and where tie points lie."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable
 from dataclasses import dataclass

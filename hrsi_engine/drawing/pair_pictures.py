@@ -1,7 +1,5 @@
 """Two windows side by side with their correspondences drawn over the pixels, as SVG."""
 
-from __future__ import annotations
-
 import colorsys
 from dataclasses import dataclass
 

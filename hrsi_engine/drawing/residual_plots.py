@@ -1,7 +1,5 @@
 """Plots of a registration as SVG: residual vectors over the image, and bars that compare kinds of points."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping

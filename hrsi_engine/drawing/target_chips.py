@@ -1,7 +1,5 @@
 """Small image chips with the fitted curve and the edge points drawn over the pixels, as SVG."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib

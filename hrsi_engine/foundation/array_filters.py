@@ -1,7 +1,5 @@
 """Filters of images by NumPy and SciPy, for a Python without OpenCV; `pixel_filters` says what each one does."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage, sparse
 

@@ -1,7 +1,5 @@
 """What all compiled loops have in common: whether numba compiles them, and how."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The date that results bear: that of the run, or one that is stated so that the same input gives the same bytes."""
 
-from __future__ import annotations
-
 import os
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """Names of things that a program has in memory, where others name a file: the thing goes with its name."""
 
-from __future__ import annotations
-
 
 class InMemory(str):
     """The name of something in memory, for messages and reports; what it stands for is an attribute of the subclass.

@@ -7,8 +7,6 @@ as in callbacks, it is raised again. Programs only, in their main thread: what i
 While several files change together, signals wait, in any program (`holding_signals`).
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """JSON as HRSI writes it: values become JSON text here only, so that no NaN, which is no JSON, gets into any."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

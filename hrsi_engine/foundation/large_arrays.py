@@ -1,7 +1,5 @@
 """Large arrays: zeros in large pages, and short rows that are tested column by column."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 

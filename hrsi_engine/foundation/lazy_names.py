@@ -4,8 +4,6 @@ So a room can show what it offers without loading it: ``import hrsi.hrsi_engine.
 prints its help without the numerics (PEP 562).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any

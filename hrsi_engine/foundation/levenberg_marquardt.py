@@ -16,8 +16,6 @@ solves. Three rules (Marquardt 1963; Nielsen 1999, IMM-REP-1999-05; Chamberlain,
    `DESCENT.near_sigma` will do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, Protocol, TypeVar

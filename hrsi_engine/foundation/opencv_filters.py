@@ -1,7 +1,5 @@
 """Filters of images by OpenCV, some times as fast as `array_filters`; `pixel_filters` says what each one does."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -8,8 +8,6 @@ others.
 Texts name other options as arguments in backticks, ```sigma_dem_m```: each face writes them in its own manner.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from dataclasses import MISSING, Field, FrozenInstanceError, dataclass, field, fields

@@ -6,8 +6,6 @@ have SciPy's names: ``mirror`` repeats the pixels inside around the last one, ``
 ``constant`` all is 0.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Progress in GDAL's manner: ``progress(fraction, message) -> bool``; False asks to stop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from .errors import Cancelled

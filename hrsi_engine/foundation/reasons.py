@@ -4,8 +4,6 @@ Checks before an adjustment and after it return reasons; `results.verdict` makes
 that scripts may rely on, and a section of the documentation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """A standard deviation that blunders do not touch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

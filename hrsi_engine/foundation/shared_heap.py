@@ -1,7 +1,5 @@
 """One heap for all threads of a process, and what is free in it back to the system."""
 
-from __future__ import annotations
-
 import ctypes
 from contextlib import suppress
 

@@ -14,8 +14,6 @@ Each topic declares one class and one instance of it in the module that decides:
 coefficients of a formula) are no thresholds and stay where the formula stands.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, dataclass_transform
 

@@ -1,7 +1,5 @@
 """Files of arrays by name (``.npz``), which `numpy.load` reads: uncompressed, and nothing in them is executed."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Tables as CSV files that appear whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Sequence
 from typing import Any

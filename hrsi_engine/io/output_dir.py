@@ -3,8 +3,6 @@
 A folder of GDAL's virtual file systems (``/vsis3/…``, ``/vsimem/…``) gets them as copies, one by one, the report last.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Tables of positions in images, alone or with their ground positions, from any point file; ids are not needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

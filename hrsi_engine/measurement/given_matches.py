@@ -7,8 +7,6 @@ keypoint is matched in all other images. The results pass the tests of windows (
 tracks (`block_matching`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ ties lie at which laser point is not kept: the adjustment finds that out again, 
 (`adjustment.held.laser_heights`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

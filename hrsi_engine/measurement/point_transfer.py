@@ -6,8 +6,6 @@ possible (`search_windows`), measured to a part of a pixel there (`match_patches
 image to the first: what does not come back, fits poorly, or has a rival is refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ images that contradict others are left out, and other pairs are tried in their p
 Memory holds a few windows a thread and the matches found, whatever the size of the images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Tracks: the same ground point on two or more images, from pairwise matches, and chosen to lie evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components

@@ -5,8 +5,6 @@ correlation surfaces of all probes are added before the peak is sought: what the
 of single probes (rows of houses, fields, water) does not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..foundation.pixel_filters import reduce_by_area

@@ -1,7 +1,5 @@
 """The part of the map that an image shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyproj
 

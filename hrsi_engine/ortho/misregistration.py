@@ -12,8 +12,6 @@ pixels. Both windows are smoothed slightly before.
 The shift is the position in the second minus that in the first, in pixels to the right and down.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import NamedTuple

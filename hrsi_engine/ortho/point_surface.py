@@ -8,8 +8,6 @@ Beside a wall, where points lie on the roof and on the ground, a plane is theref
 triangulation would lead a ramp from one to the other, and pass through every error of a single height.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

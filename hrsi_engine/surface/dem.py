@@ -6,8 +6,6 @@ above the highest terrain downwards in steps of at most half a cell, so that the
 valley behind it), and closes in on it with the RPC itself.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 

@@ -1,7 +1,5 @@
 """Icons of the provider and of its algorithms, one ``NAME.svg`` each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 _FOLDER = Path(__file__).parent

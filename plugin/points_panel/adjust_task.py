@@ -1,7 +1,5 @@
 """The adjustment of what the panel holds, in the background."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

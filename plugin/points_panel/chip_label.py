@@ -1,7 +1,5 @@
 """A label that shows the chip of a fit."""
 
-from __future__ import annotations
-
 from qgis.PyQt.QtCore import QByteArray, Qt
 from qgis.PyQt.QtGui import QPainter, QPixmap
 from qgis.PyQt.QtSvg import QSvgRenderer

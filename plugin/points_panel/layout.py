@@ -1,7 +1,5 @@
 """The widgets of the panel and where they stand; what they do is connected by the dock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

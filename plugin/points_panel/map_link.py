@@ -1,7 +1,5 @@
 """The map of the main window and the panel: a click there names a place on the ground, and marks show places in it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

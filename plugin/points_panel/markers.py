@@ -1,7 +1,5 @@
 """What is drawn over an image: predicted and measured positions, their residuals and names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

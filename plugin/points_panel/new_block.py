@@ -1,7 +1,5 @@
 """The dialog that begins a block: images and, where there are such, ground and image points."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer

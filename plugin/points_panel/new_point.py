@@ -1,7 +1,5 @@
 """A new ground point where somebody clicked in the map: its name, height and accuracy are asked for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from qgis.core import QgsMapLayer, QgsProject

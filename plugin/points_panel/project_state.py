@@ -1,7 +1,5 @@
 """Which block the panel shows, kept in the QGIS project."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from qgis.core import QgsProject

@@ -1,7 +1,5 @@
 """The two tables: the known points, and the images of the chosen point. Edits go straight to the session."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

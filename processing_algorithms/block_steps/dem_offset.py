@@ -1,7 +1,5 @@
 """Does the DEM that was named show the ground of the block, and does a block without GCPs lie on it?"""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment

@@ -5,8 +5,6 @@ and the result is that of one adjustment of all. Or the earlier cameras are obse
 is used again but what they say of the cameras together (`adjustment.joint_prior`).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Images that join a search for tie points: earlier images and their tie points, beside which new ones are found."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """From options to a block: opens the images and reads the points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace

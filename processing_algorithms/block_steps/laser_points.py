@@ -1,7 +1,5 @@
 """Laser points of a block as options, points and report: for `triangulate` and `adjust`."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the report says of a model that a rule, ``auto`` or ``generic``, has chosen."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...hrsi_engine.refinement.selection import ModelChoice

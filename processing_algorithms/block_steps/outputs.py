@@ -1,7 +1,5 @@
 """From an adjustment to files: refined RPCs, layers, reports. Everything is staged and appears at once."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Mapping, Sequence

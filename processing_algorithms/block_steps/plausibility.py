@@ -1,7 +1,5 @@
 """Whether the inputs of a block can be what they claim, asked once for every algorithm that adjusts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """GCPs from a reference orthoimage as options, points and report: for `gcps-from-reference` and `triangulate`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

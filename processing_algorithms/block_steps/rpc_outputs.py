@@ -1,7 +1,5 @@
 """Where refined RPCs go: copies of the images, virtual images, ``_RPC.TXT`` files, or the images themselves."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

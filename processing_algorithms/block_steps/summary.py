@@ -1,7 +1,5 @@
 """What a person reads on the terminal after a block was adjusted; the last line says what was reached."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -5,8 +5,6 @@ given may be in memory (`given`), messages name the parameters, and without ``ou
 that goes when the `Result` does.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

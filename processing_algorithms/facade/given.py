@@ -1,7 +1,5 @@
 """What people give in Python, as the declared options take it: by kind of option."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from typing import Any

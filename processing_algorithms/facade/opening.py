@@ -1,7 +1,5 @@
 """Opening images, for people in Python."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from typing import Any

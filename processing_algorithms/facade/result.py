@@ -1,7 +1,5 @@
 """What a call of the facade returns: the report, and the tables and files that the algorithm wrote, read when asked."""
 
-from __future__ import annotations
-
 import html
 import os
 from collections.abc import Mapping

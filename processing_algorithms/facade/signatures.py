@@ -1,7 +1,5 @@
 """Signatures, descriptions and type stubs of the facade's functions, made from the declarations."""
 
-from __future__ import annotations
-
 import inspect
 import textwrap
 from collections.abc import Iterator

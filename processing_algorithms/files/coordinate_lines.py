@@ -1,7 +1,5 @@
 """Coordinates as lines of text, as `gdaltransform` takes and prints them."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterable, Sequence

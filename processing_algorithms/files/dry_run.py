@@ -1,7 +1,5 @@
 """What a run would do, told instead of doing it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Images opened for an algorithm, with a word on where each RPC came from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

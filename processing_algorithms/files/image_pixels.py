@@ -1,7 +1,5 @@
 """Images of which the pixels are needed; an RPC is welcome but not required."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Results of the algorithms on single images and points: a report and a GeoPackage, where a folder is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from ...hrsi_engine.foundation.progress import advance, stage

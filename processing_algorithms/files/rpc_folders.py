@@ -1,7 +1,5 @@
 """Directories that hold one RPC an image: results of this tool or another one."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

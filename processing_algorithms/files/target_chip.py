@@ -1,7 +1,5 @@
 """The chip of a measured target: its surroundings, edge points and fitted curve."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...hrsi_engine.block.block import Image, Raster

@@ -1,7 +1,5 @@
 """Options on the height of the ground, and the surface they name."""
 
-from __future__ import annotations
-
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.dems import open_dem

@@ -1,7 +1,5 @@
 """The command ``hrsi ALGORITHM [options] IMAGE...``: results on stdout, progress and one-line errors on stderr."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import io

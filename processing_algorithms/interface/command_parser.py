@@ -3,8 +3,6 @@
 The parser only sorts words into options; what their values may be is checked by `options.check_options`.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import shutil

@@ -4,8 +4,6 @@ What a word may be is an `Offer`: some words, files, folders, or nothing (a numb
 does the rest: quoting, `~`, descending into folders.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

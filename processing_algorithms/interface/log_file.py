@@ -1,7 +1,5 @@
 """The log of runs (`--log`): a text file to which each run adds whole lines, each with its time."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """How messages name options: the engine names arguments in backticks, and each face writes them as its users do."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 

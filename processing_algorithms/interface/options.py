@@ -3,8 +3,6 @@
 `VALUE_OF` has one entry for each `Kind`: how a given value, text or Python object, becomes what the algorithm takes.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import numbers

@@ -1,7 +1,5 @@
 """`hrsi rerun report.json`: the run that a report tells of, again, and what has changed since among its inputs."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Progress and messages on a terminal, and in GDAL's manner where there is none."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Who warps the chunks of orthoimages: threads that share what is open here, or workers that open it themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache

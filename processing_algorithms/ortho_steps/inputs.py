@@ -1,7 +1,5 @@
 """From options to a plan of orthoimages: the terrain, the common grid, each image's part of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

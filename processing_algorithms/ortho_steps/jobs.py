@@ -1,7 +1,5 @@
 """The orthoimages of a plan: how each is made, and what tells one from another."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Orthoimages of a block as files: which of them are there already, making the others, the report."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Pairs of orthoimages: what they share, how they are shifted, and that as report, layers and maps."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """An adjustment of a session, as the panel shows it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 `adjust_block` does it from the beginning, with every test; `follow` goes on from there with what was edited since.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Opening and saving a point session: a block's GeoPackage with the layers images, ground_points and image_points."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the panel shows between two adjustments: residuals by cameras that follow every edit."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What was edited, so that it can be undone, done again, and kept for the case that the program ends without saving."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The journal's first entry has all points and measurements, the others what was c
 saved or given up. What is left by a program that was killed is found by `find_journals` and brought back by `recover`.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass

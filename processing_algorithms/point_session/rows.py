@@ -1,7 +1,5 @@
 """What the tables of a point session show: one row a ground point, and one row an image for each point."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import nan
 

@@ -1,7 +1,5 @@
 """A session as the engine's tables, and as layers in the fields of a block's GeoPackage."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A click on an image becomes a measurement: the centre or corner near it, with a chip that shows the fit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A point that is measured on some images is found on others: where to look, by the cameras as they are known now."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

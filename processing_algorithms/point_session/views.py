@@ -1,7 +1,5 @@
 """What a viewer needs to show places on the ground on an image, and what it needs to know of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

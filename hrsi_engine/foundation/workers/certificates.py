@@ -1,7 +1,5 @@
 """What a Dask scheduler that encrypts wants to see."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

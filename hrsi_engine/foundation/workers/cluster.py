@@ -1,7 +1,5 @@
 """Workers of a Dask scheduler: reaching it, and telling of what goes wrong there in one line."""
 
-from __future__ import annotations
-
 import logging
 import os
 import socket

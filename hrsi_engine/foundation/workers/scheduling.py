@@ -5,8 +5,6 @@ run anywhere: they travel as they are. What a part returns is a dict of arrays, 
 whose result is kept is not run again. Results do not depend on who ran which part when.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait

@@ -4,8 +4,6 @@ For work whose answers are too many to be held together: the next calls are hand
 depends on who made which call when; a call whose worker dies is made again by another one.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The number of threads that work may use, and those of the libraries below while parts of it run side by side."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager

@@ -4,8 +4,6 @@
 ``block_cameras.npz``, which `numpy.load` reads.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a person names: images as files, patterns, lists, STAC items, deliveries; points as folders of results."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -5,8 +5,6 @@ when `LineageBudgets.all_bytes` have been read, only its beginning, its end and 
 (`content_marks` says which): that sees another image under the same name, and not every changed pixel.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -11,8 +11,6 @@ an item's RPC is, in this order,
 3. what is in or beside the image, as for any image.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

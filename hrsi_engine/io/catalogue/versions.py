@@ -1,7 +1,5 @@
 """Versions of what a result depends on, so that a run can be repeated."""
 
-from __future__ import annotations
-
 import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version

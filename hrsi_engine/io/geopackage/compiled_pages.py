@@ -7,8 +7,6 @@ are big-endian, lengths and keys varints of seven bits a byte. Source: https://w
 1.6 (pages) and 2.1 (records).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

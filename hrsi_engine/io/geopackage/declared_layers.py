@@ -4,8 +4,6 @@ A new column is a line here and its values where the rows are made: those of an 
 others in the algorithm that writes the layer. Field texts, titles in forms and the tables of the documentation follow.
 """
 
-from __future__ import annotations
-
 from .typed_rows import FlagColumn, FloatColumn, IntegerColumn, LayerRows, TextColumn, column
 
 # ---- an adjusted block -----------------------------------------------------------------------------------------------

@@ -4,8 +4,6 @@
 the new rows and the file's other layers are left alone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sqlite3

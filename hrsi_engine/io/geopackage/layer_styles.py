@@ -4,8 +4,6 @@ The styles are QML templates in ``styles/``, made for QGIS 3.22 and later. The a
 length on the screen; the legend says how many metres or pixels that is.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Mapping

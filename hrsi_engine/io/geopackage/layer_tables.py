@@ -1,7 +1,5 @@
 """Layers of a result as columns: what HRSI wrote into a GeoPackage, read through SQLite in one go."""
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 import struct

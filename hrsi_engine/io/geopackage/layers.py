@@ -5,8 +5,6 @@ interface needs a call for each value and adds each row to the spatial index by 
 million residuals; here it is a second. The file is made under a temporary name and renamed at the end.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sqlite3

@@ -5,8 +5,6 @@ SQLite's R-tree; https://www.sqlite.org/rtree.html, "Shadow tables", gives their
 only), 2 bytes for the number of cells, then cells of an 8-byte id and four 4-byte floats, all big-endian.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ file's own, and the page where an empty table begins becomes the root of its tre
 https://www.sqlite.org/fileformat2.html and is promised to stay as it is.
 """
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Python's ``executemany`` needs an object for every value. Where numba is there, 
 that SQLite would make are written from the arrays: ten times as fast, and without the objects' memory.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Sequence
 from typing import Protocol

@@ -9,8 +9,6 @@ object is the mapping of columns that a `Layer` takes; the writer has the kinds 
 styles their titles, and `scripts/list_layers.py` the tables of the documentation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_type_hints

@@ -6,8 +6,6 @@ products' specifications (Smith et al., ATBD for ATL06; Neuenschwander et al., A
 data dictionary). All heights are ellipsoidal (WGS84, ITRF2014).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """GeoParquet as SlideRule writes it, through PyArrow: GDAL has a driver for it only where it was built with one."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from typing import Any

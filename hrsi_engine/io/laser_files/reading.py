@@ -1,7 +1,5 @@
 """From a file to `LaserPoints`: which reader it takes, and the one place where its rows are checked."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ are there. Databases get a time that grows with their size (`database_seconds`),
 sent something (`datasets.HTTP_PATIENCE`).
 """
 
-from __future__ import annotations
-
 import os
 import zipfile
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Of GDAL's global state nothing is touched but what it would do without an end: wait for a server (`HTTP_PATIENCE`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """JSON files of any origin, read within their budget."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

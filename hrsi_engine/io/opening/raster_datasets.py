@@ -1,7 +1,5 @@
 """Rasters opened by GDAL, refused in words where they are none or larger than any."""
 
-from __future__ import annotations
-
 import os
 
 from osgeo import gdal

@@ -7,8 +7,6 @@ for. Both together take a fifth of the time of reading and no memory to speak of
 than a database of that size can.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sqlite3

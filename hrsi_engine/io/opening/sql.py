@@ -4,8 +4,6 @@ Names of tables and columns cannot be parameters in SQL. They may come from file
 a field of a layer), so each is quoted here, with its own quotes doubled: https://www.sqlite.org/lang_keywords.html.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ...foundation.errors import OutputError

@@ -3,8 +3,6 @@
 An object store takes a file whole or not at all, when it is closed; it has no folders, only names with slashes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

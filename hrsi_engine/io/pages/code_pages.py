@@ -4,8 +4,6 @@
 paragraphs, lists, code, bold words and the words of links are understood.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """Reports as files: text, and pages for people, one HTML file each that loads nothing and runs HRSI's scripts only."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import math

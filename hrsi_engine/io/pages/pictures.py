@@ -1,7 +1,5 @@
 """Small pictures of images, as texts that a page holds in itself."""
 
-from __future__ import annotations
-
 import base64
 
 import numpy as np

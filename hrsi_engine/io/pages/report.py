@@ -1,7 +1,5 @@
 """The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -5,8 +5,6 @@ of the first pixel, and their sigmas (px). Fields are separated by blanks or com
 geocentric x, y and z, as bundle_adjust takes them by default; where they differ, east, north and height are correlated.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -10,8 +10,6 @@ uncertainty in the first image, then in the second. The uncertainties are scales
 deviations, and are not used.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import struct

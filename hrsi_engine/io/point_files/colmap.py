@@ -7,8 +7,6 @@ COLMAP counts pixels from the corner, the centre of the upper left one is (0.5, 
 https://colmap.github.io/database.html
 """
 
-from __future__ import annotations
-
 import sqlite3
 
 import numpy as np

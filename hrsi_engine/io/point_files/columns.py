@@ -4,8 +4,6 @@ Names are matched without regard to case; the first alias that a file has wins. 
 aliases of ``sample``, because programs that write it disagree on where pixel 0 begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 

@@ -6,8 +6,6 @@ reader (`numpy.loadtxt`) takes what it understands in half the time; Python's `c
 means and what is wrong with it.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io

@@ -1,7 +1,5 @@
 """Which reader a point file takes, and reading it."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Sequence

@@ -11,8 +11,6 @@ hloc calls a file of matches ``FEATURES_MATCHER_PAIRS.h5`` after ``FEATURES.h5``
 beyond 4096 px even ones.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

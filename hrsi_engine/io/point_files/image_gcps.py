@@ -4,8 +4,6 @@ GDAL numbers GCPs within an image, so ids that are empty or mere numbers get the
 "no height": where all heights are exactly 0 they count as not given.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from osgeo import gdal
 

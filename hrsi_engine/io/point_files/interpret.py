@@ -5,8 +5,6 @@ has a position, and a measurement where it has sample and line; one row may be b
 is wrong with a row is said with its file and line or feature, as the user finds it there.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

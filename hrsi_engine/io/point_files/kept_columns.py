@@ -6,8 +6,6 @@ count only while the layer is, byte for byte, the one that they were written wit
 them. After any change to it, in QGIS or elsewhere, and where the columns are damaged or missing, the layer is read.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from typing import Any

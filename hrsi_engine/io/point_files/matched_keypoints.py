@@ -1,7 +1,5 @@
 """Matches that point at keypoints, as hloc and COLMAP keep them, as the rows of a point file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

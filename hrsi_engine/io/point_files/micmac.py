@@ -4,8 +4,6 @@ The same Id on other images is the same point. Pixels count from the corner of t
 half a pixel is taken off.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ It serves what point layers are made of: numbers, texts and points, in formats t
 for GDAL before 3.6, `arrow_columns` returns None, and the features are read one by one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Any vector layer that OGR reads: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or coordinates in fields."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 

@@ -3,8 +3,6 @@
 Positions are longitude, latitude and ellipsoidal height, as GeoJSON (RFC 7946) says.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -3,8 +3,6 @@
 A height datum is never assumed silently: ``layer`` takes what the CRS says and warns where it says nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

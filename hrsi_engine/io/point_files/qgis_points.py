@@ -4,8 +4,6 @@ QGIS counts pixels from the upper left *corner* of the image, with y negative do
 off there are left out. Each point is called ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from itertools import islice

@@ -5,8 +5,6 @@ and ``corr_nh`` are correlations; ``cov_ee`` to ``cov_nh`` are the elements of a
 adjustment prints it. Elements of the covariance win over correlations and sigmas, those over ``sigma_xy``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation.errors import InputError

@@ -1,7 +1,5 @@
 """What a reader of one format hands over, and how a reader is described."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """DEMs on disk as height surfaces: any raster of GDAL's, any CRS, heights brought to the ellipsoid on reading."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

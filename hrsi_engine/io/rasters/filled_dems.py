@@ -1,7 +1,5 @@
 """DEMs whose small gaps are interpolated while they are read."""
 
-from __future__ import annotations
-
 import numpy as np
 from osgeo import gdal
 

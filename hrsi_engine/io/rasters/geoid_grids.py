@@ -1,7 +1,5 @@
 """Geoid grids in files that the user names, looked at before PROJ reads them."""
 
-from __future__ import annotations
-
 import os
 import struct
 

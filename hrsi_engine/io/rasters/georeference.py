@@ -1,7 +1,5 @@
 """Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -5,8 +5,6 @@ map, from there through the RPC, one comes back to the pixel, up to a shift. The
 copy into orthoimages, comes to another place: turned by the direction of flight, stretched by another pixel.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from osgeo import gdal
 

@@ -1,7 +1,5 @@
 """Finished orthoimages opened for comparison: their place on the map, and one brought onto the pixels of another."""
 
-from __future__ import annotations
-
 import secrets
 from dataclasses import dataclass
 

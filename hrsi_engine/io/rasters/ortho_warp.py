@@ -6,8 +6,6 @@ resampling kernels, data types and masks serve, and the cost of RPC and DEM at e
 the image that a chunk needs is read.
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 from dataclasses import dataclass

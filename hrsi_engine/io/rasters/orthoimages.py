@@ -7,8 +7,6 @@ An orthoimage carries the fingerprint of what it was made from and how in its me
 fingerprint keeps it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """An image as GIS software shows it without any warping: map x is the sample, map y minus the line."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Orthoimages opened as references: any georeferenced raster that GDAL reads, in any CRS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

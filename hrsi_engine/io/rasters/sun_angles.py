@@ -8,8 +8,6 @@ in the header of a NITF file (IDATIM) does not count: of two at hand one is twel
 the other contradicts the angles in the same file by 20 degrees.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

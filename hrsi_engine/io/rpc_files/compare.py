@@ -1,7 +1,5 @@
 """How far two RPCs are apart on the image, and whether a file gives back what was written."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...block.block import Image

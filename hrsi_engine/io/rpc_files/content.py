@@ -1,7 +1,5 @@
 """Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
 
-from __future__ import annotations
-
 import os
 
 # Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with

@@ -9,8 +9,6 @@ on the ground: it is not taken over. The RPC's HEIGHT_OFF may be a fiction (4000
 states the height of the scene's middle.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -4,8 +4,6 @@ The bands of the VNIR camera come first, then those of SWIR. Of an image the fir
 of the image's first band. Source: EnMAP HSI Level 1B product specification, EN-PCV-ICD-2009.
 """
 
-from __future__ import annotations
-
 import os
 import re
 

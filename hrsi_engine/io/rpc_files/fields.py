@@ -5,8 +5,6 @@ GeoTIFF has no other way to leave them out than -1. Zero is kept as it stands in
 where 0 is what the program writes when it knows nothing.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence

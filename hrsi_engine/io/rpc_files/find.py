@@ -7,8 +7,6 @@ the same RPC here as in GDAL wherever GDAL finds one, except that a scene's RPC 
 applied. A source that would win but is damaged is an error, never skipped silently.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace

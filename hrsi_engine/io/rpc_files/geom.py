@@ -3,8 +3,6 @@
 The file describes the full scene, also beside a crop; 0 for an accuracy means that nothing is known.
 """
 
-from __future__ import annotations
-
 from ...camera.rpc import RPC
 from .content import positive_size, read_text
 from .fields import ERRORS, POLYNOMIALS, SCALARS, entries_of, rpc_from_text, values_by_number

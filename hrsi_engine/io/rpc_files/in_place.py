@@ -6,8 +6,6 @@ metadata (see `tiff_tag`); files beside it that would win are set aside (see `si
 that at any moment some complete RPC, old or new, is what a reader finds.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part."""
 
-from __future__ import annotations
-
 import re
 
 from ...camera.rpc import RPC

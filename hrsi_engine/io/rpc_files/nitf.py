@@ -5,8 +5,6 @@ counted from the outer corner of the first pixel, so that 0.5 is its centre. Whe
 scale along each axis, the RPC's OFF and SCALE take it exactly; chips that are turned or warped are refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

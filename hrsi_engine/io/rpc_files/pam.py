@@ -1,7 +1,5 @@
 """GDAL's own side file ``<image>.aux.xml`` (PAM): metadata domain ``RPC``."""
 
-from __future__ import annotations
-
 from .content import read_xml, xml_bytes
 
 

@@ -1,7 +1,5 @@
 """What a reader of one format hands over, how a reader is described, and what is found for an image."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

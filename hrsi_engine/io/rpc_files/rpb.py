@@ -1,7 +1,5 @@
 """``.RPB`` (QuickBird, WorldView, GaoFen): ``name = value;`` in groups, polynomials as lists in brackets."""
 
-from __future__ import annotations
-
 import re
 
 from ...camera.rpc import RPC

@@ -3,8 +3,6 @@
 The two are one format, but GDAL takes the vendor's XML between them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 

@@ -1,7 +1,5 @@
 """JSON of the rpcm package and the DFC2019 / IARPA data sets: an object ``rpc`` with ``row_offset``, ``col_num`` …"""
 
-from __future__ import annotations
-
 import json
 
 from ...camera.rpc import RPC

@@ -4,8 +4,6 @@ A vendor's file is never deleted: it is renamed to ``<name>.original`` and `put_
 here carry a mark and are simply replaced or removed.
 """
 
-from __future__ import annotations
-
 import os
 
 from ...camera.rpc import RPC

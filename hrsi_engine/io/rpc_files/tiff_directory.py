@@ -6,8 +6,6 @@ the file and only its entry changes; a new entry makes room by moving the values
 to the end of the file. Nothing else moves, so pixels, overviews and the COG layout stay as they are.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Mapping

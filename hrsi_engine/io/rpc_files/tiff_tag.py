@@ -5,8 +5,6 @@ place is kept in the file's GDAL metadata, domain ``HRSI_ORIGINAL_RPC``: readabl
 ``gdalinfo -mdd HRSI_ORIGINAL_RPC``, and with every double as a hexadecimal float, so that it comes back bit by bit.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterable, Mapping

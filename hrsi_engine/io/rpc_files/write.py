@@ -1,7 +1,5 @@
 """Writing RPCs: each file is made under a temporary name, read again, compared, and renamed in one step."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ a smaller one by the times of the last change of content and of the file's recor
 back.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable, Iterator

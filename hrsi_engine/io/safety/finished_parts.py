@@ -1,7 +1,5 @@
 """Results of finished parts of a long run, one file each, so that a run that was stopped continues."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

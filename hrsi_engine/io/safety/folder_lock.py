@@ -1,7 +1,5 @@
 """One writer at a time in a folder: a lock that the system releases when its owner ends, however it ends."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -4,8 +4,6 @@ A file that is being written has a hidden name that tells who writes it: the mac
 began. So a later run can tell the work of a living process, which it must leave alone, from what a killed one left.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -4,8 +4,6 @@ A journal is a file of JSON lines in a folder of its own, which its program lock
 is found by `find_orphan_journals`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

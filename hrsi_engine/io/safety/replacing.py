@@ -1,7 +1,5 @@
 """Files that are replaced in one step: a killed process leaves the old file or the new one, never a torn one."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

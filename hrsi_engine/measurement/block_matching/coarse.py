@@ -10,8 +10,6 @@ is light is dark: its features are then compared as those of its negative, and b
 negative follow from those of the image, so that this costs no second look at the pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

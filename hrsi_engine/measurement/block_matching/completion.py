@@ -4,8 +4,6 @@ An image is the reference of the pairs with images after it, so a point that a l
 not looked for in the earlier ones; and what failed where a pair alone predicted it may succeed where three images do.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

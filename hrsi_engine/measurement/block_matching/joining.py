@@ -20,8 +20,6 @@ c is one number a block, such that the median of the squared deviations over the
 (docs/tie_sigmas.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -12,8 +12,6 @@ few matches, is left out: they lie in a part of it, and say little of the rest. 
 tree between its ends; a link of the tree whose sum is 0 is on no loop.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import combinations

@@ -5,8 +5,6 @@ Over a window it is a cubic to far less than a thousandth of a pixel (checked at
 costs a tenth of localizing and projecting.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import cast
 

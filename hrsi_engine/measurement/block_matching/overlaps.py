@@ -5,8 +5,6 @@ and only of those pairs the footprints are intersected. Where no DEM tells how h
 height where it overlaps most: matching finds the true one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

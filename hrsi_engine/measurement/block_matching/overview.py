@@ -1,7 +1,5 @@
 """Features of whole images at a low resolution, from which the relative geometry of pairs is estimated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

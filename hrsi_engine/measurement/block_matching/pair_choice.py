@@ -9,8 +9,6 @@ with an angle for heights and all parts of an image covered, is added.
 The number of pairs tried is bounded by a multiple of the number of images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

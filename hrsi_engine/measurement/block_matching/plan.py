@@ -4,8 +4,6 @@ An image up to 2048 px is matched everywhere. Of a larger one every cell of a gr
 ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from ...block.block import Image

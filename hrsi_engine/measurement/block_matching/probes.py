@@ -6,8 +6,6 @@ whose offsets lie within 4 px of one another tells how many right ones there are
 all act on that number, known or not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ to which a weak prior is added, as a block may move as a whole. Shifts are all t
 drift by less than the search that follows looks around.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The rounds of a search for tie points: which pairs are matched, with which options, and which links are accepted."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace

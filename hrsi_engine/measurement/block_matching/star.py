@@ -5,8 +5,6 @@ point on many images, a star. What some partners show and others do not give at 
 place where the known height puts it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple

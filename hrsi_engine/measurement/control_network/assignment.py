@@ -1,7 +1,5 @@
 """One-to-one assignment of candidates: the pairs that are each other's best."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

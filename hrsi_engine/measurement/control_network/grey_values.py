@@ -1,7 +1,5 @@
 """Normalised cross correlation of patches of the first window with their affine images in the second."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation.pixel_filters import interpolate

@@ -8,8 +8,6 @@ where the nodes around put it; the one that looks most alike is taken if the cho
 network, and points that have got a closer node are matched again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ They predict where a point should be, tell nodes that contradict their neighbour
 compared. A weak pull towards the similarity of the whole network keeps them determined with few or collinear nodes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

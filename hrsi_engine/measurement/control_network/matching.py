@@ -1,7 +1,5 @@
 """Two windows matched by control networks, without knowing anything of cameras, position, rotation or scale."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from operator import itemgetter
 

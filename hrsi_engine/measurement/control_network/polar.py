@@ -1,7 +1,5 @@
 """Networks in polar coordinates: every leaf's distance from the root and direction (thesis §3.3.2, fig. 3.5)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

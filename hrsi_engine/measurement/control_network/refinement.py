@@ -1,7 +1,5 @@
 """Final positions by least-squares matching; outliers are found by neighbours and affine epipolar geometry."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -9,8 +9,6 @@ clearly for one similarity, interest points that look alike are paired near wher
 Else the likeliest hypotheses are compared by what their nodes look like (`find_grey_seeds`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple

@@ -16,8 +16,6 @@ appear by chance in two unrelated sets (number of false alarms; Desolneux, Moisa
 the most correspondences of a hypothesis that puts the root somewhere else or turns it otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial

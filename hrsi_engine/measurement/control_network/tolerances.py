@@ -5,8 +5,6 @@ A ground distance ``s`` on a slope ``beta`` is seen by two sensors with incidenc
 network, so that the tolerance is that of a local maximum plus a share of the distance.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ Bolles 1981). Its scale is that of the networks searched. Where those find no ro
 overlap and few common super points, a clear vote gives the place where the network begins.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The two windows to be matched: grey values, usable pixels and interest points, in the windows' own coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

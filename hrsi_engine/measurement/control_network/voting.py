@@ -10,8 +10,6 @@ Cost for m and n roots with R bins of distance and B of direction: ``O(m n B (R 
 leaves, against ``O(m n l^4)`` for the exhaustive search over l leaves a root.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ The tensor ``A`` of thesis eq. 3.1 averages products of the derivatives over a p
 Interest points are local maxima of the strength above the threshold TB, super points those above TA > TB.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

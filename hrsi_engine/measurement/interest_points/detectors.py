@@ -4,8 +4,6 @@ A detector is prepared once for an image (thresholds from the image's own statis
 window; only the points it returns stay in memory. To add one, write its `Detector` and enter it in `DETECTORS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

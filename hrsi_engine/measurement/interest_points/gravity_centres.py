@@ -6,8 +6,6 @@ agree with it. Regions without closed outline, of weak contrast or irregular sha
 found at many levels and scales: the best of its centres is taken, and their number measures its stability.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 

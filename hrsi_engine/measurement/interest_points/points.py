@@ -1,7 +1,5 @@
 """The table of interest points, and spreading them over an image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 

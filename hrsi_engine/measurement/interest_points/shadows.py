@@ -9,8 +9,6 @@ the sun turned by 180 degrees a fifth as many are found, in open country a twelf
 side, as the simulator's roofs are, is no criterion: on real ground it is as frequent on any other side.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...block.block import Raster

@@ -7,8 +7,6 @@ up to so many levels further down the tree and up its main parts. It is stable w
 and than any of the regions that it grew from.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ and city. Local means and deviations come from cells on a fixed grid, averaged o
 between their middles; the deviation has a floor, so that noise on water does not become structure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

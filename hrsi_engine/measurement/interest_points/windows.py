@@ -5,8 +5,6 @@ so that what is computed for a pixel does not depend on the window it is compute
 by the support of the detector; only points inside the core are kept.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ of working pixels; the correlation surfaces of their gradient directions are add
 lie in clouds, are outvoted. The search begins small and grows until a peak stands out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

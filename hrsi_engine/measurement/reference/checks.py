@@ -6,8 +6,6 @@ metres. Surveyed GCPs tell the two apart: at each of them the reference predicts
 measured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

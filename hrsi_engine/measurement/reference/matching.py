@@ -10,8 +10,6 @@ serve all images, so that a place in several images ties them too. Per image
 3. matches that do not follow an affine bias of the image are left out, and what is left must be more than chance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -5,8 +5,6 @@ places are divided into parts of the ground, the middle of their offsets in metr
 with one another: the shift that most of them agree on is the image's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Places of an orthoimage worth looking for: the most textured spot of every cell of a grid over the images' ground."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

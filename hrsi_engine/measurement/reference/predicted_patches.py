@@ -5,8 +5,6 @@ that makes them coarser, so that the two show the same detail. A working pixel `
 ``origin`` has the image coordinates ``origin + step * (i, j)``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ The agreement is told from chance by the number of offsets that would fall withi
 somewhere in its search window.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ An edge point is where the slope of the grey values (Gaussian derivative) is lar
 of a parabola gives the position. Segments are runs of edge points along one line with the same direction of slope.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ known to sigma / sqrt(n) at the centroid and its direction to sigma / sqrt(sum t
 the centroid along it; both propagate to the intersection, the less certain the flatter the lines meet.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Every measurement comes with its covariance, or is refused with the reason: noth
 not there. Hand-measured edge points are evaluated by the same fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ distance across the line (which a true match keeps but for the RPCs' bias) and b
 the line stands for.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SIFT of satellite images: 8 bit with the contrast where the image has its own, and good distances of descriptors."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ In this frame - columns and rows of the first tile - a point is displaced by wha
 bias, and the parallax of the rest of the height, which has one direction per place, that of the epipolar lines.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

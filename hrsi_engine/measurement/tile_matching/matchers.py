@@ -5,8 +5,6 @@ as `ImageTile` in pixels of the first window, and how far a point may be displac
 wrong, RPC geometry and least-squares matching decide. To add one, write a function and enter it in `MATCHERS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

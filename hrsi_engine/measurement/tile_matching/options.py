@@ -1,7 +1,5 @@
 """How two windows are matched."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ...foundation.thresholds import threshold, thresholds

@@ -4,8 +4,6 @@ Where RPCs, heights and bias are known well - after a look at the whole images -
 features of a whole window: few windows are enough to learn what is not known yet.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, largest_within, slopes

@@ -6,8 +6,6 @@ of a shift is noise² times the inverse of the summed tensor); where that is poo
 is no point at all.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue

@@ -6,8 +6,6 @@ around which a trend is then fitted. Along the lines parallax is free, but neigh
 whose parallax leaves the median of its neighbours by more than buildings explain is wrong.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

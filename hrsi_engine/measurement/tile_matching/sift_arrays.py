@@ -7,8 +7,6 @@ are sampled: here on a grid of 20 x 20 places that turns and grows with the feat
 in each part is one matrix for all features.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple

@@ -6,8 +6,6 @@ in a generalised least-squares adjustment. Noisy or blurred images need more smo
 pair.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

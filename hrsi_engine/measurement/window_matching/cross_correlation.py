@@ -1,7 +1,5 @@
 """Normalised cross-correlation of a window with every place of a larger one, by FFT."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import fft
 

@@ -18,8 +18,6 @@ The covariance is that of the normal equations with the variance of the residual
 does to noise (`Band.sigma_factor`, from simulation).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation import compiled_code

@@ -8,8 +8,6 @@ The equation of `least_squares_matching` is linear in eight unknowns (g d, g D, 
 belongs to the template alone and is inverted once a window; d and D are the solution's first six terms over g.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .windows import DIVERGED, DONE, ITERATIONS_USED_UP, MATCHING, OUTSIDE, TERMS, WEAK, LsmOptions, MatchImage, Results

@@ -4,8 +4,6 @@ They take ranges of patches and release the interpreter's lock, so that threads 
 the NumPy way to rounding.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ edges dominate (orientation correlation: Fitch, Kadyrov, Christmas and Kittler 2
 FFT.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ best whole-pixel position comes with its correlation and with that of the best o
 patterns have a rival as good as the winner.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

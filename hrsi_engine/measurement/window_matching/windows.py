@@ -1,7 +1,5 @@
 """Options, prepared images, results and limits of window matching."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
