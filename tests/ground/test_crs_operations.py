@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+from osgeo import gdal
 
 from hrsi.benchmarks import geodesy as benchmark
 from hrsi.hrsi_engine.adjustment import adjust
@@ -23,6 +24,7 @@ from hrsi.hrsi_engine.ground.crs_operations import operations_of, without_height
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, regrid
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
 
@@ -79,6 +81,32 @@ def test_each_point_of_a_file_goes_by_the_operation_of_its_area(tmp_path: Path) 
 
 def test_dem_cells_and_points_with_the_same_map_coordinates_lie_together(tmp_path: Path) -> None:
     assert benchmark.compare_dem_with_points(tmp_path) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("code", "utm", "place"),
+    [(24879, 32719, (-70.6, -33.5)), (4267, 32606, (-150.0, 65.0)), (27700, 32630, (-0.1, 51.5))],
+)
+def test_an_orthoimage_on_the_pixels_of_another_datum_goes_by_the_same_operation(
+    tmp_path: Path, code: int, utm: int, place: tuple[float, float]
+) -> None:
+    """GDAL takes PROJ's best operation between the two CRS: there by way of WGS84, between GDA94 and GDA2020 directly."""
+    row, column = np.mgrid[:60, :60]
+    for name, crs, size in (("source", code, 60), ("like", utm, 20)):
+        operations = operations_of(f"EPSG:{crs}")
+        (x, y), cell = operations.from_wgs84(np.array([place]))[0], 1e-5 if operations.crs.is_geographic else 1.0
+        file = gdal.GetDriverByName("GTiff").Create(str(tmp_path / name), size, size, 1, gdal.GDT_Float32)
+        file.SetGeoTransform((x - cell * size / 2.0, cell, 0.0, y + cell * size / 2.0, 0.0, -cell))
+        file.SetProjection(operations.crs.to_wkt("WKT1_GDAL"))
+        file.GetRasterBand(1).WriteArray((column + 1000.0 * row)[:size, :size])
+        del file
+    source, like = (open_ortho(str(tmp_path / name)) for name in ("source", "like"))
+    inner = np.stack(np.meshgrid(np.arange(5, 15), np.arange(5, 15)), -1).reshape(-1, 2)
+    x, y = operations_of(f"EPSG:{code}").from_wgs84(like.lonlat(inner)).T
+    west, step, _, north, _, _ = source.geotransform
+    expected = (x - west) / step - 0.5 + 1000.0 * ((north - y) / step - 0.5)
+    moved = regrid(source, like).raster.dataset.GetRasterBand(1).ReadAsArray()
+    assert np.abs(moved[inner[:, 1], inner[:, 0]] - expected).max() < 10.0  # 0.01 of a row
 
 
 @pytest.mark.parametrize("code", [23030, 24879, 4267, 27700, 28355, 4807, 3031, 31467])

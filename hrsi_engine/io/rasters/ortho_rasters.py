@@ -93,7 +93,11 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
 
 
 def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
-    """Return an orthoimage on the pixels of another, over that one's extent; warped when it is read, cubic."""
+    """Return an orthoimage on the pixels of another, over that one's extent; warped when it is read, cubic.
+
+    Where the datums differ, GDAL takes PROJ's best operation for the extent from one to the other: that of the service
+    where it leads by way of WGS84; a direct one, as from GDA94 to GDA2020, is better than two that state metres.
+    """
     path = f"/vsimem/hrsi-{secrets.token_hex(8)}.vrt"
     result = None
     with gdal_messages() as messages:
