@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
+from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m
 from ..ground.operation_uses import OperationUse
@@ -65,6 +67,7 @@ _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
     "tie": Role.TIE, "off": Role.OFF,
 }  # fmt: skip
+POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points: `GroundPoints.describe_operations`
 UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 
 
@@ -154,6 +157,51 @@ class GroundPoints(Columns):
                     error = columns.setdefault((use.error_names[axis == 2], axis), np.zeros((len(operation), 3)))
                     error[operation == number, axis] = sigma_m
         return np.stack([*columns.values()], axis=2) if columns else np.zeros((len(operation), 3, 0))
+
+    def describe_operations(self) -> str:
+        """Return the operations that are not exact as they stand in a report, each with the ids of its points.
+
+        Returns
+        -------
+        str
+            JSON; empty without any of them.
+        """
+        found = [
+            {**use.entry(), "ids": self.ids[self.operation == number].tolist()}
+            for number, use in enumerate(self.operations)
+            if use.operation.accuracy_m != 0.0 and (self.operation == number).any()
+        ]
+        return json.dumps(found) if found else ""
+
+    def with_operations(self, described: str) -> Self:
+        """Return the points with the operations of `describe_operations`, told by their ids.
+
+        Parameters
+        ----------
+        described : str
+            JSON.
+
+        Returns
+        -------
+        GroundPoints
+            A copy.
+
+        Raises
+        ------
+        InputError
+            It is no such text.
+        """
+        operation, uses = np.full(len(self), -1), list[OperationUse]()
+        try:
+            for number, entry in enumerate(json.loads(described)):
+                here = np.isin(self.ids, [str(name) for name in entry["ids"]])
+                operation[here] = number
+                uses.append(OperationUse.of_entry(entry, int(here.sum())))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"{self.source}: its list of coordinate operations is damaged ({error!r}): get the file again"
+            ) from None
+        return replace(self, operation=operation, operations=tuple(uses))
 
     @classmethod
     def create(

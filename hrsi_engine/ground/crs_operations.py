@@ -36,7 +36,7 @@ from ..foundation.errors import InputError
 from .ellipsoid import wrap_once
 from .geodesy import WGS84, WGS84_3D
 from .geoids import find_substitute, how_to_get_grids
-from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
+from .operation_uses import COORDINATES_OF_ACCURACY, WORLD, CrsOperation, OperationUse, with_geoid
 from .plate_motion import PlateMotion, find_plate_motion
 
 EDGE_NODES = 21  # along each side of an area of use, to find its rectangle in the source CRS, as PROJ does
@@ -345,7 +345,7 @@ class CrsOperations:
             " + ".join(step.name for step in moving) or title,
             ", ".join(codes), stated, self._sigmas(stated, is_null, title),
             tuple(grid.short_name for step in steps for grid in step.grids),
-            area.name if area else "", area.bounds if area else (-180.0, -90.0, 180.0, 90.0),
+            area.name if area else "", area.bounds if area else WORLD,
             "ballpark" in title.lower(), is_null,
         )  # fmt: skip
 
@@ -586,7 +586,7 @@ def _rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[Rect
     for area in areas:
         rectangles = []
         for west, south, east, north in split_at_180(area):
-            if (west, south, east, north) == (-180.0, -90.0, 180.0, 90.0):
+            if (west, south, east, north) == WORLD:
                 rectangles.append(everywhere)
                 continue
             lon, lat = np.linspace(west, east, EDGE_NODES), np.linspace(south, north, EDGE_NODES)

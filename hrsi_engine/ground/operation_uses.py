@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ class OperationThresholds:
 
 
 OPERATIONS = OperationThresholds()
+WORLD = (-180.0, -90.0, 180.0, 90.0)  # west, south, east, north
 COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of so many coordinates
 
 
@@ -126,6 +127,46 @@ class OperationUse(NamedTuple):
     def is_substituted(self) -> bool:
         """Whether another geoid stands in for the one that is meant."""
         return self.geoid is not None and bool(self.geoid.stands_for)
+
+    @classmethod
+    def of_entry(cls, entry: Mapping[str, Any], points: int) -> OperationUse:
+        """Return the use of an operation that `entry` told of, by so many points.
+
+        Parameters
+        ----------
+        entry : mapping
+            A row of ``crs_operations``.
+        points : int
+            Their number.
+
+        Returns
+        -------
+        OperationUse
+            Its area of use is the world, and it has no numbers of its CRS.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            It is no such row.
+        """
+
+        sigma_m = float(entry["sigma_plan_m"]), float(entry["sigma_height_m"])
+        accuracy_m = None if entry["accuracy_m"] is None else float(entry["accuracy_m"])
+        loss_m = float("nan") if entry["loss_m"] is None else float(entry["loss_m"])
+        if not np.isfinite([*sigma_m, accuracy_m or 0.0]).all() or min(sigma_m) < 0.0:
+            raise ValueError("accuracies")
+        grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
+        made = CrsOperation(
+            str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m, grids, str(entry["area"] or ""), WORLD,
+            bool(entry["ballpark"]), is_null=False,
+        )  # fmt: skip
+        best_m = None if accuracy_m is None else accuracy_m - loss_m
+        better = made._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
+        geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
+        return cls(
+            str(entry["source"]), str(entry["crs"]), 0, made, points, better if entry["missing_operation"] else None,
+            loss_m, geoid if entry["geoid"] else None, (), bool(entry["plate_fixed_as_wgs84"]),
+        )  # fmt: skip
 
     def entry(self) -> dict[str, Any]:
         """Return it as a row of the report's ``crs_operations``.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..adjustment.result import Adjustment
+from ..block.points import POINT_OPERATIONS, GroundPoints
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
 from ..io.geopackage.layer_words import PickedColumn, StackedColumn
@@ -47,9 +49,10 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     footprints = images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
     crs = {"residuals_wgs84": WGS84_3D, "residuals_utm": residuals_epsg(result)}
+    ground_points = _point_layer("ground_points", ground_points_table(result), WGS84_3D)
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
-        _point_layer("ground_points", ground_points_table(result), WGS84_3D),
+        replace(ground_points, metadata=name_point_operations(result.block.points)),
         _point_layer("image_points", image_points_table(result, left), WGS84_3D),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
         *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84_3D)]),
@@ -59,6 +62,12 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
 def residuals_epsg(result: Adjustment) -> int:
     """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
     return map_epsg(*middle_position(choose_positions(result))[:2])
+
+
+def name_point_operations(points: GroundPoints) -> dict[str, str]:
+    """Return the metadata by which a layer of ground points tells what brought the surveys to WGS84."""
+    described = points.describe_operations()
+    return {POINT_OPERATIONS: described} if described else {}
 
 
 def _point_layer(name: str, table: Table, epsg: int) -> Layer:

@@ -1,5 +1,6 @@
 """Opening and saving a point session: a block's GeoPackage with the layers images, ground_points and image_points."""
 
+import json
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -128,7 +129,7 @@ def _with_others(full: Layer, plain: Layer) -> Layer:
     added = {name: np.asarray(column)[more] for name, column in plain.fields.items()}
     columns = {name: np.concatenate([np.asarray(column), added[name]]) for name, column in full.fields.items()}
     place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
-    return Layer(full.name, full.geometry, full.crs, place, type(full.fields)(**columns))
+    return Layer(full.name, full.geometry, full.crs, place, type(full.fields)(**columns), plain.metadata)
 
 
 def _locate_images(block: str, paths: Sequence[str]) -> list[str]:
@@ -178,6 +179,7 @@ def _make_session(
 
 
 def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[SurveyPoint]:
+    operations = [*(json.dumps(use.entry()) for use in ground.operations), ""]  # the last one is that of number -1
     return [
         SurveyPoint(
             str(ground.ids[row]),
@@ -187,6 +189,7 @@ def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> l
             role=_ROLES.get(ground.role[row], ROLES[0]),
             sigma_xy=float(ground.sigma_m[row, 0]),
             sigma_h=float(ground.sigma_m[row, 1]),
+            operation=operations[ground.operation[row]],
         )
         for row in range(len(ground))
         if ground.role[row] != Role.TIE or ground.ids[row] in listed_ties

@@ -12,7 +12,10 @@ CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point
 
 @dataclass(frozen=True)
 class SurveyPoint:
-    """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default."""
+    """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default.
+
+    ``operation`` is what brought it to WGS84, as a report's ``crs_operations`` have it (JSON).
+    """
 
     id: str
     lon: float
@@ -21,6 +24,7 @@ class SurveyPoint:
     role: str = "gcp"
     sigma_xy: float = nan
     sigma_h: float = nan
+    operation: str = ""
 
 
 @dataclass(frozen=True)

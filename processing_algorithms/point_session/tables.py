@@ -1,27 +1,35 @@
 """A session as the engine's tables, and as layers in the fields of a block's GeoPackage."""
 
+import json
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
 from ...hrsi_engine.block.footprints import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
+from ...hrsi_engine.ground.operation_uses import OperationUse
 from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows
 from ...hrsi_engine.io.geopackage.layers import Layer
+from ...hrsi_engine.results.layers import name_point_operations
 from .session import PointSession
 
 
 def ground_points(session: PointSession, names: Collection[str] | None = None) -> GroundPoints:
     """Return the points of the list, or those of them that are named."""
     points = [point for point in session.points.values() if names is None or point.id in names]
-    return GroundPoints.create(
+    operations = list(dict.fromkeys(point.operation for point in points if point.operation))
+    number = np.array([operations.index(one.operation) if one.operation else -1 for one in points], dtype=np.int16)
+    uses = [OperationUse.of_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations)]
+    table = GroundPoints.create(
         [point.id for point in points],
         np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),
         np.array([int(Role[point.role.upper()]) for point in points], dtype=np.int8),
         np.array([[point.sigma_xy, point.sigma_h] for point in points]).reshape(-1, 2),
         "the list of points",
     )
+    return replace(table, operation=number, operations=tuple(uses))
 
 
 def image_points(session: PointSession, names: Collection[str] | None = None) -> ImagePoints:
@@ -80,7 +88,8 @@ def point_layers(session: PointSession) -> list[Layer]:
         weight=nothing, flag=np.full(len(ids), ""),
     )  # fmt: skip
     image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
-    return [Layer("ground_points", "PointZ", WGS84, known.ground, ground), image_points_layer]
+    operations = name_point_operations(known)
+    return [Layer("ground_points", "PointZ", WGS84, known.ground, ground, operations), image_points_layer]
 
 
 def survey_columns(known: GroundPoints) -> dict[str, np.ndarray]:

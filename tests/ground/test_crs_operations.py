@@ -25,6 +25,8 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, regrid
+from hrsi.processing_algorithms import point_session, run
+from hrsi.processing_algorithms.point_session.tables import ground_points
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
 
@@ -90,7 +92,7 @@ def test_dem_cells_and_points_with_the_same_map_coordinates_lie_together(tmp_pat
 def test_an_orthoimage_on_the_pixels_of_another_datum_goes_by_the_same_operation(
     tmp_path: Path, code: int, utm: int, place: tuple[float, float]
 ) -> None:
-    """GDAL takes PROJ's best operation between the two CRS: there by way of WGS84, between GDA94 and GDA2020 directly."""
+    """GDAL takes PROJ's best operation between the two CRS: here by way of WGS84."""
     row, column = np.mgrid[:60, :60]
     for name, crs, size in (("source", code, 60), ("like", utm, 20)):
         operations = operations_of(f"EPSG:{crs}")
@@ -249,6 +251,28 @@ def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(
     assert report["untested_by_check_points"]["ce90_m"] == pytest.approx(1.5175 * 17.0 * np.sqrt(2.0 / 3.0), rel=1e-3)
     assert "which these cannot test" in report["verdict"]["sentence"]
     assert report["images"]["image_1"]["err_bias_m"] == pytest.approx(17.0 / np.sqrt(3.0), rel=0.01)
+    # The finished GeoPackage tells the same, is adjusted again with it, and the panel keeps it
+    folder = tmp_path / "Chile"
+    file, images = folder / "map" / "block.gpkg", [str(folder / f"image_{number}.tif") for number in (1, 2)]
+    layers = gdal.OpenEx(str(file))
+    assert (
+        layers.GetLayerByName("images").GetMetadataItem("HRSI_CRS_OPERATIONS")
+        == "PSAD56 to WGS 84 (16) (EPSG:6972, 17 m)"
+    )
+    points = dict(gcps=f"{file}|layername=ground_points", image_points=str(file), height_datum="ellipsoidal")
+    again = run("adjust", images=images, **points, model="affine", output_dir=str(tmp_path / "again"))
+    for key in ("name", "code", "accuracy_m", "sigma_plan_m", "points"):
+        assert again["crs_operations"][0][key] == report["crs_operations"][0][key]
+    assert again["parts"][0]["ce90_m"] == pytest.approx(report["parts"][0]["ce90_m"], rel=1e-3)
+    assert again["untested_by_check_points"]["ce90_m"] == pytest.approx(
+        report["untested_by_check_points"]["ce90_m"], rel=1e-4
+    )
+    kept = tmp_path / "panel.gpkg"
+    point_session.save(point_session.open_block(str(file)), str(kept))
+    session = point_session.open_block(str(kept))
+    assert {json.loads(point.operation)["code"] for point in session.points.values()} == {"EPSG:6972"}
+    block_of_panel = ground_points(session)
+    assert block_of_panel.operations[0].operation.sigma_m[0] == pytest.approx(17.0 / np.sqrt(3.0), abs=1e-4)
 
 
 def test_the_commands_as_typed(tmp_path: Path) -> None:

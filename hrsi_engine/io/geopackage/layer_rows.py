@@ -62,8 +62,11 @@ def _make_missing_layers(path: str, layers: Sequence[Layer]) -> None:
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR | gdal.OF_UPDATE, allowed_drivers=["GPKG"])
         if dataset is not None:
             for layer in layers:
-                if dataset.GetLayerByName(layer.name) is None:
+                table = dataset.GetLayerByName(layer.name)
+                if table is None:
                     create_layer(dataset, layer)
+                elif layer.metadata:
+                    table.SetMetadata({**table.GetMetadata(), **layer.metadata})
             if dataset.GetLayerByName("layer_styles") is None:
                 create_style_table(dataset)
     if dataset is None or messages:

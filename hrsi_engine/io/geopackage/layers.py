@@ -59,6 +59,8 @@ class Layer:
     fields : LayerRows, or mapping of str to (n,) ndarray, Words or StackedColumn
         Columns by name: text, integers, floats (NaN is written as NULL) or bools. Those of a class of
         `declared_layers` describe themselves in the file.
+    metadata : mapping of str to str
+        What the layer tells of itself in the file beside that (in the table gpkg_metadata).
     """
 
     name: str
@@ -66,6 +68,7 @@ class Layer:
     crs: int
     coordinates: Any
     fields: Mapping[str, Column] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.fields.values()))) if self.fields else len(self.coordinates)
@@ -242,9 +245,9 @@ def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str]
         if kind == "b":
             definition.SetSubType(ogr.OFSTBoolean)
         table.CreateField(definition)
-    if lineage:
+    if lineage or layer.metadata:
         description = {"DESCRIPTION": layer.description} if layer.description else {}
-        table.SetMetadata({**lineage, **description})
+        table.SetMetadata({**(lineage or {}), **layer.metadata, **description})
 
 
 def insert_rows(

@@ -187,7 +187,8 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     points = GroundPoints(
         table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
     )
-    return points.select(order), warnings
+    points = points.select(order)
+    return points.with_operations(table.operations) if table.operations and not placed.operations else points, warnings
 
 
 def _require_same_position(

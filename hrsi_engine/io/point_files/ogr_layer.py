@@ -2,10 +2,12 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from osgeo import gdal, ogr
 
+from ...block.points import POINT_OPERATIONS
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.budgets import require_small_archive, require_texts
@@ -60,7 +62,7 @@ def read(path: str, layer_wanted: str = "") -> PointTable:
     if table is None or messages:
         reason = messages[-1] if messages else "unknown reason"
         raise InputError(f"{source}: cannot be read to the end ({reason}): get it again")
-    return table
+    return replace(table, operations=layer.GetMetadataItem(POINT_OPERATIONS) or "")
 
 
 def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:

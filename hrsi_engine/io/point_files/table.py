@@ -17,6 +17,7 @@ class PointTable:
     geometry : (n, 3) x, y, z in ``crs``, NaN where missing; None where the file has no geometry
     crs : anything PROJ reads; empty where the file says nothing
     pairwise : matches of two images; the same point may stand in other files under another id
+    operations : of HRSI's own layers, what brought the surveys to WGS84 (`GroundPoints.describe_operations`)
     """
 
     source: str
@@ -27,6 +28,7 @@ class PointTable:
     crs: str = ""
     notes: tuple[str, ...] = field(default=())
     pairwise: bool = False
+    operations: str = ""
 
     def __len__(self) -> int:
         columns = [*self.columns.values(), *([] if self.geometry is None else [self.geometry])]
