@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.operation_uses import OperationUse
+from ..ground.operation_uses import OperationUse, largest_sigma_m
 from .columns import Columns
 
 LASER_KIND = "laser"  # of the image points of ties that are measured at laser points
@@ -74,9 +74,7 @@ class LaserPoints(Columns):
     @property
     def operation_sigma_m(self) -> tuple[float, float]:
         """Standard deviation of each horizontal coordinate, and of the height, that the points share."""
-        sigmas = np.array([use.operation.sigma_m for use in self.operations]).reshape(-1, 2)
-        plan, height = sigmas.max(axis=0, initial=0.0).tolist()
-        return plan, height
+        return largest_sigma_m(self.operations)
 
     @classmethod
     def create(

@@ -201,6 +201,24 @@ def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:
     )
 
 
+def with_surface_heights(flat: CrsOperation, uses: Sequence[OperationUse]) -> CrsOperation:
+    """Return an operation of positions whose heights come from a DEM, which came to WGS84 by ``uses``."""
+    height_m = largest_sigma_m(uses)[1]
+    if not height_m:
+        return flat
+    name = next(use.operation.name for use in uses if use.operation.sigma_m[1] == height_m)
+    accuracy_m = None if flat.accuracy_m is None else flat.accuracy_m + height_m
+    return flat._replace(
+        name=f"{flat.name} + heights of a DEM by {name}", accuracy_m=accuracy_m, sigma_m=(flat.sigma_m[0], height_m)
+    )
+
+
+def largest_sigma_m(uses: Iterable[OperationUse]) -> tuple[float, float]:
+    """Return the largest standard deviation of a horizontal coordinate, and of the height; 0 without any use."""
+    plan, height = np.max([(0.0, 0.0), *(use.operation.sigma_m for use in uses)], axis=0).tolist()
+    return plan, height
+
+
 def describe_missing_grid(use: OperationUse) -> str:
     """Return what a better operation lacks, in one sentence; empty where nothing is lost.
 

@@ -48,9 +48,10 @@ def read_block(
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
     surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
+    of_dem = () if surface is None else surface.operations
     pairs: list[ImagePoints] = []
     for purpose, spec in _point_files(points, tie_points):
-        read = read_points if purpose == GCPS else read_image_points
+        read = partial(read_points, surface_operations=of_dem) if purpose == GCPS else read_image_points
         tables = read(
             spec, ground_crs=points.ground_crs, height_datum=points.height_datum, epoch=points.gcp_epoch,
             image_ids=[image.id for image in images],
@@ -71,7 +72,7 @@ def read_block(
     if not any(len(table) for table in measured):
         raise InputError(_describe_missing(points, bool(ground)))
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
-    block = replace(block, operations=() if surface is None else surface.operations)
+    block = replace(block, operations=of_dem)
     told = tell_operations(block, block.all_operations, points.strict_datum)
     return block, [*warnings, *block.warnings, *told]
 

@@ -11,7 +11,7 @@ from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlace
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.ground.operation_uses import OperationUse
+from ...hrsi_engine.ground.operation_uses import OperationUse, largest_sigma_m
 from ...hrsi_engine.io.rasters.reference_images import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     ImageGcps,
@@ -121,11 +121,8 @@ def _add_operations(
     accuracy: ReferenceAccuracy, of_reference: Sequence[OperationUse], of_dem: Sequence[OperationUse]
 ) -> ReferenceAccuracy:
     """Return the accuracy of a reference's places with the errors of the coordinate operations that made them."""
-    plan_m = max((use.operation.sigma_m[0] for use in of_reference), default=0.0)
-    height_m = max((use.operation.sigma_m[1] for use in of_dem), default=0.0)
-    return ReferenceAccuracy(
-        float(np.hypot(accuracy.sigma_xy_m, plan_m)), float(np.hypot(accuracy.sigma_h_m, height_m))
-    )
+    shared_m = largest_sigma_m(of_reference)[0], largest_sigma_m(of_dem)[1]
+    return ReferenceAccuracy(*np.hypot((accuracy.sigma_xy_m, accuracy.sigma_h_m), shared_m).tolist())
 
 
 def usual_sigma_m(gsd_m: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import pyproj
 import pytest
 from long_tests import mark_beyond
-from osgeo import ogr
+from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
@@ -103,6 +103,24 @@ def test_laser_points_in_a_national_crs(block: Path, tmp_path: Path):
     assert report["parts"][0]["le90_m"] > 1.645
     with pytest.raises(InputError, match="geoid of NGF-IGN69 height is not installed"):
         run("adjust", **options(block, tmp_path / "strict", **given, strict_datum=True))
+
+
+def test_surveyed_points_take_the_error_of_the_dem_that_gives_their_heights(block: Path, tmp_path: Path):
+    """GCPs without heights, and a DEM above a geoid that another model stands in for."""
+    rows = list(csv.DictReader((block / "ground_points.csv").open()))
+    file = tmp_path / "flat.csv"
+    file.write_text("id,lon,lat\n" + "".join(f"{row['id']},{row['lon']},{row['lat']}\n" for row in rows))
+    dem = gdal.Translate(str(tmp_path / "dem.tif"), str(block / "dem.tif"), outputSRS="EPSG:4258+5720")
+    assert dem is not None
+    del dem
+    given = dict(image_points=str(block / "image_points.csv"), gcps=str(file), dem=str(tmp_path / "dem.tif"))
+    report = run("adjust", **options(block, tmp_path / "out", **given, dem_datum="layer"))
+    of_points, of_dem = report["crs_operations"]
+    if of_dem["geoid_stands_for"] is None:
+        pytest.skip("the geoid of NGF-IGN69 is installed")
+    assert of_points["source"] == str(file) and "heights of a DEM by" in of_points["name"]
+    assert of_points["sigma_height_m"] == of_dem["sigma_height_m"] == 1.0
+    assert report["parts"][0]["le90_m"] > 1.6
 
 
 def with_heights(block: Path, file: Path, change: Callable[[float], float]) -> str:

@@ -23,6 +23,7 @@ import numpy as np
 
 from ...block.shared_accuracy import DEM, divide_area
 from ...foundation.thresholds import threshold, thresholds
+from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import HeightAgreement
@@ -87,7 +88,7 @@ class DemHeights:
 
     @property
     def overall_m(self) -> float:
-        datum_m = max((use.operation.sigma_m[1] for use in getattr(self.dem, "operations", ())), default=0.0)
+        datum_m = largest_sigma_m(getattr(self.dem, "operations", ()))[1]
         return float(np.hypot(DEM.by_all * self.sigma_m, datum_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:

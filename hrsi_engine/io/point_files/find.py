@@ -9,6 +9,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
+from ...ground.operation_uses import OperationUse
 from ..opening.datasets import check_advice
 from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
@@ -39,6 +40,7 @@ _SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image", "features")
 def read_points(
     spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", image_ids: Sequence[str] = (),
     surface: Surface | None = None, adjusted: bool = False, epoch: float | None = None,
+    surface_operations: tuple[OperationUse, ...] = (),
 ) -> PointTables:  # fmt: skip
     """Return the ground points and the image points of a file.
 
@@ -60,6 +62,8 @@ def read_points(
         Whether points of HRSI's own layers lie where the adjustment put them, not where they were surveyed.
     epoch : float, optional
         Year in which a CRS fixed to a plate is brought to WGS84.
+    surface_operations : tuple of OperationUse
+        How the surface came to WGS84; points that it gives heights share their error.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def read_points(
     InputError
         Names file, layer, row, field or id, and what to do.
     """
-    reference = Reference(ground_crs or "", height_datum, surface, adjusted, epoch)
+    reference = Reference(ground_crs or "", height_datum, surface, adjusted, epoch, surface_operations)
     if isinstance(spec, PointsInMemory):
         return spec.tables(reference, image_ids)
     path, layer = split_spec(spec)

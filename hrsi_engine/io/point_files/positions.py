@@ -13,7 +13,7 @@ from ...foundation.errors import InputError
 from ...foundation.large_arrays import finite_rows
 from ...ground.crs_operations import CrsOperations, has_heights, operations_of, without_heights
 from ...ground.geodesy import wrap_degrees
-from ...ground.operation_uses import OperationUse, with_geoid
+from ...ground.operation_uses import OperationUse, with_geoid, with_surface_heights
 from ..rasters.geoid_grids import open_geoid, read_geoid_heights
 from .table import PointTable
 
@@ -32,7 +32,8 @@ class Reference:
 
     ground_crs : CRS of a file that names none; height_datum : ``layer``, ``ellipsoidal``, ``egm96``, ``egm2008`` or
     a geoid grid; surface : where the heights of points without one come from; adjusted : of HRSI's own layers, take the
-    adjusted positions instead of the surveyed ones; epoch : year in which a CRS fixed to a plate is brought to WGS84
+    adjusted positions instead of the surveyed ones; epoch : year in which a CRS fixed to a plate is brought to WGS84;
+    surface_operations : how the surface came to WGS84
     """
 
     ground_crs: str = ""
@@ -40,6 +41,7 @@ class Reference:
     surface: Surface | None = None
     adjusted: bool = False
     epoch: float | None = None
+    surface_operations: tuple[OperationUse, ...] = ()
 
 
 def has_positions(table: PointTable) -> bool:
@@ -95,6 +97,8 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
         used = operations.uses(table.source, ground[chosen], number)
         if on_surface:
             warnings.append(_take_heights(table, chosen, ground, reference.surface))
+            of_dem = reference.surface_operations
+            used = tuple(use._replace(operation=with_surface_heights(use.operation, of_dem)) for use in used)
         elif reference.height_datum not in ("layer", "ellipsoidal"):
             geoid = open_geoid(reference.height_datum)
             ground[chosen, 2] += read_geoid_heights(ground[chosen], geoid)
