@@ -24,6 +24,7 @@ from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
+from .alignment import align_images, bound_heights
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
@@ -205,23 +206,29 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
     earlier = None if options.earlier is None else JointPrior.select_cameras(options.earlier, observations)
     parts = _find_parts(observations, earlier)
-    start = _set_start_values(observations, model, values, earlier)
+    camera = _add_drift(model, options)
+    guessed = np.arange(len(camera.parameters)) >= len(model.parameters)
+    if choice is not None and choice.drift_unknown:
+        guessed |= camera.drifts
+    prior_weight, usual_drift = _weigh_priors(observations, model, guessed, parts, options)
+    if values is None and earlier is None and model.parameters:
+        shift = MODELS["shift"]
+        shift_weight, _ = _weigh_priors(observations, shift, np.zeros(2, dtype=bool), parts, options)
+        p = len(model.parameters)
+        start = align_images(observations, model, shift_weight, prior_weight[:, :p], options.threads)
+    else:
+        start = _set_start_values(observations, model, values, earlier)
     fixed = form_point_equations(observations, model, options.threads)
     observations, ground, lost = _intersect_start(observations, fixed, start)
     if options.reference is not None and observations.referenced is not None:
         places = np.flatnonzero(observations.referenced)
         ground[places] = options.reference.select(block.points.ids[observations.points[places]]).ground
-    camera = _add_drift(model, options)
     if earlier is not None:
         earlier.require_parameters(tuple(camera.parameters))
     pattern = find_pattern(observations, len(camera.parameters), None if earlier is None else earlier.pairs)
     equations = NormalEquations(
         observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None
     )
-    guessed = np.arange(len(camera.parameters)) >= len(model.parameters)
-    if choice is not None and choice.drift_unknown:
-        guessed |= camera.drifts
-    prior_weight, usual_drift = _weigh_priors(observations, model, guessed, parts, options)
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     known = np.zeros(observations.cameras, dtype=bool)
     if earlier is not None:
@@ -354,7 +361,7 @@ def _intersect_start(
     ``(m, 3)``, and the indices of the lost points in the block.
     """
     state = State(values, estimate_start_positions(observations))
-    weight, priors = 1.0 / observations.sigma_px**2, PointPriors.from_surveys(observations, state.ground)
+    weight, priors = 1.0 / observations.sigma_px**2, bound_heights(observations, state.ground)
     ground = equations.intersect(state, weight, priors)
     lost = ~finite_rows(ground)
     if not lost.any():

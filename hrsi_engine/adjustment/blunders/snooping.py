@@ -15,14 +15,14 @@ from weakref import ref
 
 import numpy as np
 
-from ...foundation.large_arrays import any_of_rows
+from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, silent, stage
 from ...foundation.thresholds import threshold, thresholds
-from ..equations import PointPriors
+from ..equations import PointPriors, State
 from ..equations.camera_system import DirectSystem
 from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
 from ..outcome import RoundFindings
-from ..problem import Problem
+from ..problem import Problem, find_determinable_points
 from ..result import Decision, Finding
 from .consensus import find_agreeing_measurements
 from .control import find_suspect_gcps
@@ -93,6 +93,7 @@ class Snooping:
         start = problem.survey_weighting(np.where(agreeing, self.image_weight, 0.0), lenient)
         solution = self.loop.iterate(problem.start, start, robust, CONVERGENCE.before_snooping, progress)
         for _ in range(SNOOPING.tie_rounds):
+            solution = self._intersect_unused_points(solution)
             if not self._judge_measurements(solution, solution.weighting, everything):
                 break
             present = self.build_weighting(solution, lenient)
@@ -102,6 +103,23 @@ class Snooping:
         of_control = observations.located[observations.point]
         self.found.decision[of_control] = int(Decision.KEPT)
         return self.judge_ties_again(self.solve(solution, progress), progress)
+
+    def _intersect_unused_points(self, solution: Solution) -> Solution:
+        """Return the solution with the points that have less than two measurements left intersected by all of theirs.
+
+        They stand where they were before the cameras moved: their measurements cannot be judged there.
+        """
+        problem, weight = self.problem, solution.weighting.image
+        unused = np.flatnonzero(self.ties & ~find_determinable_points(problem.observations, weight, self.survey_weight))
+        if not len(unused):
+            return solution
+        state, priors = solution.state, solution.weighting.points
+        ground = problem.equations.intersect(state, self.image_weight, priors, unused)
+        lost = ~finite_rows(ground)
+        ground[lost] = state.ground[lost]
+        state = State(state.values, ground)
+        normals = problem.equations.form_normals(state, solution.weight, priors, solution.weighting.contributes)
+        return replace(solution, state=state, normals=normals)
 
     def judge_ties_again(self, solution: Solution, progress: Progress) -> Solution:
         """Judge the ties by a solution with all surveys, and repeat it if that changes anything."""

@@ -52,7 +52,8 @@ class NumpyElimination:
         observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
         sums.residual[:] = linear.residual
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
-        sums.inverse[:], sums.point_right[:] = np.linalg.inv(matrix), point_right
+        lower = np.linalg.inv(np.linalg.cholesky(matrix))  # V^-1 = L^-T L^-1
+        sums.inverse[:], sums.point_right[:] = lower.swapaxes(1, 2) @ lower, point_right
         used = weight * contributes[observations.point]
         by_values, blocks = _compose_derivatives(linear), sums.blocks.reshape(pattern.blocks, p, p)
         for index, rows in enumerate(observations.by_image):
@@ -62,28 +63,29 @@ class NumpyElimination:
             blocks[pattern.diagonal[camera]] += weighted.T @ a
             sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
         for chunk in self._split_by_length if p else ():
-            self._subtract(chunk, linear, used, sums, blocks)
+            self._subtract(chunk, linear, used, lower[chunk.points], sums, blocks)
 
     def _subtract(
-        self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, sums: Normals, blocks: np.ndarray
-    ) -> None:
-        """Subtract W V^-1 W' and W V^-1 m of a chunk."""
+        self, chunk: Chunk, linear: Linearisation, weight: np.ndarray, lower: np.ndarray, sums: Normals,
+        blocks: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Subtract W V^-1 W' and W V^-1 m of a chunk, by ``lower (k, 3, 3)``, the L^-1 of its points."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
         cross = _multiply_chunks(linear, weight, chunk.rows).transpose(0, 2, 1)  # (m, 3, k p)
-        gain = sums.inverse[chunk.points] @ cross
-        reduction = np.einsum("mxq,mx->mq", gain, sums.point_right[chunk.points])
+        cross = lower @ cross
+        reduction = np.einsum("mxq,mxy,my->mq", cross, lower, sums.point_right[chunk.points], optimize=True)
         np.subtract.at(sums.right, chunk.camera.ravel(), reduction.reshape(-1, p))
         bounds = [*chunk.group_start.tolist(), count]
         small = np.diff(bounds) < SMALL_GROUP
         for first, last in zip(
             chunk.group_start[~small].tolist(), chunk.group_start[~small] + np.diff(bounds)[~small], strict=True
         ):
-            product = cross[first:last].reshape(-1, length * p).T @ gain[first:last].reshape(-1, length * p)
+            product = cross[first:last].reshape(-1, length * p).T @ cross[first:last].reshape(-1, length * p)
             self._scatter(product[None], chunk.camera[first : first + 1], blocks)
         alone = np.repeat(small, np.diff(bounds))
         if alone.any():
-            self._scatter(cross[alone].transpose(0, 2, 1) @ gain[alone], chunk.camera[alone], blocks)
+            self._scatter(cross[alone].transpose(0, 2, 1) @ cross[alone], chunk.camera[alone], blocks)
 
     def _scatter(self, products: np.ndarray, camera: np.ndarray, blocks: np.ndarray) -> None:
         """Subtract ``products (m, k p, k p)`` from the upper blocks of their cameras ``(m, k)``."""

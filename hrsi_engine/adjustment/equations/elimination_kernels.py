@@ -1,9 +1,12 @@
 """Elimination of points, compiled: what `elimination` does, point by point (needs numba).
 
 With the derivatives composed as `refinement.model.Structure` says, A = G (x) t', each image point a of a point gives
-``W_a = w_a G_a' B_a`` and ``U_a = W_a V^-1`` (q, 3), and each pair of image points adds to the reduced matrix ::
+``W_a = w_a G_a' B_a`` and, with V = L L', ``U_a = W_a L^-T`` (q, 3), and each pair of image points adds to the
+reduced matrix ::
 
-    S (x) t_a t_b'        S = delta_ab w_a G_a' G_a - U_a W_b'      (q, q)
+    S (x) t_a t_b'        S = delta_ab w_a G_a' G_a - U_a U_b'      (q, q)
+
+V^-1 itself would not do: along rays that are almost parallel it is large, and its rounding errors everywhere with it.
 
 A block is kept as t t matrices of q q numbers, so that the innermost loop runs over all of S at once
 (`Structure.fold` brings it into the order of the parameters). It is symmetric, or the transpose of the one that is
@@ -47,16 +50,25 @@ def _find_block(start: np.ndarray, columns: np.ndarray, row: int, column: int) -
 
 
 @njit(**OPTIONS)
-def _invert(n: Six, out: np.ndarray, k: int) -> None:
-    """Write the inverse of the symmetric matrix n = (00, 01, 02, 11, 12, 22) to ``out[k]``."""
-    c0, c1, c2 = n[3] * n[5] - n[4] * n[4], n[2] * n[4] - n[1] * n[5], n[1] * n[4] - n[2] * n[3]
-    q = 1.0 / (n[0] * c0 + n[1] * c1 + n[2] * c2)
-    out[k, 0, 0] = c0 * q
-    out[k, 0, 1] = out[k, 1, 0] = c1 * q
-    out[k, 0, 2] = out[k, 2, 0] = c2 * q
-    out[k, 1, 1] = (n[0] * n[5] - n[2] * n[2]) * q
-    out[k, 1, 2] = out[k, 2, 1] = (n[1] * n[2] - n[0] * n[4]) * q
-    out[k, 2, 2] = (n[0] * n[3] - n[1] * n[1]) * q
+def _invert(n: Six, out: np.ndarray, k: int) -> Six:
+    """Write V^-1 of the symmetric matrix n = (00, 01, 02, 11, 12, 22) to ``out[k]``; return L^-1 with V = L L'.
+
+    That is the lower triangle (00, 10, 11, 20, 21, 22).
+    """
+    a = 1.0 / np.sqrt(n[0])
+    l10, l20 = n[1] * a, n[2] * a
+    c = 1.0 / np.sqrt(n[3] - l10 * l10)
+    l21 = (n[4] - l20 * l10) * c
+    f = 1.0 / np.sqrt(n[5] - l20 * l20 - l21 * l21)
+    b = -l10 * a * c
+    d, e = -(l20 * a + l21 * b) * f, -l21 * c * f
+    out[k, 0, 0] = a * a + b * b + d * d
+    out[k, 0, 1] = out[k, 1, 0] = b * c + d * e
+    out[k, 0, 2] = out[k, 2, 0] = d * f
+    out[k, 1, 1] = c * c + e * e
+    out[k, 1, 2] = out[k, 2, 1] = e * f
+    out[k, 2, 2] = f * f
+    return a, b, c, d, e, f
 
 
 @njit(**OPTIONS)
@@ -95,14 +107,13 @@ def _form_point_normal(
 
 @njit(**OPTIONS)
 def _add_pair(
-    blocks: np.ndarray, k: int, s: np.ndarray, u: np.ndarray, w: np.ndarray, terms: np.ndarray, begin: int, a: int,
-    b: int, q: int,
-) -> None:  # fmt: skip
-    """Add (S - U_a W_b') (x) t_a t_b' of two image points to block k; ``s (q q,)`` is overwritten."""
+    blocks: np.ndarray, k: int, s: np.ndarray, u: np.ndarray, terms: np.ndarray, begin: int, a: int, b: int, q: int
+) -> None:
+    """Add (S - U_a U_b') (x) t_a t_b' of two image points to block k; ``s (q q,)`` is overwritten."""
     m = terms.shape[1]
     for c in range(q):
         for d in range(q):
-            s[c * q + d] -= u[a, c, 0] * w[b, 0, d] + u[a, c, 1] * w[b, 1, d] + u[a, c, 2] * w[b, 2, d]
+            s[c * q + d] -= u[a, c, 0] * u[b, d, 0] + u[a, c, 1] * u[b, d, 1] + u[a, c, 2] * u[b, d, 2]
     for i in range(m):
         for j in range(m):
             x = terms[begin + a, i] * terms[begin + b, j]
@@ -113,8 +124,8 @@ def _add_pair(
 @njit(**OPTIONS)
 def _add_pairs_of_point(
     begin: int, row0: int, count: int, weight: np.ndarray, camera: np.ndarray, terms: np.ndarray,
-    by_quantity: np.ndarray | None, u: np.ndarray, w: np.ndarray, s: np.ndarray, start: np.ndarray,
-    columns: np.ndarray, blocks: np.ndarray,
+    by_quantity: np.ndarray | None, u: np.ndarray, s: np.ndarray, start: np.ndarray, columns: np.ndarray,
+    blocks: np.ndarray,
 ) -> None:  # fmt: skip
     """Add all pairs of a point's image points to the blocks; ``s (q q,)`` is overwritten."""
     q = u.shape[1]
@@ -131,7 +142,7 @@ def _add_pairs_of_point(
                 g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
                 for d in range(q):
                     s[c * q + d] = g0 * by_quantity[at, 0, d] + g1 * by_quantity[at, 1, d]
-        _add_pair(blocks, start[ca], s, u, w, terms, begin, a, a, q)
+        _add_pair(blocks, start[ca], s, u, terms, begin, a, a, q)
         for b in range(a + 1, count):
             if weight[row0 + b] == 0.0:
                 continue
@@ -139,10 +150,10 @@ def _add_pairs_of_point(
             k = _find_block(start, columns, min(ca, cb), max(ca, cb))
             if ca <= cb:
                 s[:] = 0.0
-                _add_pair(blocks, k, s, u, w, terms, begin, a, b, q)
+                _add_pair(blocks, k, s, u, terms, begin, a, b, q)
             if ca >= cb:
                 s[:] = 0.0
-                _add_pair(blocks, k, s, u, w, terms, begin, b, a, q)
+                _add_pair(blocks, k, s, u, terms, begin, b, a, q)
 
 
 @njit(**OPTIONS)
@@ -161,12 +172,13 @@ def eliminate_points(
     all_residuals, inverse, point_right = out
     q = 2 if by_quantity is None else by_quantity.shape[2]
     m = terms.shape[1]
-    w, u, s = np.empty((most, 3, q)), np.empty((most, q, 3)), np.zeros(q * q)
+    u, s = np.empty((most, q, 3)), np.zeros(q * q)
     for number in range(len(points)):
         point, begin, end = points[number], place[number], place[number + 1]
         row0, count = first[point], end - begin
         v, g = _form_point_normal(point, begin, end, row0, weight, linear, ground, prior)
-        _invert(v, inverse, point)
+        l00, l10, l11, l20, l21, l22 = _invert(v, inverse, point)
+        g0, g1, g2 = l00 * g[0], l10 * g[0] + l11 * g[1], l20 * g[0] + l21 * g[1] + l22 * g[2]
         point_right[point, 0], point_right[point, 1], point_right[point, 2] = g
         for a in range(count):
             all_residuals[row0 + a, 0], all_residuals[row0 + a, 1] = residual[begin + a, 0], residual[begin + a, 1]
@@ -177,25 +189,18 @@ def eliminate_points(
             if weight_a == 0.0:
                 continue
             for c in range(q):
-                if by_quantity is None:
-                    for j in range(3):
-                        w[a, j, c] = weight_a * by_ground[at, c, j]
-                    rest = weight_a * residual[at, c]
-                else:
-                    g0, g1 = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
-                    for j in range(3):
-                        w[a, j, c] = g0 * by_ground[at, 0, j] + g1 * by_ground[at, 1, j]
-                    rest = g0 * residual[at, 0] + g1 * residual[at, 1]
-                for j in range(3):
-                    u[a, c, j] = (
-                        w[a, 0, c] * inverse[point, 0, j]
-                        + w[a, 1, c] * inverse[point, 1, j]
-                        + w[a, 2, c] * inverse[point, 2, j]
-                    )
-                    rest -= u[a, c, j] * g[j]
+                by_sample, by_line = weight_a * (c == 0), weight_a * (c == 1)
+                if by_quantity is not None:
+                    by_sample, by_line = weight_a * by_quantity[at, 0, c], weight_a * by_quantity[at, 1, c]
+                w0 = by_sample * by_ground[at, 0, 0] + by_line * by_ground[at, 1, 0]
+                w1 = by_sample * by_ground[at, 0, 1] + by_line * by_ground[at, 1, 1]
+                w2 = by_sample * by_ground[at, 0, 2] + by_line * by_ground[at, 1, 2]
+                u0, u1, u2 = l00 * w0, l10 * w0 + l11 * w1, l20 * w0 + l21 * w1 + l22 * w2
+                u[a, c, 0], u[a, c, 1], u[a, c, 2] = u0, u1, u2
+                rest = by_sample * residual[at, 0] + by_line * residual[at, 1] - u0 * g0 - u1 * g1 - u2 * g2
                 for i in range(m):
                     right[ca, c * m + i] += terms[at, i] * rest
-        _add_pairs_of_point(begin, row0, count, weight, camera, terms, by_quantity, u, w, s, start, columns, blocks)
+        _add_pairs_of_point(begin, row0, count, weight, camera, terms, by_quantity, u, s, start, columns, blocks)
 
 
 @njit(**OPTIONS)

@@ -187,8 +187,13 @@ class NormalEquations:
         self._for_parts(write)
         return out
 
-    def intersect(self, state: State, weight: np.ndarray, priors: PointPriors) -> np.ndarray:
-        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none."""
+    def intersect(
+        self, state: State, weight: np.ndarray, priors: PointPriors, points: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the positions ``(m, 3)`` of the points for the cameras as they are; NaN where there is none.
+
+        Only some ``points`` (indices) move, if given.
+        """
         ground = state.ground.copy()  # points move in it while others are still computed from it
         moving = self.cameras.linearise_at(State(state.values, ground))
 
@@ -206,7 +211,8 @@ class NormalEquations:
                 if not self.cameras.by_parts:
                     linearise = self.cameras.linearise_at(State(state.values, ground.copy()))
 
-        self._for_parts(move, parts=None if self.cameras.by_parts else [take_whole_block(self.observations)])
+        parts = None if self.cameras.by_parts else [take_whole_block(self.observations)]
+        self._for_parts(move, parts=parts if points is None else [Portion.select(self.observations, points)])
         return ground
 
     def _for_parts(

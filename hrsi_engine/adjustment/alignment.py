@@ -1,0 +1,147 @@
+"""A start in which the images meet: a shift of each image, from the tie points, by the ground points eliminated.
+
+RPCs point to tens of pixels. Rays of neighbouring frames are almost parallel: there 50 px place their point tens of
+kilometres above the ground, where nothing that is linearised holds and right measurements look wrong. So the block is
+made consistent before anything is tested:
+
+1. Points that join each pair of images, a few dozen, are intersected near the ground: a height has the standard
+   deviation of the RPC's height range here.
+2. Measurements that disagree with the others of their points (`blunders.consensus`) are left out: that test needs no
+   cameras.
+3. A shift of each image is estimated with the points, robustly and from coarse to fine: the scale of the weights
+   falls from that of the residuals to a few standard deviations of a measurement (graduated non-convexity, Blake and
+   Zisserman 1987). A pair of images all of whose matches are wrong is outvoted where others join them.
+
+The shifts are linear in the image, so that nothing is lost by beginning with them, whatever the model is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..foundation.large_arrays import finite_rows
+from ..foundation.progress import silent
+from ..foundation.thresholds import threshold, thresholds
+from ..refinement.model import RefinementModel
+from ..refinement.models import MODELS
+from .blunders.consensus import find_agreeing_measurements
+from .equations import NormalEquations, PointPriors, State, find_pattern
+from .gauss_newton import GaussNewton, Weighting
+from .intersection import estimate_start_positions, form_point_equations
+from .observations import Observations
+from .weak_geometry import set_point_priors
+from .weights import cauchy
+
+
+@thresholds
+class AlignmentThresholds:
+    """How images are brought together before measurements are judged."""
+
+    points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
+    apart_px: float = threshold(100.0, "px", "standard deviation of a measurement before images meet")
+    least_height_m: float = threshold(200.0, "m", "smallest standard deviation of a height before images meet")
+    coarse_share: float = threshold(0.9, "", "share of the measurements whose residuals are below the first scale")
+    finer: float = threshold(0.25, "", "scale of the robust weights from one pass to the next")
+    finest: float = threshold(4.0, "sigma", "scale of the last pass, where the images meet but for their drift")
+    settled: float = threshold(1e-3, "", "relative decrease of the cost that ends a pass")
+    most_steps: int = threshold(10, "steps", "of a pass; shifts are almost linear")
+
+
+ALIGNMENT = AlignmentThresholds()
+
+
+def align_images(
+    observations: Observations,
+    model: RefinementModel,
+    shift_weight: np.ndarray,
+    prior_weight: np.ndarray,
+    threads: int = 0,
+) -> np.ndarray:
+    """Return values of a model ``(cameras, p)`` by which the images meet in the tie points; zero without any.
+
+    Surveys take no part: a wrong one would bend what the ties say of each other.
+
+    Parameters
+    ----------
+    observations : measurements of the block
+    model : of the corrections
+    shift_weight, prior_weight : (cameras, 2) in 1/px² and (cameras, p), of a shift's and of the model's parameters;
+        infinite for those that stay as they are
+    threads : of compiled loops; 0 takes all processors
+    """
+    chosen = _choose_points(observations)
+    if not chosen.any():
+        return np.zeros((observations.cameras, len(model.parameters)))
+    few = observations.drop_points(~chosen)
+    equations, pattern = form_point_equations(few, MODELS["shift"], threads), find_pattern(few, 2)
+    equations = NormalEquations(few, MODELS["shift"], pattern, threads, equations.cameras)
+    begin = estimate_start_positions(few)
+    priors, weight = bound_heights(few, begin), 1.0 / few.sigma_px**2
+    shifts = np.zeros((few.cameras, 2))
+    apart = np.full(few.count, ALIGNMENT.apart_px**-2)
+    ground = equations.intersect(State(shifts, begin), apart, priors)
+    usable = finite_rows(ground)
+    ground[~usable] = begin[~usable]
+    agreeing = find_agreeing_measurements(equations, few, State(shifts, ground), usable) & usable[few.point]
+    loop = GaussNewton(equations, pattern, shift_weight, np.diff(few.first), ALIGNMENT.most_steps)
+    factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
+    while True:
+        weighting = Weighting(weight * factor, priors, usable)
+        found = loop.iterate(state, weighting, "none", ALIGNMENT.settled, silent)
+        if scale == ALIGNMENT.finest:
+            return _fit_values(few, model, prior_weight, found.state)
+        sigmas = np.linalg.norm(found.normals.residual, axis=1) * np.sqrt(weight)
+        coarse = float(np.quantile(sigmas[agreeing], ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
+        scale = max(ALIGNMENT.finer * coarse, ALIGNMENT.finest)
+        factor, state = agreeing * cauchy(sigmas, scale), found.state
+        if scale == ALIGNMENT.finest:  # heights of all points together would hold the block in their middle
+            priors = set_point_priors(few, state.ground, None, None)[0]
+
+
+def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors:
+    """Return the surveys as priors, and free heights near those of ``ground (m, 3)`` as the RPCs' height ranges say."""
+    priors = PointPriors.from_surveys(observations, ground)
+    reach = np.array([abs(one.rpc.height_scale) for one in observations.images])
+    sigma = np.maximum(reach, ALIGNMENT.least_height_m)[observations.image[observations.first[:-1]]]
+    priors.weight[:, 2] = np.where(priors.observed[:, 2], priors.weight[:, 2], 1.0 / sigma**2)
+    return priors
+
+
+def _fit_values(
+    observations: Observations, model: RefinementModel, prior_weight: np.ndarray, shifted: State
+) -> np.ndarray:
+    """Return the values ``(cameras, p)`` that correct the image points as shifts do, but for their priors."""
+    p = len(model.parameters)
+    normal, right = np.zeros((observations.cameras, p, p)), np.zeros((observations.cameras, p))
+    for index, rows in enumerate(observations.by_image):
+        camera, weight = observations.camera_of_image[index], 1.0 / observations.sigma_px[rows, None] ** 2
+        linearise = model.equations(observations.images[index], observations.xy[rows])
+        by_values = linearise(np.zeros(p), shifted.ground[observations.point[rows]]).by_values
+        normal[camera] += np.einsum("ncp,ncq->pq", by_values, weight[:, :, None] * by_values)
+        right[camera] += np.einsum("ncp,nc->p", by_values, weight * shifted.values[camera])
+    held = np.isinf(prior_weight)
+    normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
+    normal[held] = 0.0
+    normal.swapaxes(1, 2)[held] = 0.0
+    normal[:, range(p), range(p)] += held | (normal.diagonal(axis1=1, axis2=2) == 0.0)
+    return np.asarray(np.linalg.solve(normal, np.where(held, 0.0, right)[:, :, None])[:, :, 0])
+
+
+def _choose_points(observations: Observations) -> np.ndarray:
+    """Return a mask of tie points ``(m,)``: up to `points_per_pair` that join two images, evenly over all of them."""
+    tie = observations.contributing_points & ~observations.located
+    first = np.flatnonzero(observations.point[1:] == observations.point[:-1])  # rows that the next one's point shares
+    first = first[tie[observations.point[first]]]
+    one, other = observations.camera[first].astype(np.int64), observations.camera[first + 1].astype(np.int64)
+    apart = one != other
+    first, one, other = first[apart], one[apart], other[apart]
+    pair, count = np.unique(
+        np.minimum(one, other) * observations.cameras + np.maximum(one, other), return_inverse=True, return_counts=True
+    )[1:]
+    order = np.argsort(pair, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+    step = np.maximum(count // ALIGNMENT.points_per_pair, 1)[pair]
+    chosen = np.zeros(len(observations.points), dtype=bool)
+    chosen[observations.point[first[(rank % step == 0) & (rank < step * ALIGNMENT.points_per_pair)]]] = True
+    return chosen
