@@ -24,12 +24,12 @@ from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
-from .alignment import align_images, bound_heights
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
 from .held.held_plan import PlanObservations
 from .held.laser_heights import LaserHeights
+from .image_alignment import align_images, bound_heights
 from .intersection import estimate_start_positions, form_point_equations
 from .joint_prior import JointPrior
 from .observations import Observations, select_observations

@@ -34,7 +34,7 @@ from .weights import cauchy
 
 
 @thresholds
-class AlignmentThresholds:
+class ImageAlignmentThresholds:
     """How images are brought together before measurements are judged."""
 
     points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
@@ -47,7 +47,7 @@ class AlignmentThresholds:
     most_steps: int = threshold(10, "steps", "of a pass; shifts are almost linear")
 
 
-ALIGNMENT = AlignmentThresholds()
+IMAGE_ALIGNMENT = ImageAlignmentThresholds()
 
 
 def align_images(
@@ -78,23 +78,23 @@ def align_images(
     begin = estimate_start_positions(few)
     priors, weight = bound_heights(few, begin), 1.0 / few.sigma_px**2
     shifts = np.zeros((few.cameras, 2))
-    apart = np.full(few.count, ALIGNMENT.apart_px**-2)
+    apart = np.full(few.count, IMAGE_ALIGNMENT.apart_px**-2)
     ground = equations.intersect(State(shifts, begin), apart, priors)
     usable = finite_rows(ground)
     ground[~usable] = begin[~usable]
     agreeing = find_agreeing_measurements(equations, few, State(shifts, ground), usable) & usable[few.point]
-    loop = GaussNewton(equations, pattern, shift_weight, np.diff(few.first), ALIGNMENT.most_steps)
+    loop = GaussNewton(equations, pattern, shift_weight, np.diff(few.first), IMAGE_ALIGNMENT.most_steps)
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
         weighting = Weighting(weight * factor, priors, usable)
-        found = loop.iterate(state, weighting, "none", ALIGNMENT.settled, silent)
-        if scale == ALIGNMENT.finest:
+        found = loop.iterate(state, weighting, "none", IMAGE_ALIGNMENT.settled, silent)
+        if scale == IMAGE_ALIGNMENT.finest:
             return _fit_values(few, model, prior_weight, found.state)
         sigmas = np.linalg.norm(found.normals.residual, axis=1) * np.sqrt(weight)
-        coarse = float(np.quantile(sigmas[agreeing], ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
-        scale = max(ALIGNMENT.finer * coarse, ALIGNMENT.finest)
+        coarse = float(np.quantile(sigmas[agreeing], IMAGE_ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
+        scale = max(IMAGE_ALIGNMENT.finer * coarse, IMAGE_ALIGNMENT.finest)
         factor, state = agreeing * cauchy(sigmas, scale), found.state
-        if scale == ALIGNMENT.finest:  # heights of all points together would hold the block in their middle
+        if scale == IMAGE_ALIGNMENT.finest:  # heights of all points together would hold the block in their middle
             priors = set_point_priors(few, state.ground, None, None)[0]
 
 
@@ -102,7 +102,7 @@ def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors
     """Return the surveys as priors, and free heights near those of ``ground (m, 3)`` as the RPCs' height ranges say."""
     priors = PointPriors.from_surveys(observations, ground)
     reach = np.array([abs(one.rpc.height_scale) for one in observations.images])
-    sigma = np.maximum(reach, ALIGNMENT.least_height_m)[observations.image[observations.first[:-1]]]
+    sigma = np.maximum(reach, IMAGE_ALIGNMENT.least_height_m)[observations.image[observations.first[:-1]]]
     priors.weight[:, 2] = np.where(priors.observed[:, 2], priors.weight[:, 2], 1.0 / sigma**2)
     return priors
 
@@ -141,7 +141,7 @@ def _choose_points(observations: Observations) -> np.ndarray:
     order = np.argsort(pair, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
-    step = np.maximum(count // ALIGNMENT.points_per_pair, 1)[pair]
+    step = np.maximum(count // IMAGE_ALIGNMENT.points_per_pair, 1)[pair]
     chosen = np.zeros(len(observations.points), dtype=bool)
-    chosen[observations.point[first[(rank % step == 0) & (rank < step * ALIGNMENT.points_per_pair)]]] = True
+    chosen[observations.point[first[(rank % step == 0) & (rank < step * IMAGE_ALIGNMENT.points_per_pair)]]] = True
     return chosen
