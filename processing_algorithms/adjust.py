@@ -1,5 +1,6 @@
 """`adjust`: the block adjustment from existing image points."""
 
+from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.results.block_results import assemble_result
@@ -34,6 +35,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     block, warnings = block_inputs.read_block(
         images, options.points, options.dem, options.tie_points, earlier.ties, earlier.known
     )
+    block = hold_out_ties(block, options.hold_out)
     clock.lap("read")
     how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from ..hrsi_engine.block.reference_places import ReferencePlaces
 from ..hrsi_engine.foundation.errors import InputError
@@ -59,6 +60,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     found, warnings, kept, held = _automatic_ties(images, earlier, options, searching)
     clock.lap("tie_points")
     block, places, more, entries = _read_block(images, earlier, options, found, context.stage(found_at, read_at))
+    block = hold_out_ties(block, options.hold_out)
     how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
     reasons += reference_reasons(entries)
@@ -94,6 +96,7 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
     block, told = name_operations(block, laser, points.strict_datum)
+    block = hold_out_ties(block, options.hold_out)
     reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
     return block_outputs.plan_results(options.output, images, block, warnings + told, reasons, context, pairs)
 

@@ -12,7 +12,8 @@ only an image point itself determines has no prediction: where the others see th
 factor (I - H_ii)^-1/2 by which they enlarge the noise passes every bound, and the prediction is not used.
 
 Two rays leave one condition, that they meet: the left null vector n of the pair's B (4, 3), n'n = 1. Their residual
-across the epipolar lines is n'e, whatever the ground point at which e was computed.
+across the epipolar lines is n'e, whatever the ground point at which e was computed. With n = (n1, n2) of the two
+images, the image points lie n'e / |n1| and n'e / |n2| from each other's epipolar lines.
 """
 
 from __future__ import annotations
@@ -85,6 +86,8 @@ class PairFit:
         Residuals of these across the epipolar lines, shared by both images.
     left_px : (k,) ndarray
         The same without their affine trend over the first image: the noise of one image coordinate.
+    epipolar_px : (k, 2) ndarray
+        Distances of the first and of the second image's points from the epipolar lines of the others.
     """
 
     first: int
@@ -92,6 +95,7 @@ class PairFit:
     points: np.ndarray
     across_px: np.ndarray
     left_px: np.ndarray
+    epipolar_px: np.ndarray
 
 
 def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:
@@ -164,10 +168,15 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
                 continue
             both = np.concatenate([fit.by_ground[first[a]], fit.by_ground[second[b]]], axis=1)
             residual = np.concatenate([fit.fit_px[first[a]], fit.fit_px[second[b]]], axis=1)
-            across = np.einsum("nk,nk->n", _compute_null_vectors(both), residual)
+            normal = _compute_null_vectors(both)
+            across = np.einsum("nk,nk->n", normal, residual)
+            lines = np.linalg.norm(
+                normal.reshape(-1, 2, 2), axis=2
+            )  # n is (n1, n2): n1 is normal to the line in image 1
             image = observations.images[i]
             position = (observations.xy[first[a]] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
-            pairs.append(PairFit(i, j, points, across, _remove_trend(position, across)))
+            epipolar = across[:, None] / np.maximum(lines, 1e-12)
+            pairs.append(PairFit(i, j, points, across, _remove_trend(position, across), epipolar))
     return pairs
 
 

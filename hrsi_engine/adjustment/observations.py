@@ -1,8 +1,9 @@
 """Which measurements and points take part in an adjustment, in the order the solver wants.
 
 A point takes part when its position can follow from the observations: measured on two images, or a GCP (whose
-surveyed position is itself an observation). Check points ride along: their positions are intersected in every pass,
-with full precision, but by default they have no say in the cameras, so that they check independently.
+surveyed position is itself an observation). Check points and held-out tie points ride along: their positions are
+intersected in every pass, with full precision, but by default they have no say in the cameras, so that they check
+independently.
 """
 
 from __future__ import annotations
@@ -139,7 +140,8 @@ def select_observations(
     """
     control = block.points.role == Role.GCP
     usable = control | (block.rays_per_point() >= 2)
-    contributing = np.ones(len(block.points), dtype=bool) if check_as_ties else block.points.role != Role.CHECK
+    passive = [Role.HELD_OUT] if check_as_ties else [Role.HELD_OUT, Role.CHECK]
+    contributing = ~np.isin(block.points.role, passive)
     if reference is None:
         return select_points(block, usable, control, contributing)
     places = control & np.isin(block.points.ids, reference.ids)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..foundation.options import option, options, threads_option
+from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model_table import BLOCK_MODEL_NAMES
 from ..refinement.options import RULE_NAMES
 
@@ -20,6 +21,19 @@ MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)
 WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
 #: What tells image points apart (`variance_components.GROUPINGS`).
 GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
+
+
+@thresholds
+class HoldOutThresholds:
+    """Which tracks may be held out."""
+
+    fewest_tracks: int = threshold(500, "tracks", "blocks with no more tie tracks need all of them to adjust")
+    cells: int = threshold(8, "cells", "along each side of an image, from each of which the share is taken")
+    least_kept: float = threshold(0.5, "", "share of a pair's common tracks that stays in the adjustment")
+    fewest_kept: int = threshold(8, "tracks", "common to a pair that stay in the adjustment, if it has so many")
+
+
+HOLD_OUT = HoldOutThresholds()
 
 
 @options

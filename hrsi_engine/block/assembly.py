@@ -19,6 +19,8 @@ from .names import find_unique_ids, isin, join_names
 from .points import UNSET, GroundPoints, ImagePoints, Measurements, Role, are_apart, join_covariances, join_operations
 from .similar_ids import find_similar_ids
 
+UNSURVEYED = (Role.TIE, Role.HELD_OUT)
+
 
 def assemble(
     images: Sequence[Image],
@@ -152,7 +154,7 @@ def _drop_points_off(known: GroundPoints, rows: ImagePoints, named: Sequence[str
 
 def _select_points(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
     """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
-    other = ~np.isin(known.ids, chosen) & (known.role != Role.TIE) & finite_rows(known.ground)
+    other = ~np.isin(known.ids, chosen) & ~np.isin(known.role, UNSURVEYED) & finite_rows(known.ground)
     return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
 
 
@@ -171,7 +173,9 @@ def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids:
         raise InputError(f"{list_ids(both)} is in `gcp_ids` and in `check_ids`: a point is control or check, not both")
     role = np.where(known.role == UNSET, Role.GCP, known.role)
     if gcp_ids:
-        role = np.where(np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(role == Role.TIE, role, Role.CHECK))
+        role = np.where(
+            np.isin(known.ids, list(gcp_ids)), Role.GCP, np.where(np.isin(role, UNSURVEYED), role, Role.CHECK)
+        )
     if check_ids:
         role = np.where(np.isin(known.ids, list(check_ids)), Role.CHECK, role)
     return np.where(any_of_rows(np.isnan(known.ground)), Role.TIE, role)

@@ -252,7 +252,7 @@ class Block:
     @property
     def known(self) -> np.ndarray:
         """Mask of the points whose ground position was surveyed: GCPs and check points."""
-        return self.points.role != Role.TIE
+        return (self.points.role == Role.GCP) | (self.points.role == Role.CHECK)
 
     def rays_per_point(self) -> np.ndarray:
         """Return the number of different images on which each point was measured.

@@ -34,6 +34,7 @@ class Role(IntEnum):
     CHECK = 1  #: its surveyed position is compared with the result, and not used
     TIE = 2  #: its position is unknown, or only an initial value
     OFF = 3  #: left out with its measurements: in files and tables of points, never in a block
+    HELD_OUT = 4  #: a tie point that has no say in the cameras, so that it judges them
 
     @classmethod
     def parse(cls, text: str) -> Role | None:
@@ -65,7 +66,7 @@ class Role(IntEnum):
 ROLE_LABELS = np.array([role.label for role in Role])
 _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
-    "tie": Role.TIE, "off": Role.OFF,
+    "tie": Role.TIE, "off": Role.OFF, "held_out": Role.HELD_OUT, "held-out": Role.HELD_OUT,
 }  # fmt: skip
 POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points: `GroundPoints.describe_operations`
 UNSET = -1  #: role column of `GroundPoints`: the file says nothing

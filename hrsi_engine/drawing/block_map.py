@@ -204,7 +204,9 @@ def _describe_map(data: BlockMap, here: np.ndarray) -> str:
     return f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
 
 
-_WORDS = {Role.GCP: "control points", Role.CHECK: "check points", Role.TIE: "tie points"}
+_WORDS = {
+    Role.GCP: "control points", Role.CHECK: "check points", Role.TIE: "tie points", Role.HELD_OUT: "held-out tie points"
+}  # fmt: skip
 
 
 def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:
@@ -320,7 +322,7 @@ def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: 
             marks.append(_draw_residual("arrow flat", east * arrow_scale, -north * arrow_scale))
         if arrow_scale is not None and math.isfinite(height[row]):
             marks.append(_draw_residual("arrow lift", 0.0, -height[row] * arrow_scale))
-        radius = 2.6 if role == "tie" else 3.5
+        radius = 2.6 if role in ("tie", "held_out") else 3.5
         yield (
             f'<g class="pt {role}" data-p="{row}" transform="translate({x:.1f} {y:.1f})"><g class="mark">'
             f'{"".join(marks)}<circle r="{radius}"/><title>{title}</title></g></g>'

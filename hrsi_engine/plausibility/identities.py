@@ -41,7 +41,7 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
     Similar ids alone prove nothing, because tie points are numbered too: at least half of them must also be measured
     where the surveys lie, up to the errors of the RPCs. A block none of whose GCPs is measured is reported as well.
     """
-    meant = block.unmeasured.select(block.unmeasured.role != Role.TIE)
+    meant = block.unmeasured.select(~np.isin(block.unmeasured.role, [Role.TIE, Role.HELD_OUT]))
     gcps = int((meant.role == Role.GCP).sum())
     if not len(meant):
         return []

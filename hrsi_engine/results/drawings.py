@@ -216,9 +216,13 @@ def _make_map(
 
 
 def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
-    """Return the images with the largest residuals; known points and outliers first, then some ties."""
+    """Return the images with the largest residuals; known points and outliers first, then some ties.
+
+    Held-out ties, wrong matches among which nobody has left out, are not drawn.
+    """
     rows = result.block.measurements
-    here = np.flatnonzero(finite_rows(shown.residual_px))
+    held_out = (result.block.points.role == Role.HELD_OUT)[rows.point]
+    here = np.flatnonzero(finite_rows(shown.residual_px) & ~held_out)
     if not len(here):
         return []
     order, bounds = group_by_number(rows.image[here], len(result.block.images))

@@ -34,13 +34,13 @@ IMAGE_AXES = ("sample", "line")
 def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """Return the normalised residuals of control and tie measurements that took part, by axis, ``(n,)`` each.
 
-    Check points' are left out: they are only intersected, and no part of what was minimised. Without redundancy
-    numbers (images refined one by one) they are residuals over their sigmas.
+    Check points' and held-out ties' are left out: they are only intersected, and no part of what was minimised. Without
+    redundancy numbers (images refined one by one) they are residuals over their sigmas.
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = result.judged_residual_px / (measurement_sigma_px(result)[:, None] * np.sqrt(redundancy))
-    took_part = result.block.points.role[result.block.measurements.point] != Role.CHECK
+    took_part = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
     usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & took_part[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}
 

@@ -77,9 +77,10 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     ground, measured = tables[0].ground, tables[1].image
     if ground is None or measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
-    known = ground.select(np.isin(ground.role, [int(Role.GCP), int(Role.CHECK)]))
-    measured = _rename_conflicts(measured, known, tie_points)
-    return EarlierBlock(earlier, (measured,), (known,))
+    measured, ground = _rename_conflicts(measured, ground, tie_points)
+    return EarlierBlock(
+        earlier, (measured,), (ground.select(np.isin(ground.role, [Role.GCP, Role.CHECK, Role.HELD_OUT])),)
+    )
 
 
 def _open_images(record: BlockRecord) -> tuple[Image, ...]:
@@ -102,13 +103,15 @@ def _observe_cameras(record: BlockRecord) -> EarlierBlock:
     return EarlierBlock(images, model=record.model, joint=joint)
 
 
-def _rename_conflicts(measured: ImagePoints, known: GroundPoints, tie_points: str | None) -> ImagePoints:
-    """Return earlier measurements whose tie points have other ids where a new file means other points by the same ids.
+def _rename_conflicts(
+    measured: ImagePoints, ground: GroundPoints, tie_points: str | None
+) -> tuple[ImagePoints, GroundPoints]:
+    """Return earlier points with other ids of the tie points where a new file means other points by the same ids.
 
     They are the same points unless the new file has one of them at another place of the same image.
     """
     if not tie_points or tie_points == NO_TIES:
-        return measured
+        return measured, ground
     for spec in several_specs(tie_points):
         new = read_image_points(measurements_of(spec), image_ids=find_unique_ids(measured.image_ids)[0].tolist()).image
         if new is None:
@@ -118,6 +121,10 @@ def _rename_conflicts(measured: ImagePoints, known: GroundPoints, tie_points: st
         place = order[np.minimum(np.searchsorted(name, other, sorter=order), len(name) - 1)]
         same = name[place] == other
         if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
-            tie = ~np.isin(measured.ids, known.ids)
-            return replace(measured, ids=np.where(tie, np.char.add(EARLIER, measured.ids), measured.ids))
-    return measured
+            surveyed = ground.ids[np.isin(ground.role, [Role.GCP, Role.CHECK])]
+            measured, ground = (
+                replace(table, ids=np.where(np.isin(table.ids, surveyed), table.ids, np.char.add(EARLIER, table.ids)))
+                for table in (measured, ground)
+            )
+            break
+    return measured, ground

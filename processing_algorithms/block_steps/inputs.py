@@ -9,7 +9,7 @@ import numpy as np
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.assembly import assemble
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, group_tiles
+from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
@@ -50,6 +50,7 @@ def read_block(
     surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
     of_dem = () if surface is None else surface.operations
     pairs: list[ImagePoints] = []
+    held_out: list[str] = []  # by an earlier run
     for purpose, spec in _point_files(points, tie_points):
         read = partial(read_points, surface_operations=of_dem) if purpose == GCPS else read_image_points
         tables = read(
@@ -59,6 +60,8 @@ def read_block(
         )  # fmt: skip
         if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
+        elif tables.ground is not None:
+            held_out += tables.ground.ids[tables.ground.role == Role.HELD_OUT].tolist()
         if tables.image is not None:
             table, left_out = of_block(tables.image, images) if purpose == TIES else (tables.image, [])
             warnings += left_out
@@ -73,6 +76,7 @@ def read_block(
         raise InputError(_describe_missing(points, bool(ground)))
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=of_dem)
+    block.points.role[(block.points.role == Role.TIE) & np.isin(block.points.ids, held_out)] = Role.HELD_OUT
     told = tell_operations(block, block.all_operations, points.strict_datum)
     return block, [*warnings, *block.warnings, *told]
 

@@ -43,7 +43,8 @@ WITHHELD = "no refined RPC was written, because the result is unusable: mend the
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 #: What a dry run counts, and the roles of the points.
-COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE}
+COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE,
+           "held-out tie points": Role.HELD_OUT}  # fmt: skip
 
 
 class Clock:

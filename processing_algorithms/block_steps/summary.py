@@ -44,6 +44,8 @@ def summarise(report: Report) -> str:
             f"ties: {ties['points']} points, {ties['observations']} observations, "
             f"RMSE {format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
+    if report["held_out"]["points"]:
+        lines.append(_held_out_line(report["held_out"]))
     lines += [
         f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
         f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
@@ -72,6 +74,18 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
 def _survey_line(role: str, entry: Report) -> str:
     numbers = "".join(f"{format_digits(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
     return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
+
+
+def _held_out_line(entry: Report) -> str:
+    """Return how held-out ties fit, and in brackets the same figures of as many that adjusted."""
+    rmse, epipolar = (
+        f"{format_digits(entry[key])} px ({format_digits(entry['ties'][key])} px)"
+        for key in ("rmse_px", "epipolar_rmse_px")
+    )
+    return (
+        f"held-out ties: {entry['points']} points, {entry['observations']} observations, {entry['wrong']} wrong "
+        f"matches apart, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: ties that adjusted)"
+    )
 
 
 def format_digits(value: float | None) -> str:

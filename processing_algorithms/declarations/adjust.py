@@ -12,6 +12,7 @@ from ..interface.option_groups import (
     DemOptions,
     LaserFile,
     PointFiles,
+    hold_out_option,
     images_option,
 )
 
@@ -32,6 +33,7 @@ class AdjustAlgorithmOptions:
     laser: LaserFile = nest_options(LaserFile)
     growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
     adjustment: AdjustOptions = nest_options(AdjustOptions)
+    hold_out: float = hold_out_option()
     output: BlockOutput = nest_options(BlockOutput)
 
 

@@ -15,6 +15,7 @@ from ..interface.option_groups import (
     PointFiles,
     ReferenceImage,
     SearchOptions,
+    hold_out_option,
     images_option,
 )
 
@@ -37,6 +38,7 @@ class TriangulateOptions:
     growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
     search: SearchOptions = nest_options(SearchOptions)
     adjustment: AdjustOptions = nest_options(AdjustOptions)
+    hold_out: float = hold_out_option()
     output: BlockOutput = nest_options(BlockOutput)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...hrsi_engine.adjustment.options import HOLD_OUT
 from ...hrsi_engine.block.default_sigmas import DefaultSigmas
 from ...hrsi_engine.foundation.options import nest_options, option, options, threads_option
 from ...hrsi_engine.foundation.workers.certificates import Certificates
@@ -31,6 +32,19 @@ def images_option(
 def report_option(help: str = "Write report.html") -> Any:
     """Return the field that asks for a page."""
     return option(True, help)
+
+
+def hold_out_option() -> Any:
+    """Return the field of the share of tie tracks that is held out."""
+    return option(
+        0.1,
+        f"Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with more than "
+        f"{HOLD_OUT.fewest_tracks}; 0 lets all take part",
+        minimum=0.0,
+        maximum=0.5,
+        advanced=True,
+        metavar="SHARE",
+    )
 
 
 def band_option(help: str = "Band of the image") -> Any:

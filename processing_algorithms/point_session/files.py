@@ -23,7 +23,7 @@ from .rows import ROLES, TIE, ImageMeasurement, SurveyPoint
 from .session import PointSession
 from .tables import images_layer, point_layers
 
-_ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE}
+_ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE, Role.HELD_OUT: TIE}
 
 
 def open_block(path: str) -> PointSession:
@@ -192,5 +192,5 @@ def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> l
             operation=operations[ground.operation[row]],
         )
         for row in range(len(ground))
-        if ground.role[row] != Role.TIE or ground.ids[row] in listed_ties
+        if _ROLES.get(ground.role[row]) != TIE or ground.ids[row] in listed_ties
     ]

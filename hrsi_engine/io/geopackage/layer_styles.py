@@ -23,6 +23,7 @@ MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
 MAP_WIDTH_M = 0.25  # of a map on a screen
 LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
+    "held_out": "152,78,163,255",
 }  # fmt: skip
 
 #: Of the reasons why laser points are left out.

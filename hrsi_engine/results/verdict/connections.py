@@ -101,7 +101,7 @@ def _count_common_points(evidence: Evidence, chosen: np.ndarray | None) -> spars
 def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images without any point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
-    used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    used = evidence.adjusting
     count = np.bincount(block.measurements.image[used], minlength=len(block.images))
     control = np.bincount(block.measurements.image[used & evidence.is_role(Role.GCP)], minlength=len(block.images))
     free = result.model.parameters and len(block.images) > 1
@@ -148,7 +148,7 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     worst corner exceeds the middle of the points, because the uncertainty of the block's position is common to both.
     """
     result, block = evidence.result, evidence.result.block
-    used = evidence.result.took_part & ~evidence.left_out & ~evidence.is_role(Role.CHECK)
+    used = evidence.adjusting
     where, xy = block.measurements.image[used], block.measurements.xy[used]
     count = np.bincount(where, minlength=len(block.images))
     sums = np.column_stack([np.bincount(where, xy[:, axis], minlength=len(block.images)) for axis in (0, 1)])

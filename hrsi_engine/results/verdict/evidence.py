@@ -57,11 +57,16 @@ class Evidence:
         return self.result.decision != int(Decision.KEPT)
 
     @cached_property
+    def adjusting(self) -> np.ndarray:
+        """Which measurements have a say in the cameras, ``(n,)`` bool: of GCPs and ties that were not left out."""
+        return self.result.took_part & ~self.left_out & np.isin(self.row_role, [Role.GCP, Role.TIE])
+
+    @cached_property
     def fields(self) -> list[ResidualField]:
         """The significant fields in the residuals of images that were adjusted, the largest first."""
-        used = self.result.took_part & ~self.left_out
+        used = self.result.took_part & ~self.left_out & (self.row_role != Role.HELD_OUT)
         image = self.result.block.measurements.image
-        held = np.bincount(image[used & ~self.is_role(Role.CHECK)], minlength=len(self.result.block.images)) > 0
+        held = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
         return find_residual_fields(self.result, used & held[image])
 
     @cached_property

@@ -128,7 +128,7 @@
     const [x, y] = mark.getAttribute("transform").match(/-?[\d.]+/g).map(Number);
     return [number, [x, y]];
   }));
-  const labelOrder = [...marks.keys()].filter((number) => roles[points.role[number]] !== "tie")
+  const labelOrder = [...marks.keys()].filter((number) => !["tie", "held_out"].includes(roles[points.role[number]]))
     .sort((a, b) => points.flag[b] - points.flag[a] || points.role[a] - points.role[b] || a - b);
   const labels = new Map();
   const labelOf = (number) => {
@@ -181,7 +181,7 @@
       element("dt", term, list);
       element("dd", text, list);
     };
-    tell("role", { gcp: "control point", check: "check point", tie: "tie point" }[roles[points.role[number]]]);
+    tell("role", { gcp: "control point", check: "check point", tie: "tie point", held_out: "held-out tie point" }[roles[points.role[number]]]);
     if (points.flag[number]) tell("flag", FLAGS[points.flag[number]]);
     tell("position", `${decimals(points.lat[number], 6)}°, ${decimals(points.lon[number], 6)}°, ${decimals(points.height[number], 2)} m`);
     if (points.east[number] !== null) {

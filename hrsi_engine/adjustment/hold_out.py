@@ -1,0 +1,82 @@
+"""Held-out tie points: a share of the tracks that takes no part in an adjustment and judges the cameras that it makes.
+
+The share is taken from every part of every image alike: tracks are put in order by their first image, the cell of it in
+which they lie, and the place in that cell, and every n-th is taken (systematic sampling of a stratified population,
+Cochran 1977, chapter 8). No random number is involved, so that a second run holds out the same tracks. Where a pair of
+images would lose too many of its common tracks, these stay in the adjustment: no link between images rests on tracks
+that do not adjust.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+
+from ..block.block import Block, Role
+from .options import HOLD_OUT
+
+
+def hold_out_ties(block: Block, share: float) -> Block:
+    """Return the block with some of its tie points as `Role.HELD_OUT`.
+
+    Parameters
+    ----------
+    block : Block
+        The block. Where an earlier run held out some of its tie points, these are the ones.
+    share : float
+        Share of the tie tracks to hold out, of blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none.
+
+    Returns
+    -------
+    Block
+        The same block, or one with other roles.
+    """
+    role = block.points.role.copy()
+    if share == 0.0:
+        role[role == Role.HELD_OUT] = Role.TIE
+    elif not (role == Role.HELD_OUT).any():
+        role[choose_tracks(block, (role == Role.TIE) & (block.rays_per_point() >= 2), share)] = Role.HELD_OUT
+    return block if (role == block.points.role).all() else replace(block, points=replace(block.points, role=role))
+
+
+def choose_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
+    """Return the indices of a share of the ``tracks`` (mask over the points), evenly over the images."""
+    if np.count_nonzero(tracks) <= HOLD_OUT.fewest_tracks:
+        return np.zeros(0, dtype=np.int64)
+    chosen = sample_tracks(block, tracks, share)
+    # How many tracks each pair of images has in common, and how many of them would stay
+    rows = block.measurements
+    here = np.flatnonzero(tracks[rows.point])
+    seen = sparse.csr_matrix(
+        (np.ones(len(here), dtype=np.int32), (rows.point[here], rows.image[here])),
+        (len(block.points), len(block.images)),
+    )
+    seen.data[:] = 1  # of a point that was measured twice on an image
+    common, lost = seen.T @ seen, seen[chosen].T @ seen[chosen]
+    pairs = lost.tocoo()
+    every = np.asarray(common[pairs.row, pairs.col]).ravel()
+    kept = every - pairs.data
+    poor = (kept < HOLD_OUT.least_kept * every) | (kept < np.minimum(every, HOLD_OUT.fewest_kept))
+    poor &= pairs.row != pairs.col
+    if not poor.any():
+        return chosen
+    weak = sparse.csr_matrix((np.ones(poor.sum(), np.int32), (pairs.row[poor], pairs.col[poor])), common.shape)
+    needed = np.asarray((seen[chosen] @ weak).multiply(seen[chosen]).sum(axis=1)).ravel() > 0
+    return chosen[~needed]
+
+
+def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
+    """Return the indices of a share of the ``tracks`` (mask over the points), evenly over the cells of the images."""
+    rows = block.measurements
+    head = np.flatnonzero(tracks[rows.point])
+    head = head[np.unique(rows.point[head], return_index=True)[1]]  # of each track, its row on its first image
+    image, point = rows.image[head], rows.point[head]
+    centre, half = (np.array([getattr(one, what) for one in block.images]) for what in ("centre_px", "half_size_px"))
+    place = (rows.xy[head] - centre[image]) / (2.0 * np.maximum(half[image], 0.5)) + 0.5
+    cell = np.clip((place * HOLD_OUT.cells).astype(np.int64), 0, HOLD_OUT.cells - 1)
+    order = np.lexsort((rows.xy[head, 0], rows.xy[head, 1], cell[:, 0], cell[:, 1], image))
+    number = np.arange(1, len(order) + 1)
+    taken = np.floor(number * share) > np.floor((number - 1) * share)
+    return np.sort(point[order[taken]])

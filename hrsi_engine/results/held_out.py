@@ -1,0 +1,88 @@
+"""How well held-out tie points fit the refined RPCs, beside as many of those that adjusted them.
+
+Both are intersected with the refined RPCs and judged alike: by the residuals that remain at the intersected positions,
+and by the distance of each image point from the epipolar lines of the others of its track. Nobody has tested the
+held-out tracks before, so wrong matches are taken from them by a test that no error of a camera triggers
+(`evaluation.find_wrong_tracks`), and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..adjustment.evaluation import PairFit, TrackFit, find_wrong_tracks, fit_pairs, fit_tracks
+from ..adjustment.hold_out import sample_tracks
+from ..adjustment.observations import Observations
+from ..adjustment.result import Adjustment
+from ..block.block import Role
+from ..foundation.thresholds import threshold, thresholds
+from ..refinement.model import RefitRPC
+from .residuals import radial_rmse, rmse
+
+
+@thresholds
+class HeldOutThresholds:
+    """Which held-out tracks count."""
+
+    wrong_match: float = threshold(4.0, "robust sigma", "across epipolar lines, beyond the pair's trend: not counted")
+
+
+HELD_OUT = HeldOutThresholds()
+
+NOTHING = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None}
+
+
+def held_out_entry(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
+    """Return the report's entry on held-out tie points.
+
+    Parameters
+    ----------
+    result : Adjustment
+        The adjustment in which they took no part.
+    refined : sequence of RefitRPC
+        The refined RPCs, one an image.
+
+    Returns
+    -------
+    dict
+        ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches among
+        them, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
+    """
+    block = result.block
+    held = block.points.role == Role.HELD_OUT
+    if not held.any():
+        return NOTHING | {"wrong": 0, "ties": NOTHING}
+    adjusted = result.took_part & (block.points.role == Role.TIE)[block.measurements.point]
+    seen = block.with_cameras([new.rpc for new in refined])
+    seen = seen.with_measurements(adjusted | held[block.measurements.point])
+    several = seen.rays_per_point() >= 2
+    ties, held = several & ~held, several & held
+    chosen = np.zeros(len(held), dtype=bool)
+    chosen[sample_tracks(seen, ties, min(1.0, held.sum() / max(ties.sum(), 1)))] = True
+    observations, fit = fit_tracks(seen, held | chosen)
+    pairs = fit_pairs(observations, fit)
+    judged = held[observations.points]
+    wrong = find_wrong_tracks(observations, [pairs], HELD_OUT.wrong_match) & judged
+    there = np.isfinite(fit.ground).all(axis=1)
+    return {
+        **_describe_fit(observations, fit, pairs, judged & there & ~wrong),
+        "wrong": int(wrong.sum()),
+        "ties": _describe_fit(observations, fit, pairs, ~judged & there),
+    }
+
+
+def _describe_fit(
+    observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray
+) -> dict[str, Any]:
+    """Return the figures of some ``tracks (m,)``."""
+    rows = tracks[observations.point]
+    distances = [pair.epipolar_px[tracks[pair.points]].ravel() for pair in pairs]
+    return {
+        "points": int(tracks.sum()),
+        "observations": int(rows.sum()),
+        "rmse_px": radial_rmse(fit.fit_px[rows]),
+        "epipolar_rmse_px": rmse(np.concatenate([np.zeros(0), *distances])),
+    }
