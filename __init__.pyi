@@ -140,6 +140,7 @@ def triangulate(
     sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
+    hold_out: float = 0.1,
     output_dir: Path | None = None,
     overwrite: bool = False,
     write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
@@ -300,6 +301,9 @@ def triangulate(
         Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the
         model does not follow drift, which then is an error, what is believed of the sensor, at least
         3e-5; 0: no drift (unit px/px; at least 0).
+    hold_out : float, optional
+        Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with
+        more than 500; 0 lets all take part (at least 0; at most 0.5; default 0.1).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -506,6 +510,7 @@ def adjust(
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
     threads: int = 0,
+    hold_out: float = 0.1,
     output_dir: Path | None = None,
     overwrite: bool = False,
     write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
@@ -618,6 +623,9 @@ def adjust(
         3e-5; 0: no drift (unit px/px; at least 0).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
+    hold_out : float, optional
+        Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with
+        more than 500; 0 lets all take part (at least 0; at most 0.5; default 0.1).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional

@@ -2,11 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..hrsi_engine.adjustment.evaluation import (
     PairFit,
@@ -17,6 +16,7 @@ from ..hrsi_engine.adjustment.evaluation import (
     fit_pairs,
     fit_tracks,
 )
+from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
@@ -24,7 +24,7 @@ from ..hrsi_engine.block.footprints import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.residual_plots import draw_bars
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -35,12 +35,21 @@ from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import measurements_of, read_points
+from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps import plausibility
 from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
+from .block_steps.rpc_lineage import (
+    RPC_LINEAGE,
+    MakingPoints,
+    find_making_points,
+    find_points_near,
+    join_tables,
+    split_measurements,
+)
 from .block_steps.summary import format_digits
 from .block_steps.tie_search import count_pairs, find_ties
 from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
@@ -49,6 +58,7 @@ from .files.result_folder import check_folder, plan_page, tell
 from .files.rpc_folders import rpcs_of_folder
 from .files.terrain import dem_surface
 from .interface.declare import Context, Report
+from .interface.option_groups import SearchOptions
 
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
 
@@ -58,6 +68,7 @@ class ComparisonThresholds:
     """When the figures of a set of RPCs say little."""
 
     few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
+    denser: int = threshold(3, "", "times the tie points of a cell, where all that a run takes made the RPCs")
     most_pairs: int = threshold(10, "pairs", "pairs in the summary")
 
 
@@ -66,10 +77,14 @@ COMPARISON = ComparisonThresholds()
 
 @dataclass(frozen=True, eq=False)
 class RpcSet:
-    """A set of RPCs: the block seen by them, its tracks fitted, and the surveyed points compared."""
+    """A set of RPCs: the block seen by them, its tracks fitted, and the surveyed points compared.
+
+    ``made_by`` is the report of the run that refined them here, if one did.
+    """
 
     name: str
     source: str
+    made_by: str | None
     block: Block
     fit: TrackFit
     pairs: list[PairFit]
@@ -88,17 +103,19 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
-    block, warnings, search_folders = _read_points(options, images, surface, context)
+    judges = _read_points(options, images, surface, {name: files for name, (_, files, _) in cameras.items()}, context)
+    block, warnings = judges.block, judges.warnings
     clock.lap("tracks")
     # Under every set the same points: tracks of two images or more that are right under one set at least
     tracks = (block.points.role == Role.TIE) & (block.rays_per_point() >= 2)
     sets: list[RpcSet] = []
-    for done, (name, (source, rpcs)) in enumerate(cameras.items()):
+    for done, (name, (source, _, rpcs)) in enumerate(cameras.items()):
         advance(context.progress, 0.8 + 0.1 * done / len(cameras), f"RPCs {name}")
         seen = block.with_cameras(rpcs)
         observations, fit = fit_tracks(seen, tracks)
         known_px, known_m = compute_survey_residuals_px(seen), compute_survey_differences_m(seen)
-        sets.append(RpcSet(name, source, seen, fit, fit_pairs(observations, fit), known_px, known_m))
+        made_by = judges.makers[name].report if name in judges.makers else None
+        sets.append(RpcSet(name, source, made_by, seen, fit, fit_pairs(observations, fit), known_px, known_m))
     wrong = find_wrong_tracks(observations, [one.pairs for one in sets], options.reject)
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
     kept = everywhere & ~wrong
@@ -109,17 +126,19 @@ def run(options: EvaluateOptions, context: Context) -> Report:
             "points": int(kept.sum()), "observations": int(kept[observations.point].sum()),
             "wrong": int(wrong.sum()), "without_position": int((~everywhere).sum()),
             "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
+            "made_rpcs": judges.left_out, "held_out": judges.held_out, "independent": judges.are_independent,
         },
         "sets": {one.name: _set_entry(one, observations, kept, predicted, surface) for one in sets},
     }  # fmt: skip
     warnings += _list_warnings(entries, len(images), len(predicted) > 0)
     clock.lap("evaluate")
     report: Report = {
-        **context.record, "seconds": {}, **entries, "best": _rank_sets(entries["sets"]), "warnings": warnings,
+        **context.record, "seconds": {}, **entries,
+        "best": _rank_sets(entries["sets"], judges.are_independent), "warnings": warnings,
     }  # fmt: skip
     tell(warnings, context)
     target = options.folder
-    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=search_folders) as folder:
+    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=judges.discarded) as folder:
         layers = _make_layers(sets, observations, kept, predicted, report)
         styles = default_styles(layers)
         for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
@@ -158,64 +177,149 @@ def _plan_run(
 
 def _open_sets(
     options: EvaluateOptions, images: Sequence[Image], context: Context
-) -> dict[str, tuple[str, Sequence[RPC]]]:
-    """Return where each set of RPCs comes from, and its RPCs; the images' own first, unless they are named again."""
+) -> dict[str, tuple[str, Sequence[str], Sequence[RPC]]]:
+    """Return source, files and RPCs of each set; the images' own first, unless they are named again."""
     own = [image.rpc for image in images]
-    named: dict[str, tuple[str, Sequence[RPC]]] = {}
+    named: dict[str, tuple[str, Sequence[str], Sequence[RPC]]] = {}
     for text in options.rpcs:
         name, _, folder = (part.strip() for part in text.partition("="))
         if not SET_NAME.fullmatch(name) or name == OWN:
             raise InputError(f"`rpcs` {text!r}: choose a name of letters, digits, _ and -, other than {OWN!r}")
         if name in named:
             raise InputError(f"`rpcs` names {name} twice: give each set a name of its own")
-        named[name] = folder, rpcs_of_folder(folder, images, context.log)
-    if any(list(rpcs) == own for _, rpcs in named.values()):
+        named[name] = folder, *rpcs_of_folder(folder, images, context.log)
+    if any(list(rpcs) == own for _, _, rpcs in named.values()):
         return named
-    return {OWN: ("the images", own), **named}
+    return {OWN: ("the images", [image.path for image in images], own), **named}
 
 
 def _read_points(
-    options: EvaluateOptions, images: Sequence[Image], surface: HeightSurface | None, context: Context
-) -> tuple[Block, list[str], tuple[str, ...]]:
-    """Return the block of all tracks and known points, what the user should know, and what to discard at the end."""
-    found: list[ImagePoints] = []
-    search_folders: tuple[str, ...] = ()
-    warnings: list[str] = []
-    if options.tracks == AUTOMATIC_TRACKS:
-        ties, finished = find_ties(
-            images, options.search, surface, options.folder.output_dir, context.stage(0.0, 0.8)
-        )  # fmt: skip
-        found, warnings = [ties.image_points], list(ties.warnings)
-        search_folders = finished.discarded
+    options: EvaluateOptions,
+    images: Sequence[Image],
+    surface: HeightSurface | None,
+    files: Mapping[str, Sequence[str]],
+    context: Context,
+) -> Judges:
+    """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
+
+    What made one of the sets, whose RPC ``files`` are named, is left out. Where that leaves no tracks, others are found
+    in the images.
+    """
     file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
-    block, more = read_block(images, options.points, options.dem, file, found)
-    warnings += more
+    ids = [image.id for image in images]
+    made = {name: find_making_points(named, ids) for name, named in files.items()}
+    makers = {name: maker for name, maker in made.items() if maker is not None}
+    judges = Judges()
+    if options.tracks == AUTOMATIC_TRACKS:
+        judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
+    block, warnings = read_block(images, options.points, options.dem, file, judges.found)
+    judges.warnings += warnings
     points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
     for reason in plausibility.input_reasons(block, options.points, options.dem):
         about = options.dem.dem if reason.code == "dem-coverage" else points
-        warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
+        judges.warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
     if options.used_points is not None:
-        used = read_points(measurements_of(options.used_points), image_ids=[image.id for image in images]).image
-        if used is None:
+        used, _ = split_measurements([read_points(measurements_of(options.used_points), image_ids=ids)])
+        if not len(used):
             raise InputError(
                 f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
             )
-        near = _find_points_near(block, used, options.apart_px)
+        near = find_points_near(block, used, options.apart_px) & np.isin(block.points.role, [Role.TIE, Role.HELD_OUT])
         block = block.with_measurements(~near[block.measurements.point])
-        warnings.append(f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out")
-    return block, warnings, search_folders
+        judges.warnings.append(
+            f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out"
+        )
+    judges.leave_out_makers(block, makers, options.apart_px)
+    few = judges.left_out and judges.tracks < COMPARISON.few_predictions
+    if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
+        # Others of the same images: more of each cell than a run takes by itself
+        search = options.search.search
+        many = COMPARISON.denser * max(count_points_per_cell(search, image) for image in images)
+        denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
+        judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
+        block, _ = read_block(images, options.points, options.dem, None, judges.found)
+        judges.leave_out_makers(block, makers, options.apart_px)
+    judges.tell_makers()
+    return judges
 
 
-def _find_points_near(block: Block, used: ImagePoints, apart_px: float) -> np.ndarray:
-    """Return a mask of the tie points that come near a used image point on any image."""
-    rows = block.measurements
-    near = np.zeros(len(block.points), dtype=bool)
-    for index, image in enumerate(block.images):
-        here, there = np.flatnonzero(rows.image == index), used.xy[used.image_ids == image.id]
-        if len(here) and len(there):
-            distance, _ = cKDTree(there).query(rows.xy[here])
-            near[rows.point[here[distance <= apart_px]]] = True
-    return near & (block.points.role == Role.TIE)
+@dataclass(eq=False)
+class Judges:
+    """The points that judge RPCs.
+
+    block : tracks and known points
+    found : image points that were found in the images for this evaluation
+    tracks, held_out : number of tracks that made none of the RPCs, and how many of them a run held out
+    left_out : number of tracks that made one of the RPCs
+    makers : what made sets of RPCs, by the names of the sets
+    """
+
+    found: list[ImagePoints] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    discarded: tuple[str, ...] = ()
+    makers: Mapping[str, MakingPoints] = field(default_factory=dict)
+    tracks: int = 0
+    held_out: int = 0
+    left_out: int = 0
+    block: Block = field(init=False)
+
+    @property
+    def are_independent(self) -> bool:
+        """Whether the tracks made none of the RPCs."""
+        return self.tracks > 0 and all(maker.used is not None for maker in self.makers.values())
+
+    def find_tracks(
+        self, search: SearchOptions, images: Sequence[Image], surface: HeightSurface | None, folder: str,
+        context: Context,
+    ) -> None:  # fmt: skip
+        """Find tie points in the images."""
+        ties, finished = find_ties(images, search, surface, folder, context)
+        self.found, self.discarded = [ties.image_points], (*self.discarded, *finished.discarded)
+        self.warnings += ties.warnings
+
+    def leave_out_makers(self, block: Block, makers: Mapping[str, MakingPoints], apart_px: float) -> None:
+        """Take the points of a block that made none of the RPCs; all of them, where none is left.
+
+        Tracks that were found just now lie ``apart_px`` from those of the RPCs' runs, whose pixels they would share.
+        """
+        self.makers, self.block = makers, hold_out_ties(block, 0.0)
+        used, held = (
+            join_tables([part for maker in makers.values() if (part := getattr(maker, what)) is not None])
+            for what in ("used", "held_out")
+        )
+        role, tracks = self.block.points.role, self.block.points.role == Role.TIE
+        made, kept = (find_points_near(self.block, points, RPC_LINEAGE.same_px) for points in (used, held))
+        if (checks := made & (role == Role.CHECK)).any():
+            role[checks] = Role.GCP
+            self.warnings.append(
+                f"check point {list_ids(self.block.points.ids[checks])} made one of the sets of RPCs: it is control"
+            )
+        if self.found:
+            made |= find_points_near(self.block, used, apart_px) & ~kept
+        several = tracks & (self.block.rays_per_point() >= 2)
+        self.left_out, self.tracks = int((several & made).sum()), int((several & ~made).sum())
+        self.held_out = int((several & ~made & kept).sum())
+        if self.tracks:
+            self.block = self.block.with_measurements(~(tracks & made)[self.block.measurements.point])
+
+    def tell_makers(self) -> None:
+        """Enter what the user should know of the tracks that made RPCs."""
+        for name, maker in self.makers.items():
+            if maker.used is None:
+                self.warnings.append(
+                    f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are not "
+                    "there: whether these tracks made them is not known, and no set is said to fit best"
+                )
+        if self.left_out and self.tracks:
+            self.warnings.append(
+                f"{self.left_out} tracks made RPCs {' or '.join(self.makers)} and do not judge them; {self.tracks} "
+                f"others do, {self.held_out} of which were held out when they were made"
+            )
+        elif self.left_out:
+            self.warnings.append(
+                f"all {self.left_out} tracks made RPCs {' or '.join(self.makers)}: how well these fit them says "
+                "little, and no set is said to fit best; give other tracks, or images with pixels"
+            )
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
@@ -229,6 +333,7 @@ def _set_entry(
     length = np.hypot(*fit.predicted_px[predicted].T)
     entry: Report = {
         "source": one.source,
+        "made_by": one.made_by,
         "predictions": int(predicted.sum()),
         "predicted_rmse_px": radial_rmse(fit.predicted_px[predicted]),
         "predicted_median_px": float(np.median(length)) if len(length) else None,
@@ -300,10 +405,14 @@ def _height_entry(ground: np.ndarray, surface: HeightSurface) -> Report:
     }  # fmt: skip
 
 
-def _rank_sets(sets: Mapping[str, Report]) -> Report:
-    """Return the set that comes out first by each figure that exists for all; None where there is no such figure."""
+def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
+    """Return the set that comes out first by each figure that exists for all; None where there is no such figure.
+
+    By tracks that made one of the sets, none comes out first.
+    """
     keys = {
-        "predicted": lambda entry: entry["predicted_rmse_px"], "fit": lambda entry: entry["fit_rmse_px"],
+        "predicted": lambda entry: entry["predicted_rmse_px"] if independent else None,
+        "fit": lambda entry: entry["fit_rmse_px"] if independent else None,
         "check": lambda entry: entry["check"]["ce90_m"],
         "dem": lambda entry: (entry["dem"] or {}).get("p90_m"),
     }  # fmt: skip

@@ -15,7 +15,7 @@ from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
 from .coordinate_operations import find_untested_accuracy, operation_entries
-from .held_out import held_out_entry
+from .held_out import summarise_held_out
 from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
 
@@ -67,7 +67,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         },
         **control_and_check(result, left),
         "ties": _tie_entry(result, left),
-        "held_out": held_out_entry(result, refined),
+        "held_out": summarise_held_out(result, refined),
         **outlier_entries(result, left),
         "solves": result.solves,
         "rejected": _list_exclusions(result),

@@ -2,7 +2,7 @@
 
 Both are intersected with the refined RPCs and judged alike: by the residuals that remain at the intersected positions,
 and by the distance of each image point from the epipolar lines of the others of its track. Nobody has tested the
-held-out tracks before, so wrong matches are taken from them by a test that no error of a camera triggers
+held-out tracks before, so wrong matches are taken from both by a test that no error of a camera triggers
 (`evaluation.find_wrong_tracks`), and counted.
 """
 
@@ -32,10 +32,10 @@ class HeldOutThresholds:
 
 HELD_OUT = HeldOutThresholds()
 
-NOTHING = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None}
+NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}
 
 
-def held_out_entry(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
+def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entry on held-out tie points.
 
     Parameters
@@ -48,13 +48,13 @@ def held_out_entry(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str,
     Returns
     -------
     dict
-        ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches among
-        them, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
+        ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches that
+        these are without, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
     """
     block = result.block
     held = block.points.role == Role.HELD_OUT
     if not held.any():
-        return NOTHING | {"wrong": 0, "ties": NOTHING}
+        return NONE_HELD_OUT | {"ties": NONE_HELD_OUT}
     adjusted = result.took_part & (block.points.role == Role.TIE)[block.measurements.point]
     seen = block.with_cameras([new.rpc for new in refined])
     seen = seen.with_measurements(adjusted | held[block.measurements.point])
@@ -64,20 +64,20 @@ def held_out_entry(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str,
     chosen[sample_tracks(seen, ties, min(1.0, held.sum() / max(ties.sum(), 1)))] = True
     observations, fit = fit_tracks(seen, held | chosen)
     pairs = fit_pairs(observations, fit)
-    judged = held[observations.points]
-    wrong = find_wrong_tracks(observations, [pairs], HELD_OUT.wrong_match) & judged
-    there = np.isfinite(fit.ground).all(axis=1)
-    return {
-        **_describe_fit(observations, fit, pairs, judged & there & ~wrong),
-        "wrong": int(wrong.sum()),
-        "ties": _describe_fit(observations, fit, pairs, ~judged & there),
-    }
+    wrong = find_wrong_tracks(observations, [pairs], HELD_OUT.wrong_match)
+    figures = [
+        _describe_fit(observations, fit, pairs, tracks, wrong)
+        for tracks in (held[observations.points], chosen[observations.points])
+    ]
+    return figures[0] | {"ties": figures[1]}
 
 
 def _describe_fit(
-    observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray
+    observations: Observations, fit: TrackFit, pairs: Sequence[PairFit], tracks: np.ndarray, wrong: np.ndarray
 ) -> dict[str, Any]:
-    """Return the figures of some ``tracks (m,)``."""
+    """Return the figures of some ``tracks (m,)`` without the ``wrong (m,)`` ones."""
+    known = tracks & np.isfinite(fit.ground).all(axis=1)
+    tracks = known & ~wrong
     rows = tracks[observations.point]
     distances = [pair.epipolar_px[tracks[pair.points]].ravel() for pair in pairs]
     return {
@@ -85,4 +85,5 @@ def _describe_fit(
         "observations": int(rows.sum()),
         "rmse_px": radial_rmse(fit.fit_px[rows]),
         "epipolar_rmse_px": rmse(np.concatenate([np.zeros(0), *distances])),
+        "wrong": int((known & wrong).sum()),
     }

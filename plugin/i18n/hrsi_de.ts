@@ -476,6 +476,10 @@
       <translation>Höhenbezug</translation>
     </message>
     <message>
+      <source>Hold out</source>
+      <translation>Zurückhalten</translation>
+    </message>
+    <message>
       <source>How well RPCs fit: tracks, ground points, a DEM; several sets side by side</source>
       <translation>Wie gut RPCs passen: Mehrfachpunkte, Bodenpunkte, ein DGM; mehrere Sätze nebeneinander</translation>
     </message>

@@ -45,7 +45,7 @@ def summarise(report: Report) -> str:
             f"RMSE {format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
     if report["held_out"]["points"]:
-        lines.append(_held_out_line(report["held_out"]))
+        lines.append(_describe_held_out(report["held_out"]))
     lines += [
         f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
         f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
@@ -76,7 +76,7 @@ def _survey_line(role: str, entry: Report) -> str:
     return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
 
 
-def _held_out_line(entry: Report) -> str:
+def _describe_held_out(entry: Report) -> str:
     """Return how held-out ties fit, and in brackets the same figures of as many that adjusted."""
     rmse, epipolar = (
         f"{format_digits(entry[key])} px ({format_digits(entry['ties'][key])} px)"

@@ -14,8 +14,8 @@ from ..interface.declare import Log
 NEVER_RPC = (".gpkg", ".json", ".html", ".csv", ".aux.xml", ".png", ".jpg", ".log", ".gpkg-wal", ".gpkg-shm")
 
 
-def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> list[RPC]:
-    """Return the RPCs that a directory holds for images; raise `InputError` where one is missing.
+def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> tuple[list[str], list[RPC]]:
+    """Return files and RPCs that a directory holds for images; raise `InputError` where one is missing.
 
     For an image ``a.tif`` that is the RPC of ``a.tif``, of another file with the id ``a`` (``a.vrt``, ``a_RPC.TXT``),
     or of a file whose name has ``a`` in it as a word (``run-a.adjusted_rpc.xml``). The RPC of a whole scene is moved to
@@ -27,7 +27,7 @@ def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> list[RPC]:
     found = [_rpc_of(folder, names, image) for image in images]
     files = ", ".join(name for name, _ in found[:3]) + (", …" if len(found) > 3 else "")
     log(f"{folder}: {len(found)} RPCs ({files})")
-    return [rpc for _, rpc in found]
+    return [os.path.join(folder, name) for name, _ in found], [rpc for _, rpc in found]
 
 
 def _rpc_of(folder: str, names: Sequence[str], image: Image) -> tuple[str, RPC]:

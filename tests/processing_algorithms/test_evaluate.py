@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,26 @@ from hrsi.processing_algorithms.evaluate import summarise
 
 @pytest.fixture(scope="module")
 def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three views with ties, GCPs and check points measured to 0.2 px, and the block adjusted; no pixels."""
+    """Three views with ties, GCPs and check points measured to 0.2 px, and the block adjusted by half of the ties."""
     folder = tmp_path_factory.mktemp("block")
     run("simulate", output_dir=str(folder / "sim"), size=1500, images=3, along=["-14", "0", "14"], relief=80.0, gcps=6,
-        checks=12, ties=120, pixels=False, noise_image=0.2, noise_gcp_xy=0.05, noise_gcp_h=0.05, seed=8)  # fmt: skip
+        checks=12, ties=240, pixels=False, noise_image=0.2, noise_gcp_xy=0.05, noise_gcp_h=0.05, seed=8)  # fmt: skip
+    select_points(folder, "made.csv", lambda name: name[:1] != "T" or int(name[1:]) % 2 == 0)
     run("adjust", images=images(folder), gcps=str(folder / "sim" / "ground_points.csv"), height_datum="ellipsoidal",
-        image_points=str(folder / "sim" / "image_points.csv"), output_dir=str(folder / "refined"), model="affine",
+        image_points=str(folder / "made.csv"), output_dir=str(folder / "refined"), model="affine",
         report=False)  # fmt: skip
     return folder
+
+
+def select_points(folder: Path, name: str, chosen: Callable[[str], bool]) -> set[str]:
+    """Write the image points whose ids are chosen; return the ids of the tie points among them."""
+    with (folder / "sim" / "image_points.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    with (folder / name).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(row for row in rows if chosen(row["id"]))
+    return {row["id"] for row in rows if chosen(row["id"]) and row["id"].startswith("T")}
 
 
 def images(folder: Path) -> list[str]:
@@ -89,17 +102,45 @@ def test_names_with_the_image_s_name_in_them_are_found(block: Path, tmp_path: Pa
 
 
 def test_tracks_beside_used_points_are_left_out(block: Path, tmp_path: Path) -> None:
-    points = block / "sim" / "image_points.csv"
-    with points.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    ties = sorted({row["id"] for row in rows if row["id"].startswith("T")})
-    used = tmp_path / "used.csv"
-    with used.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(row for row in rows if row["id"] in ties[:50])
-    report = evaluate(block, tmp_path / "out", used_points=str(used), apart=0.5, report=False)
-    assert report["tracks"]["points"] == len(ties) - 50
+    ties = select_points(block, "all.csv", lambda name: True)
+    used = select_points(block, "used.csv", lambda name: name in sorted(ties)[:50])
+    raw = [f"raw={block / 'sim'}"]
+    report = evaluate(block, tmp_path / "out", rpcs=raw, used_points=str(block / "used.csv"), apart=0.5, report=False)
+    assert len(used) == 50 and report["tracks"]["points"] == len(ties) - 50
+
+
+def test_tracks_that_made_rpcs_do_not_judge_them(block: Path, tmp_path: Path) -> None:
+    """The refined RPCs' folder tells which tracks made them, wherever their images are named from."""
+    ties = select_points(block, "all.csv", lambda name: True)
+    made = select_points(block, "made.csv", lambda name: name[:1] != "T" or int(name[1:]) % 2 == 0)
+    report = evaluate(block, tmp_path / "out", report=False)
+    assert report["tracks"]["points"] == len(ties) - len(made) == 120
+    assert report["tracks"]["made_rpcs"] == 120 and report["tracks"]["independent"]
+    assert report["sets"]["refined"]["made_by"] == str(block / "refined" / "report.json")
+    assert report["sets"]["own"]["made_by"] is None and report["best"]["predicted"] == "refined"
+    # Of the tracks that made them alone nothing follows
+    alone = evaluate(block, tmp_path / "alone", image_points=str(block / "made.csv"), report=False)
+    assert alone["tracks"]["points"] == 120 and not alone["tracks"]["independent"]
+    assert alone["best"]["predicted"] is None and alone["best"]["fit"] is None
+    assert any("all 120 tracks made RPCs refined" in text for text in alone["warnings"])
+
+
+def test_held_out_tracks_judge_the_rpcs_that_they_did_not_make(block: Path, tmp_path: Path) -> None:
+    """600 tracks of which a tenth is held out: these alone judge, whether read from the result or the file."""
+    run("simulate", output_dir=str(tmp_path / "sim"), size=1500, images=2, ties=600, gcps=6, checks=0, pixels=False,
+        seed=9)  # fmt: skip
+    paths = sorted(str(path) for path in (tmp_path / "sim").glob("image_?_RPC.TXT"))
+    points, known = str(tmp_path / "sim" / "image_points.csv"), str(tmp_path / "sim" / "ground_points.csv")
+    made = run("adjust", images=paths, gcps=known, image_points=points, height_datum="ellipsoidal", report=False,
+               output_dir=str(tmp_path / "refined"))  # fmt: skip
+    for number, file in enumerate((points, str(tmp_path / "refined" / "block.gpkg"))):
+        report = run("evaluate", images=paths, rpcs=[f"refined={tmp_path / 'refined'}"], tracks="none", gcps=known,
+                     height_datum="ellipsoidal", image_points=file, output_dir=str(tmp_path / f"out{number}"),
+                     report=False)  # fmt: skip
+        assert report["tracks"]["made_rpcs"] == 540 and report["tracks"]["held_out"] == 60
+        fit = report["sets"]["refined"]
+        assert report["tracks"]["wrong"] == made["held_out"]["wrong"] == 0
+        assert fit["fit_rmse_px"] == pytest.approx(made["held_out"]["rmse_px"], rel=1e-6)
 
 
 def test_faults_are_told(block: Path, tmp_path: Path) -> None:

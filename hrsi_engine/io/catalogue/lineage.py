@@ -71,6 +71,15 @@ def rpc_history(path: str) -> str:
     return f"refined by HRSI {told.get('HRSI_VERSION')} on {told.get('HRSI_DATE')}, model {told['HRSI_MODEL']}"
 
 
+def maker_of(path: str) -> str | None:
+    """Return the path of the report of the run that refined an image's RPC, from its metadata; None without one."""
+    if path.lower().endswith(_TEXTS):
+        return None
+    dataset, _ = open_dataset(path)
+    told = {} if dataset is None else metadata_of(dataset)
+    return str(told.get("HRSI_REPORT", "")) if "HRSI_MODEL" in told else None
+
+
 def without_secrets(text: str) -> str:
     """Return a text without the passwords of connections to data bases and servers."""
     return _SECRET.sub(lambda found: f"{found[1] or found[2]}{HIDDEN}", text)
