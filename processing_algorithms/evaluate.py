@@ -193,56 +193,6 @@ def _open_sets(
     return {OWN: ("the images", [image.path for image in images], own), **named}
 
 
-def _read_points(
-    options: EvaluateOptions,
-    images: Sequence[Image],
-    surface: HeightSurface | None,
-    files: Mapping[str, Sequence[str]],
-    context: Context,
-) -> Judges:
-    """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
-
-    What made one of the sets, whose RPC ``files`` are named, is left out. Where that leaves no tracks, others are found
-    in the images.
-    """
-    file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
-    ids = [image.id for image in images]
-    made = {name: find_making_points(named, ids) for name, named in files.items()}
-    makers = {name: maker for name, maker in made.items() if maker is not None}
-    judges = Judges()
-    if options.tracks == AUTOMATIC_TRACKS:
-        judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
-    block, warnings = read_block(images, options.points, options.dem, file, judges.found)
-    judges.warnings += warnings
-    points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
-    for reason in plausibility.input_reasons(block, options.points, options.dem):
-        about = options.dem.dem if reason.code == "dem-coverage" else points
-        judges.warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
-    if options.used_points is not None:
-        used, _ = split_measurements([read_points(measurements_of(options.used_points), image_ids=ids)])
-        if not len(used):
-            raise InputError(
-                f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
-            )
-        near = find_points_near(block, used, options.apart_px) & np.isin(block.points.role, [Role.TIE, Role.HELD_OUT])
-        block = block.with_measurements(~near[block.measurements.point])
-        judges.warnings.append(
-            f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out"
-        )
-    judges.leave_out_makers(block, makers, options.apart_px)
-    few = judges.left_out and judges.tracks < COMPARISON.few_predictions
-    if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
-        # Others of the same images: more of each cell than a run takes by itself
-        search = options.search.search
-        many = COMPARISON.denser * max(count_points_per_cell(search, image) for image in images)
-        denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
-        judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
-        block, _ = read_block(images, options.points, options.dem, None, judges.found)
-        judges.leave_out_makers(block, makers, options.apart_px)
-    judges.tell_makers()
-    return judges
-
-
 @dataclass(eq=False)
 class Judges:
     """The points that judge RPCs.
@@ -320,6 +270,56 @@ class Judges:
                 f"all {self.left_out} tracks made RPCs {' or '.join(self.makers)}: how well these fit them says "
                 "little, and no set is said to fit best; give other tracks, or images with pixels"
             )
+
+
+def _read_points(
+    options: EvaluateOptions,
+    images: Sequence[Image],
+    surface: HeightSurface | None,
+    files: Mapping[str, Sequence[str]],
+    context: Context,
+) -> Judges:
+    """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
+
+    What made one of the sets, whose RPC ``files`` are named, is left out. Where that leaves no tracks, others are found
+    in the images.
+    """
+    file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
+    ids = [image.id for image in images]
+    made = {name: find_making_points(named, ids) for name, named in files.items()}
+    makers = {name: maker for name, maker in made.items() if maker is not None}
+    judges = Judges()
+    if options.tracks == AUTOMATIC_TRACKS:
+        judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
+    block, warnings = read_block(images, options.points, options.dem, file, judges.found)
+    judges.warnings += warnings
+    points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
+    for reason in plausibility.input_reasons(block, options.points, options.dem):
+        about = options.dem.dem if reason.code == "dem-coverage" else points
+        judges.warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
+    if options.used_points is not None:
+        used, _ = split_measurements([read_points(measurements_of(options.used_points), image_ids=ids)])
+        if not len(used):
+            raise InputError(
+                f"{options.used_points}: has no image points: name the layer image_points of an adjustment"
+            )
+        near = find_points_near(block, used, options.apart_px) & np.isin(block.points.role, [Role.TIE, Role.HELD_OUT])
+        block = block.with_measurements(~near[block.measurements.point])
+        judges.warnings.append(
+            f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out"
+        )
+    judges.leave_out_makers(block, makers, options.apart_px)
+    few = judges.left_out and judges.tracks < COMPARISON.few_predictions
+    if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
+        # Others of the same images: more of each cell than a run takes by itself
+        search = options.search.search
+        many = COMPARISON.denser * max(count_points_per_cell(search, image) for image in images)
+        denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
+        judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
+        block, _ = read_block(images, options.points, options.dem, None, judges.found)
+        judges.leave_out_makers(block, makers, options.apart_px)
+    judges.tell_makers()
+    return judges
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
