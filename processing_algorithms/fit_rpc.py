@@ -20,7 +20,7 @@ from .interface.declare import Context, Report
 
 
 @thresholds
-class FitCheckThresholds:
+class FIT_CHECK:
     """How a fitted RPC is checked."""
 
     check_every: int = threshold(5, "points", "one point of so many is kept for the check")
@@ -29,8 +29,6 @@ class FitCheckThresholds:
         1.0, "px", "RMSE that is warned of: of a sensor that an RPC can stand for, hundredths are left"
     )
 
-
-FIT_CHECK = FitCheckThresholds()
 
 SEED = 1  # of the choice of check points: the same ones every time
 

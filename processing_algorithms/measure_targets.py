@@ -30,13 +30,11 @@ PAGE_FILE = "report.html"
 
 
 @thresholds
-class TargetPageThresholds:
+class TARGET_PAGE:
     """How many targets the page shows."""
 
     most_chips: int = threshold(200, "targets", "chips on the page")
 
-
-TARGET_PAGE = TargetPageThresholds()
 
 TARGET_KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 

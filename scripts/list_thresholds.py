@@ -25,17 +25,17 @@ HEAD = f"""# Thresholds
 <!-- Written by `{COMMAND}`: change the declarations and run it again. -->
 
 Every number that HRSI compares with, by topic: the limits of tests, the sizes of windows and buffers, the ends of
-iterations. Each is a field of the class named below the heading. The origin is a theory, a publication, the data and
-date of the tuning, or *judgement* where an engineer chose it and no data decided.
+iterations. Each is a field of its topic, `NAME.field` in the module below the heading. The origin is a theory, a
+publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided.
 """
 
 
 class Topic(NamedTuple):
-    """A class of thresholds with its instances by their names in the module."""
+    """A topic of thresholds: its name in the module, and the frozen dataclass that holds them."""
 
     module: str
-    declaration: type
-    instances: dict[str, Any]
+    name: str
+    values: Any
 
 
 def declaring_modules() -> Iterator[str]:
@@ -47,15 +47,14 @@ def declaring_modules() -> Iterator[str]:
 
 def topics_of(module: ModuleType) -> Iterator[Topic]:
     """Yield the topics that a module declares."""
-    for value in vars(module).values():
-        if isinstance(value, type) and value.__module__ == module.__name__ and is_topic(value):
-            instances = {name: one for name, one in vars(module).items() if type(one) is value}
-            yield Topic(module.__name__, value, instances)
+    for name, value in vars(module).items():
+        if type(value).__module__ == module.__name__ and is_topic(value):
+            yield Topic(module.__name__, name, value)
 
 
-def is_topic(declaration: type) -> bool:
-    """Tell whether a class was made by `thresholds`: a dataclass whose fields all have a meaning."""
-    fields = getattr(declaration, "__dataclass_fields__", {})
+def is_topic(value: Any) -> bool:
+    """Tell whether a value was declared by `thresholds`: a dataclass whose fields all have a meaning."""
+    fields = getattr(value, "__dataclass_fields__", {})
     return bool(fields) and all("meaning" in field.metadata for field in fields.values())
 
 
@@ -64,19 +63,15 @@ def find_topics() -> list[Topic]:
     return [topic for name in declaring_modules() for topic in topics_of(import_module(name))]
 
 
-def find_faults(topic: Topic) -> list[str]:
-    """Return what a topic lacks: an instance, or a unit, meaning or origin of a field."""
-    home = f"{topic.module}.{topic.declaration.__name__}"
-    faults = [] if topic.instances else [f"{home}: make one instance of it in its module"]
-    for field in topic.declaration.__dataclass_fields__.values():
-        faults += [
-            f"{home}.{field.name}: say its {what}"
-            for what in ("meaning", "origin")
-            if not str(field.metadata[what]).strip()
-        ]
+def find_faults(topic: Topic) -> Iterator[str]:
+    """Yield what a topic lacks: unit, meaning or origin of a field."""
+    for field in topic.values.__dataclass_fields__.values():
+        home = f"{topic.module}.{topic.name}.{field.name}"
+        yield from (
+            f"{home}: say its {what}" for what in ("meaning", "origin") if not str(field.metadata[what]).strip()
+        )
         if not isinstance(field.metadata["unit"], str):
-            faults.append(f'{home}.{field.name}: say its unit; "" for a ratio')
-    return faults
+            yield f'{home}: say its unit; "" for a ratio'
 
 
 def format_value(value: Any) -> str:
@@ -92,17 +87,15 @@ def format_value(value: Any) -> str:
 
 def format_topic(topic: Topic) -> Iterator[str]:
     """Yield the lines of a topic: heading, where it is declared, what it decides, and a table."""
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", topic.declaration.__name__)
-    yield from ("", f"## {words[0]}{words[1:].lower()}", "")
-    yield f"`{topic.module.removeprefix('hrsi.')}`: {', '.join(f'`{name}`' for name in topic.instances)}"
-    yield from ("", " ".join((topic.declaration.__doc__ or "").split()).replace("``", "`"))
-    for name, instance in topic.instances.items():
-        yield from ("", f"| {name} | value | unit | meaning | origin |", "|---|---:|---|---|---|")
-        for field in topic.declaration.__dataclass_fields__.values():
-            texts = field.name, format_value(getattr(instance, field.name)), *(
-                field.metadata[key] for key in ("unit", "meaning", "origin")
-            )  # fmt: skip
-            yield "| " + " | ".join(text.replace("``", "`").replace("|", "\\|") for text in texts) + " |"
+    yield from ("", f"## {topic.name.replace('_', ' ').capitalize()}", "")
+    yield from (f"`{topic.module.removeprefix('hrsi.')}`", "")
+    yield " ".join((topic.values.__doc__ or "").split()).replace("``", "`")
+    yield from ("", f"| {topic.name} | value | unit | meaning | origin |", "|---|---:|---|---|---|")
+    for field in topic.values.__dataclass_fields__.values():
+        texts = field.name, format_value(getattr(topic.values, field.name)), *(
+            field.metadata[key] for key in ("unit", "meaning", "origin")
+        )  # fmt: skip
+        yield "| " + " | ".join(text.replace("``", "`").replace("|", "\\|") for text in texts) + " |"
 
 
 def write_page() -> str:

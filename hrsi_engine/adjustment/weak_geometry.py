@@ -18,13 +18,11 @@ from .observations import Observations
 
 
 @thresholds
-class RayGeometryThresholds:
+class RAY_GEOMETRY:
     """Which rays tell heights."""
 
     weak_angle_deg: float = threshold(3.0, "°", "rays that converge by less know heights badly", "1 / tan 3° = 19")
 
-
-RAY_GEOMETRY = RayGeometryThresholds()
 
 OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
 

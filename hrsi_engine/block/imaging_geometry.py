@@ -38,7 +38,7 @@ from .footprints import (
 
 
 @thresholds
-class GeometryThresholds:
+class GEOMETRY:
     """Sampling of an image's terrain and RPC, and when an RPC is suspicious."""
 
     ray_reach_m: float = threshold(100.0, "m", "rays are taken between points so far above and below the terrain")
@@ -51,9 +51,6 @@ class GeometryThresholds:
     highest_height_m: float = threshold(9500.0, "m", "highest land, with reserve", "theory: Mount Everest, 8849 m")
     crop_share: float = threshold(0.5, "", "an image smaller than this share of its RPC's extent is a crop")
     crop_origin: float = threshold(0.02, "", "of half the extent: the RPC's extent begins so near to the first pixel")
-
-
-GEOMETRY = GeometryThresholds()
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,10 @@ LASER_KIND = "laser"  # of the image points of ties that are measured at laser p
 
 
 @thresholds
-class LaserHeightThresholds:
+class LASER_HEIGHT:
     """Standard deviation of laser heights."""
 
     sigma_m: float = threshold(0.3, "m", "of a height that states none: land under ICESat-2", "Neuenschwander 2020")
-
-
-LASER_HEIGHT = LaserHeightThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 
 
 @thresholds
-class PointingThresholds:
+class POINTING:
     """A priori accuracy of sensors of which nothing is stated, and how it changes over an image."""
 
     unknown_px: float = threshold(5.0, "px", "standard deviation of the pointing of an unknown sensor")
@@ -45,9 +45,6 @@ class PointingThresholds:
         "change across an image that is always allowed for: attitude drift and fit of the RPC",
         "variance components: IKONOS 2.9e-5, Pleiades 1.9e-5, SPOT 7 2.7e-5 (docs/adjustment.md)",
     )  # fmt: skip
-
-
-POINTING = PointingThresholds()
 
 
 class SensorAccuracy(NamedTuple):

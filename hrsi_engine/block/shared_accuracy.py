@@ -19,14 +19,11 @@ from ..ground.geodesy import ground_difference_m
 
 
 @thresholds
-class AreaThresholds:
+class AREA:
     """Parts of an area whose observations have errors in common."""
 
     least_side_m: float = threshold(500.0, "m", "smallest side of a part")
     parts_per_side: int = threshold(4, "parts", "along a side of the area, at most")
-
-
-AREA = AreaThresholds()
 
 
 class ErrorShares(NamedTuple):

@@ -29,7 +29,7 @@ from .rpc_terms import POWERS, monomials
 
 
 @thresholds
-class RpcFitThresholds:
+class FIT:
     """How an RPC is fitted to correspondences."""
 
     ridges: tuple[float, ...] = threshold((1e-16, 1e-12, 1e-9, 1e-6, 1e-3), "", "tried in turn; the first damps nil")
@@ -43,7 +43,6 @@ class RpcFitThresholds:
     flat_m: float = threshold(1.0, "m", "range of heights below which the RPC gets no terms in height")
 
 
-FIT = RpcFitThresholds()
 #: Smallest half extents that normalise: degrees (about 1 m), degrees, metres, pixels, pixels.
 SMALLEST_SCALE = np.array([1e-5, 1e-5, FIT.flat_m, 1.0, 1.0])
 #: Terms that so many points can carry: (points needed, terms of the numerator, terms of the denominator).

@@ -27,7 +27,7 @@ _ROUNDING = "last place of a longitude: 3e-9 px"
 
 
 @thresholds
-class RpcThresholds:
+class EVALUATION:
     """How points are divided for the evaluation of RPCs, and when an image point is localized."""
 
     chunk: int = threshold(12288, "points", "in the buffers: fewer cost calls, more leave the cache", _SPEED)
@@ -46,7 +46,6 @@ class RpcThresholds:
     compiled_from: int = threshold(20_000, "points", "from which compiled loops pay", _SPEED)
 
 
-EVALUATION = RpcThresholds()
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.
 POWERS = np.array(
     [

@@ -15,14 +15,11 @@ CARD_CUT = 80.0  # the longest arrow
 
 
 @thresholds
-class CardThresholds:
+class CARD:
     """From where on the mean residual of a cell is drawn as systematic."""
 
     fewest_residuals: int = threshold(3, "residuals", "fewest residuals of a cell with a mean")
     mean_sigmas: float = threshold(2.0, "sigma", "standard errors of a significant mean", "normal distribution: 5 %")
-
-
-CARD = CardThresholds()
 
 
 @dataclass(frozen=True, eq=False)

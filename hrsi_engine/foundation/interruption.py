@@ -22,14 +22,11 @@ _ENDINGS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminat
 
 
 @thresholds
-class SignalThresholds:
+class PATIENCE:
     """How signals that end a program are repeated and held together."""
 
     again_s: float = threshold(0.05, "s", "time until an exception that was swallowed is raised again")
     same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
-
-
-PATIENCE = SignalThresholds()
 
 
 class TerminationRequest(KeyboardInterrupt):

@@ -26,7 +26,7 @@ from .thresholds import threshold, thresholds
 
 
 @thresholds
-class DescentThresholds:
+class DESCENT:
     """Damping and convergence of the descent."""
 
     first_damping: float = threshold(1e-4, "", "damping after the first refused step, relative to the diagonal")
@@ -42,9 +42,6 @@ class DescentThresholds:
     done_sigma: float = threshold(1e-4, "sigma", "distance to the minimum (sigma0 included) that counts as none")
     near_sigma: float = threshold(1e-2, "sigma", "distance that is small enough after the last step")
     rounding_share: float = threshold(1e-9, "", "relative change of the cost that is no rise", "rounding of sums")
-
-
-DESCENT = DescentThresholds()
 
 
 CONVERGED = "converged"  # the status of a minimum

@@ -20,7 +20,7 @@ from ..foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class GeoidThresholds:
+class GEOID:
     """What a geoid grid may hold, and what a model that stands in for another one costs."""
 
     largest_undulation_m: float = threshold(
@@ -31,8 +31,6 @@ class GeoidThresholds:
         "where not both grids are at hand", "issue 36",
     )  # fmt: skip
 
-
-GEOID = GeoidThresholds()
 
 #: Geoid models by the name used on the command line, the finest first: PROJ's file name, then older names of it.
 GEOID_GRIDS = {

@@ -16,16 +16,13 @@ from ..foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class HeightDatumThresholds:
+class HEIGHT_DATUM:
     """When surveyed heights and those of a DEM refer to different datums."""
 
     fewest_points: int = threshold(3, "points", "below, no difference is significant")
     significant_sigmas: float = threshold(4.0, "sigma", "of the median, which a difference must exceed")
     smallest_difference_m: float = threshold(5.0, "m", "trees, buildings and a coarse DEM may do so much")
     geoid_share: float = threshold(0.25, "", "share of the undulation within which a difference looks like it")
-
-
-HEIGHT_DATUM = HeightDatumThresholds()
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from .geoids import GEOID, Geoid, how_to_get_grids
 
 
 @thresholds
-class OperationThresholds:
+class OPERATIONS:
     """Which losses of accuracy by a missing grid are told."""
 
     least_loss_m: float = threshold(
@@ -21,7 +21,6 @@ class OperationThresholds:
     )
 
 
-OPERATIONS = OperationThresholds()
 WORLD = (-180.0, -90.0, 180.0, 90.0)  # west, south, east, north
 COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of so many coordinates
 

@@ -52,7 +52,7 @@ SLICES = {"samp_num": slice(0, 20), "samp_den": slice(20, 39), "line_num": slice
 
 
 @thresholds
-class DirectMethodThresholds:
+class DIRECT_METHOD:
     """What the sources of the direct methods leave open."""
 
     systematic_px: float = threshold(20.0, "px", "systematic error of a vendor's RPC, as prior of its coefficients")
@@ -62,7 +62,6 @@ class DirectMethodThresholds:
     harmless_sigmas: float = threshold(0.1, "sigma", "distance from the minimum at which a single pass has converged")
 
 
-DIRECT_METHOD = DirectMethodThresholds()
 Information = Callable[[Image], np.ndarray]
 
 

@@ -28,14 +28,11 @@ from ..io.safety.replacing import replacing
 
 
 @thresholds
-class ImageFileParameters:
+class IMAGE_FILES:
     """How simulated images are written."""
 
     tile_px: int = threshold(256, "px", "side of a tile of the file")
     window_samples: int = threshold(1024, "px", "samples that one thread renders at a time")
-
-
-IMAGE_FILES = ImageFileParameters()
 
 
 PixelStrip = tuple[int, int, np.ndarray]  # band, first sample, pixels

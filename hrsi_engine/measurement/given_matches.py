@@ -36,7 +36,7 @@ _LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 p
 
 
 @thresholds
-class ExternalMatchThresholds:
+class EXTERNAL:
     """Where given matches are measured anew, and how far they may be off."""
 
     window_px: int = threshold(1024, "px", "side of the part of the reference that is matched at a time")
@@ -44,9 +44,6 @@ class ExternalMatchThresholds:
     reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "least and largest half length of the search")
     across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", _LEARNED)
     height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches stand for")
-
-
-EXTERNAL = ExternalMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

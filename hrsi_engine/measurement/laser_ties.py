@@ -32,7 +32,7 @@ from .tile_matching.types import TilePairGeometry
 
 
 @thresholds
-class LaserTieThresholds:
+class LASER_TIES:
     """Where tie points are measured around laser points."""
 
     most_points: int = threshold(2000, "laser points", "looked up in all; more of a track say the same")
@@ -43,7 +43,6 @@ class LaserTieThresholds:
     margin_px: int = threshold(40, "px", "from the window's edge that matching needs")
 
 
-LASER_TIES = LaserTieThresholds()
 MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
 LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
 

@@ -19,7 +19,7 @@ from .window_matching.windows import DONE, LsmOptions, MatchImage
 
 
 @thresholds
-class TransferThresholds:
+class TRANSFER:
     """When a point measured on one image is accepted on another."""
 
     smoothing_px: float = threshold(0.7, "px", "Gaussian of both windows, as for tie points")
@@ -30,9 +30,6 @@ class TransferThresholds:
     closure_px: float = threshold(0.5, "px", "between a point and where measuring it back puts it")
     sigma_px: float = threshold(0.3, "px", "standard deviation above which a position is refused")
     texture: float = threshold(1e-6, "grey values", "standard deviation of a window below which it shows nothing")
-
-
-TRANSFER = TransferThresholds()
 
 
 @dataclass(frozen=True)

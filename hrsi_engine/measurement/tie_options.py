@@ -12,7 +12,7 @@ _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22 (docs/many_dates.md)"
 
 
 @thresholds
-class TieSearchThresholds:
+class TIE_SEARCH:
     """How densely and how thoroughly the images of a block are matched, and how the work is divided."""
 
     full_per_cell: int = threshold(40, "points", "of a cell where all of the image is matched, without `per_cell`")
@@ -24,9 +24,6 @@ class TieSearchThresholds:
     completed_sigma_px: float = threshold(0.12, "px", "largest of a point found there", _KAHRAMANMARAS)
     cells_per_part: int = threshold(12, "cells", "of a part of the work: seconds")
     dem_margin_m: float = threshold(50.0, "m", "buildings, trees, errors of the DEM and of the RPCs")
-
-
-TIE_SEARCH = TieSearchThresholds()
 
 
 @options

@@ -22,7 +22,7 @@ ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 
 
 @thresholds
-class OrthoThresholds:
+class ORTHO:
     """The pixels of orthoimages: how their grid is rounded, how far it reaches, how densely it is mapped exactly."""
 
     coarser: float = threshold(1.05, "", "rounded resolution over the image's ground sample distance, at most")
@@ -36,9 +36,6 @@ class OrthoThresholds:
     batch: int = threshold(16384, "nodes", "in the processor's cache", "measured for speed, 2026-11-21")
     most_cells: int = threshold(4_000_000, "cells", "held below a chunk; heights of finer terrain are taken one by one")
     straight: float = threshold(0.01, "", "of the error asked for, below which curvature with the height is left out")
-
-
-ORTHO = OrthoThresholds()
 
 
 class GridWindow(NamedTuple):

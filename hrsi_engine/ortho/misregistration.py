@@ -28,7 +28,7 @@ from .options import MisregistrationOptions
 
 
 @thresholds
-class ShiftThresholds:
+class SHIFT:
     """The shift between two orthoimages: of a window, and the one that all have in common."""
 
     most_iterations: int = threshold(20, "iterations", "of least squares")
@@ -43,8 +43,6 @@ class ShiftThresholds:
     probes: int = threshold(4, "probes", "along each side of the area")
     contrast: float = threshold(8.0, "sigma", "robust; above, a peak counts", "chance reaches 5, 2026-11-21")
 
-
-SHIFT = ShiftThresholds()
 
 Read = Callable[[int, int, int, int], tuple[np.ndarray, np.ndarray]]  #: `block.Raster.read`
 

@@ -22,7 +22,7 @@ from ..surface.grid_surface import GridSurface
 
 
 @thresholds
-class PointSurfaceThresholds:
+class POINT_SURFACE:
     """A surface through scattered points, and which of them it leaves out."""
 
     neighbours: int = threshold(12, "points", "with whose median height a point is compared")
@@ -38,9 +38,6 @@ class PointSurfaceThresholds:
     scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scatter of each round", "Blake 1987")
     batch: int = threshold(16384, "nodes", "fitted at a time: memory")
     least_scatter_m: float = threshold(0.1, "m", "robust standard deviation of heights about planes, at least")
-
-
-POINT_SURFACE = PointSurfaceThresholds()
 
 
 def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = None) -> tuple[GridSurface, int]:

@@ -29,7 +29,7 @@ OF_SENSORS = "describes the published accuracies of the module's table"
 
 
 @thresholds
-class AccuracyThresholds:
+class ACCURACY:
     """Errors that RPCs of satellite images may have, and errors that no RPC has."""
 
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", OF_SENSORS)
@@ -44,9 +44,6 @@ class AccuracyThresholds:
     )
     usual_drift: float = threshold(3e-4, "px/px", "sigma of the change of an RPC's error over its image", SIMULATED)
     largest_drift: float = threshold(1e-3, "px/px", "largest such change", SIMULATED)
-
-
-ACCURACY = AccuracyThresholds()
 
 
 @dataclass(frozen=True)

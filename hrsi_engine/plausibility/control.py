@@ -29,7 +29,7 @@ from .sightlines import Sightlines, compute_sightlines
 
 
 @thresholds
-class ControlFitThresholds:
+class CONTROL_FIT:
     """When surveyed points fit the images on which they are measured."""
 
     least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to this")
@@ -40,7 +40,6 @@ class ControlFitThresholds:
     linear_cost_sigmas: float = threshold(10.0, "sigma", "a larger shift costs by its logarithm only", SIMULATED)
 
 
-CONTROL_FIT = ControlFitThresholds()
 MEDIAN_LENGTH = 1.1774  # sqrt(2 ln 2): median length of a normal vector in the plane, in its sigmas
 
 

@@ -24,7 +24,7 @@ from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
 
 @thresholds
-class SlipThresholds:
+class SLIP:
     """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
 
     certain_cost: float = threshold(50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED)
@@ -39,7 +39,6 @@ class SlipThresholds:
     few_points_gain: float = threshold(3.0, "", "ratio by which a slip of few points improves their misfits", SIMULATED)
 
 
-SLIP = SlipThresholds()
 #: Mistakes of heights, which the data hardly tell apart: only the likeliest is named.
 HEIGHT_CODES = {"height-unit", "height-offset", "height-datum"}
 #: Mistakes that a few points alone do not prove: other wrong heights look the same.

@@ -18,14 +18,11 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 
 @thresholds
-class DatumThresholds:
+class DATUM:
     """Which horizontal datums are told apart from WGS84."""
 
     least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not told apart from it")
     largest_shift_m: float = threshold(5e3, "m", "datums farther off are none of the area")
-
-
-DATUM = DatumThresholds()
 
 
 class DatumShift(NamedTuple):

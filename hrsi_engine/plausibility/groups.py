@@ -16,7 +16,7 @@ from .control import CONTROL_FIT, MEDIAN_LENGTH, ControlFit
 
 
 @thresholds
-class GroupThresholds:
+class GROUP:
     """When surveyed points disagree with the others: single ones, or two clusters of misfits."""
 
     gap_ratio: float = threshold(8.0, "", "gap of two clusters, or distance of a point, over their spread", SIMULATED)
@@ -25,9 +25,6 @@ class GroupThresholds:
     fewest_points: int = threshold(4, "points", "fewer cannot be told apart")
     directions: int = threshold(12, "directions", "horizontal directions along which clusters are sought")
     least_lean: float = threshold(0.02, "m/m", "rays that lean less from the others' mean tell no height")
-
-
-GROUP = GroupThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 
 @thresholds
-class LaserThresholds:
+class LASER_QUALITY:
     """When a laser point is left out before the adjustment. What is kept is weighted by how well it fits."""
 
     sigma_m: float = threshold(1.0, "m", "largest standard deviation that its file states")
@@ -28,9 +28,6 @@ class LaserThresholds:
     neighbour_reach_m: float = threshold(150.0, "m", "farthest of them")
     neighbour_slope: float = threshold(0.3, "m/m", "height per distance by which neighbours may differ")
     neighbour_sigmas: float = threshold(5.0, "sigma", "beyond, a point is an outlier of its track")
-
-
-LASER_QUALITY = LaserThresholds()
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:

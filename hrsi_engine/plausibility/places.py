@@ -19,7 +19,7 @@ from .slips import FEET_M, find_undulations
 
 
 @thresholds
-class PlacementThresholds:
+class PLACEMENT:
     """When points, heights or a DEM are not where the images are."""
 
     far_outside: float = threshold(0.5, "", "share of the image's size by which a point outside was not measured on it")
@@ -33,9 +33,6 @@ class PlacementThresholds:
     coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
     copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM were read from it")
     dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
-
-
-PLACEMENT = PlacementThresholds()
 
 
 def find_points_outside(block: Block) -> list[Reason]:

@@ -22,7 +22,7 @@ from .accuracy import SIMULATED
 
 
 @thresholds
-class ReliefThresholds:
+class RELIEF:
     """When a DEM does not show the ground of the adjusted tie points."""
 
     fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height tell nothing")
@@ -40,9 +40,6 @@ class ReliefThresholds:
     left_of_relief: float = threshold(0.2, "", "share of the relief that a displacement may leave", SIMULATED)
     beyond_share: float = threshold(0.3, "", "share of the points that may lie beyond the moved DEM")
     most_steps: int = threshold(12, "steps", "iterations for the displacement")
-
-
-RELIEF = ReliefThresholds()
 
 
 def find_relief_reasons(

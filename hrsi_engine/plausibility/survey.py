@@ -18,7 +18,7 @@ from .accuracy import ImageAccuracy
 
 
 @thresholds
-class SurveyThresholds:
+class SURVEY:
     """When surveyed coordinates were rounded, or check points are copies of GCPs."""
 
     coarse_decimals: int = threshold(5, "decimals", "of a degree: more harm no image", "theory: 1e-5 degrees are 1.1 m")
@@ -27,9 +27,6 @@ class SurveyThresholds:
     harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
     copied_share: float = threshold(0.5, "", "share of check points measured where GCPs are that makes them copies")
     same_target_px: float = threshold(1.5, "px", "measurements nearer than this may be of one target")
-
-
-SURVEY = SurveyThresholds()
 
 
 def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:

@@ -27,7 +27,7 @@ from .slips import PIXEL_SLIPS, Slip
 
 
 @thresholds
-class TieThresholds:
+class TIE_CHECK:
     """When tie points do not join the images on which they are measured."""
 
     sample_per_pair: int = threshold(60, "points", "of each pair of images that are judged")
@@ -56,7 +56,6 @@ class TieThresholds:
     most_suspects: int = threshold(6, "images", "of which slips of single images are tried")
 
 
-TIE_CHECK = TieThresholds()
 #: Slips that ties of one strip cannot tell apart (an image and its mirror image); the likelier first.
 INDISTINGUISHABLE_SLIPS = (
     ("sample-line-swapped", "image-turned"),

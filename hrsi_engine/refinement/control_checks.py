@@ -22,15 +22,12 @@ from .ground_area import compute_ground_area
 
 
 @thresholds
-class ControlThresholds:
+class CONTROL:
     """When GCPs of an image cannot be right, or do not determine it."""
 
     farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
     same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
     least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
-
-
-CONTROL = ControlThresholds()
 
 
 def check_control(image: Image, control: Control) -> list[str]:

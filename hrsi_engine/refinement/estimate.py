@@ -31,7 +31,7 @@ TUNED_ON = "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/conve
 
 
 @thresholds
-class EstimationThresholds:
+class ESTIMATION:
     """How the parameters of one image are iterated."""
 
     most_steps: int = threshold(30, "steps", "of an estimation, refused ones included")
@@ -44,7 +44,6 @@ class EstimationThresholds:
     weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
 
 
-ESTIMATION = EstimationThresholds()
 #: With control alone nothing but the GCPs says how large an error is: these only keep the equations regular, for
 #: errors up to 0.1 rad (tens of thousands of pixels).
 CONTROL_ONLY = Priors(shift_px=1e5, drift=1.0, orientation=LOOSE_ORIENTATION)

@@ -31,7 +31,7 @@ UP = 2
 
 
 @thresholds
-class ObjectSpaceThresholds:
+class OBJECT_SPACE_PRIORS:
     """Priors of corrections in object space."""
 
     height_share: float = threshold(
@@ -40,9 +40,6 @@ class ObjectSpaceThresholds:
         "lies across its rays, and left free both grow along the rays to where the RPC describes nothing",
         "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
     )  # fmt: skip
-
-
-OBJECT_SPACE_PRIORS = ObjectSpaceThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ from .model import ALL_ROWS, RowIndex
 
 
 @thresholds
-class SensorThresholds:
+class SENSOR:
     """Which pseudo sensors are plausible, and how exactly rays are followed."""
 
     usual_height_m: float = threshold(600e3, "m", "of the sensor, for nearly parallel rays", "thesis, section 4.3")
@@ -44,9 +44,6 @@ class SensorThresholds:
     closure_px: float = threshold(1e-9, "px", "step of the projection at which its iteration ends")
     height_closure_m: float = threshold(1e-6, "m", "height error of a grid of corrected rays that ends its iteration")
     most_steps: int = threshold(20, "steps", "of both iterations")
-
-
-SENSOR = SensorThresholds()
 
 
 @dataclass(frozen=True)

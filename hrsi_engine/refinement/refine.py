@@ -26,14 +26,11 @@ from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
 
 
 @thresholds
-class UncertaintyThresholds:
+class UNCERTAINTY:
     """When the GCPs of an image do not determine its model."""
 
     warned_px: float = threshold(10.0, "px", "standard deviation at the image's corners beyond which a warning says so")
     undetermined_px: float = threshold(1e3, "px", "standard deviation beyond which nothing is determined there")
-
-
-UNCERTAINTY = UncertaintyThresholds()
 
 
 class HasRpc(Protocol):

@@ -15,14 +15,11 @@ Project = Callable[[np.ndarray], np.ndarray]
 
 
 @thresholds
-class RefitThresholds:
+class REFIT:
     """How the area of a refit is found."""
 
     passes: int = threshold(6, "", "iterations for the corrected image area")
     settled_px: float = threshold(0.1, "px", "movement of the area at which they end")
-
-
-REFIT = RefitThresholds()
 
 
 def refit_camera(image: Image, project: Project) -> RefitRPC:

@@ -44,7 +44,7 @@ JUDGES = ("shift", "shift-drift", "conformal", "affine", "generic-affine")
 
 
 @thresholds
-class SelectionThresholds:
+class SELECTION:
     """Which model GCPs support, and which GCPs are blunders."""
 
     significance: float = threshold(
@@ -67,7 +67,6 @@ class SelectionThresholds:
     many_gcps: int = threshold(50, "GCPs", "from which on the generic method has all terms", "thesis, section 4.3")
 
 
-SELECTION = SelectionThresholds()
 WITHOUT_CONTROL = "shift"
 DISTORTED = "generic-affine"  # taken where simpler models are refuted and nothing else can be judged
 #: Models nested in `DRIFTING`: with the standard deviation of the drift estimated from the block

@@ -30,13 +30,10 @@ from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, 
 
 
 @thresholds
-class RpcAgreementThresholds:
+class RPC_AGREEMENT:
     """When a refined RPC does not reproduce its model."""
 
     warned_px: float = threshold(0.01, "px", "largest difference of a refined RPC from its model without a warning")
-
-
-RPC_AGREEMENT = RpcAgreementThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,15 +31,13 @@ from .tables import choose_positions
 
 
 @thresholds
-class AccuracyGridThresholds:
+class ACCURACY_GRID:
     """How the accuracy of refined images is sampled, and how much of it is written."""
 
     nodes: int = threshold(5, "nodes", "nodes of the grid over an image, along each axis")
     grids_at_once: int = threshold(1000, "images", "images whose grids are in memory together")
     most_ids: int = threshold(20, "points", "ids of control points that a file lists")
 
-
-ACCURACY_GRID = AccuracyGridThresholds()
 
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 

@@ -20,14 +20,11 @@ from .residuals import Residuals
 
 
 @thresholds
-class OutlierThresholds:
+class OUTLIER:
     """Which residuals stand out."""
 
     sigmas: float = threshold(4.0, "sigma", "of an outlier's residual", "theory: of 2D normal errors 1 in 3000 exceeds")
     most_listed: int = threshold(200, "outliers", "outliers that the report lists")
-
-
-OUTLIER = OutlierThresholds()
 
 
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:

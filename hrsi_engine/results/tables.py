@@ -27,13 +27,10 @@ from .residuals import Residuals
 
 
 @thresholds
-class TableThresholds:
+class TABLE:
     """How long layers may be."""
 
     most_image_residuals: int = threshold(1_000_000, "rows", "in a layer: a map shows no more, each takes 200 bytes")
-
-
-TABLE = TableThresholds()
 
 
 @dataclass(frozen=True, eq=False)

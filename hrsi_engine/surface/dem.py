@@ -112,7 +112,7 @@ def cell_size_m(surface: HeightSurface, ground: np.ndarray) -> float:
 
 
 @thresholds
-class RayThresholds:
+class RAY_TRACING:
     """How rays are followed down to a surface."""
 
     batch: int = threshold(16384, "rays", "followed at a time: memory")
@@ -121,9 +121,6 @@ class RayThresholds:
     margin_m: float = threshold(1.0, "m", "above the highest and below the lowest cell on a ray's way")
     most_iterations: int = threshold(60, "iterations", "of regula falsi")
     bound_rounds: int = threshold(4, "rounds", "in which the range of heights follows the terrain passed")
-
-
-RAY_TRACING = RayThresholds()
 
 
 class Status(IntEnum):

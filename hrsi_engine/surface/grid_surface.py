@@ -15,14 +15,11 @@ from ..ground.operation_uses import OperationUse
 
 
 @thresholds
-class SurfaceThresholds:
+class SURFACE:
     """What of a surface is kept in memory."""
 
     tile: int = threshold(256, "cells", "side of a part that is kept in memory")
     tiles: int = threshold(128, "tiles", "kept in memory: 68 MB")
-
-
-SURFACE = SurfaceThresholds()
 
 
 @dataclass(frozen=True)

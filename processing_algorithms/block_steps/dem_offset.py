@@ -14,15 +14,12 @@ from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
 
 
 @thresholds
-class DemOffsetThresholds:
+class DEM_OFFSET:
     """When a block lies off the DEM."""
 
     fewest_points: int = threshold(10, "points", "points with a height of the DEM that the median needs")
     least_m: float = threshold(1.0, "m", "offset that grass, interpolation and a DEM's own errors may cause")
     sigmas: float = threshold(4.0, "sigma", "standard deviations of the median that an offset must exceed")
-
-
-DEM_OFFSET = DemOffsetThresholds()
 
 
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:

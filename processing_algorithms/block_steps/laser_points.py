@@ -28,7 +28,7 @@ from .inputs import tell_operations
 
 
 @thresholds
-class LaserLookThresholds:
+class LASER_LOOK:
     """Which laser points are looked at, and how often."""
 
     beside_px: float = threshold(
@@ -42,8 +42,6 @@ class LaserLookThresholds:
     )
     few_points: int = threshold(10, "points", "laser points in the adjustment below which a warning is given")
 
-
-LASER_LOOK = LaserLookThresholds()
 
 NOT_SEEN = "not on two images"
 

@@ -32,7 +32,7 @@ from .inputs import tell_operations
 
 
 @thresholds
-class ReferenceSigmaThresholds:
+class REFERENCE_SIGMA:
     """Standard deviation of a reference orthoimage where none is given."""
 
     pixels: float = threshold(2.0, "px", "standard deviation in its pixels, up to that of satellites' own")
@@ -44,8 +44,6 @@ class ReferenceSigmaThresholds:
         0.5, "px", "standard deviation of orthoimages of free satellites in their pixels", "Landsat: pixels of 30 m"
     )
 
-
-REFERENCE_SIGMA = ReferenceSigmaThresholds()
 
 PREFIX = "REF"
 

@@ -9,14 +9,11 @@ from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, meas
 
 
 @thresholds
-class TargetChipThresholds:
+class TARGET_CHIP:
     """What a picture of a target shows."""
 
     margin_px: float = threshold(8.0, "px", "margin around the target")
     same_target_px: float = threshold(3.0, "px", "a target found farther from a measurement is another one")
-
-
-TARGET_CHIP = TargetChipThresholds()
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:

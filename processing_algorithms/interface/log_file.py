@@ -12,13 +12,10 @@ _WARNING = re.compile(r"warning: ?", re.IGNORECASE)
 
 
 @thresholds
-class LogThresholds:
+class LOG:
     """What of the progress is logged."""
 
     step_share: float = threshold(0.05, "", "progress that is worth a line though the message is the same")
-
-
-LOG = LogThresholds()
 
 
 _HEAD_BYTES = 4096

@@ -11,7 +11,7 @@ _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
 
 
 @thresholds
-class LiveLineThresholds:
+class LIVE_LINE:
     """When and how wide the live line of progress is drawn."""
 
     redraw_s: float = threshold(0.1, "s", "least time between two drawings")
@@ -20,9 +20,6 @@ class LiveLineThresholds:
     least_columns: int = threshold(20, "characters", "narrowest line")
     least_bar: int = threshold(6, "characters", "narrowest bar; below, there is none")
     most_bar: int = threshold(30, "characters", "widest bar")
-
-
-LIVE_LINE = LiveLineThresholds()
 
 
 _REST_COLUMNS = len(" 59:59 min left")

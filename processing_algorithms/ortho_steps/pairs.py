@@ -37,13 +37,11 @@ from ..interface.declare import Context, Report
 
 
 @thresholds
-class PairPageThresholds:
+class PAIR_PAGE:
     """How many pairs the page shows."""
 
     most_maps: int = threshold(12, "maps", "maps of shifts on the page")
 
-
-PAIR_PAGE = PairPageThresholds()
 
 BEFORE, AFTER = "before", "after"
 

@@ -10,13 +10,10 @@ Key = tuple[str, str]  #: point and image
 
 
 @thresholds
-class HistoryThresholds:
+class HISTORY:
     """How many edits are kept."""
 
     longest: int = threshold(1000, "edits", "edits that can be undone")
-
-
-HISTORY = HistoryThresholds()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from .tables import image_points
 
 
 @thresholds
-class PanelTransferThresholds:
+class PANEL_TRANSFER:
     """Where a point is looked for on the other images."""
 
     hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
@@ -30,9 +30,6 @@ class PanelTransferThresholds:
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
     difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
     newton_steps: int = threshold(4, "iterations", "steps of Newton's method to the ground")
-
-
-PANEL_TRANSFER = PanelTransferThresholds()
 
 
 def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:

@@ -14,13 +14,10 @@ from .session import PointSession
 
 
 @thresholds
-class ViewStretchThresholds:
+class VIEW_STRETCH:
     """How grey values are stretched."""
 
     half_px: int = threshold(128, "px", "half the side of the window whose grey values are shown from black to white")
-
-
-VIEW_STRETCH = ViewStretchThresholds()
 
 
 @dataclass(frozen=True)

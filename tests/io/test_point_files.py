@@ -423,7 +423,7 @@ def test_two_layers_must_be_told_apart(tmp_path: Path) -> None:
         assert_ground(read_points(f"{path}|{spec}").ground.ground)  # type: ignore[union-attr]
 
 
-class ogr_update:  # noqa: N801  # a context manager around a GDAL dataset, which GDAL 3.6 does not have
+class ogr_update:  # a context manager around a GDAL dataset, which GDAL 3.6 does not have
     def __init__(self, path: Path) -> None:
         self.dataset = gdal.OpenEx(str(path), gdal.OF_VECTOR | gdal.OF_UPDATE)
 

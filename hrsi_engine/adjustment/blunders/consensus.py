@@ -34,7 +34,7 @@ POINTS_AT_ONCE = 50_000
 
 
 @thresholds
-class ParallaxThresholds:
+class PARALLAX:
     """Which measurements agree before anything is adjusted."""
 
     neighbours: int = threshold(4, "rays", "rays of a long track that each ray is compared with, to either side")
@@ -57,8 +57,6 @@ class ParallaxThresholds:
     levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
     worth_compiling: int = threshold(200, "image pairs", "from here on planes are tried by a compiled loop")
 
-
-PARALLAX = ParallaxThresholds()
 
 PARALLEL = 1e-9  # sine of the angle below which rays are
 LEAST_AREA = 1e-6  # of a triangle that carries a plane, twice; the image's is 2 to a side

@@ -38,7 +38,7 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 
 
 @thresholds
-class GcpTestThresholds:
+class GCP_TESTS:
     """Which GCPs are wrong, what of them, and whether that is clear."""
 
     of_stated_sigmas: float = threshold(2.0, "observations", "what the stated sigmas count for in a variance factor")
@@ -53,8 +53,6 @@ class GcpTestThresholds:
     most_together: int = threshold(40, "GCPs", "so many are searched as one; of more, each with its neighbourhood")
     neighbourhood: int = threshold(20, "GCPs", "of a neighbourhood; its nearer half is judged")
 
-
-GCP_TESTS = GcpTestThresholds()
 
 MOST_LOG = 1e4
 

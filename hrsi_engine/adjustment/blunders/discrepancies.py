@@ -31,14 +31,12 @@ from ..problem import Problem
 
 
 @thresholds
-class DiscrepancyThresholds:
+class DISCREPANCY:
     """Which directions of the GCPs' errors can be tested."""
 
     least_inverse_share: float = threshold(1e-9, "", "of the largest eigenvalue that counts", "rounding of float64")
     least_share: float = threshold(1e-3, "", "of an error that shows in the residuals; less is not tested")
 
-
-DISCREPANCY = DiscrepancyThresholds()
 
 PLAN, HEIGHT, IMAGE = range(3)  # kinds of observations, whose sigmas may be wrong each in its own way
 

@@ -16,7 +16,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class FalseAlarmThresholds:
+class FALSE_ALARMS:
     """How often tests of many points may be wrong."""
 
     false_share: float = threshold(
@@ -24,9 +24,6 @@ class FalseAlarmThresholds:
         "share of clean blocks in which a tie point is accused; of the points accused, share of those "
         "that are right",
     )  # fmt: skip
-
-
-FALSE_ALARMS = FalseAlarmThresholds()
 
 
 def error_probability(sigmas: float) -> float:

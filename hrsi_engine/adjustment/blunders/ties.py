@@ -34,14 +34,11 @@ MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against the
 
 
 @thresholds
-class RayTestThresholds:
+class RAYS:
     """Which measurements of a tie point are blunders."""
 
     credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are believed (see the module)")
     gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder, and not bad luck")
-
-
-RAYS = RayTestThresholds()
 
 
 def estimate_tie_variance(

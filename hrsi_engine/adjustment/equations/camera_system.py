@@ -21,7 +21,7 @@ from .pattern import Pattern
 
 
 @thresholds
-class CameraSystemThresholds:
+class SYSTEM:
     """By which method the camera system is solved."""
 
     most_factored: int = threshold(
@@ -33,8 +33,6 @@ class CameraSystemThresholds:
     nearby_unknowns: int = threshold(500, "unknowns", "of fewer, new factors cost nothing and are exact")
     nearby_iterations: int = threshold(10, "iterations", "with a nearby matrix; each costs 1/20 of new factors")
 
-
-SYSTEM = CameraSystemThresholds()
 
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol

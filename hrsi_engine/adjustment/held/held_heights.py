@@ -31,13 +31,10 @@ from .shared_errors import ErrorSource, GroupHistory, SourceFit, compare_groups,
 
 
 @thresholds
-class HeightThresholds:
+class HEIGHTS:
     """Which heights can be judged."""
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
-
-
-HEIGHTS = HeightThresholds()
 
 
 class HeightRows(NamedTuple):

@@ -34,7 +34,7 @@ NAME = "laser"
 
 
 @thresholds
-class LaserGroundThresholds:
+class LASER_FIT:
     """How ground and laser points are related."""
 
     ties: int = threshold(12, "tie points", "nearest tie points that tell the ground around a laser point")
@@ -48,8 +48,6 @@ class LaserGroundThresholds:
     moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are found again")
     cut: float = threshold(2.5, "sigma", "a tie point farther off the plane loses weight")
 
-
-LASER_FIT = LaserGroundThresholds()
 
 PLANE_ROUNDS = 5
 NO_TIES_NEAR, UNEVEN = "no tie points near it", "tie points near it are at different heights"

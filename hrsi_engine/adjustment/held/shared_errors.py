@@ -33,7 +33,7 @@ from ..result import SourceGroup
 
 
 @thresholds
-class SourceThresholds:
+class SOURCE_FIT:
     """Which external heights and positions fit, alone and in groups."""
 
     fitting: float = threshold(2.5, "sigma", "one off by less keeps its weight", "redescending weights (Hampel 1974)")
@@ -48,7 +48,6 @@ class SourceThresholds:
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
 
 
-SOURCE_FIT = SourceThresholds()
 CUTS, HALVINGS = 20, 12  # most steps that find the bulk of the differences, and steps that find a sigma
 
 

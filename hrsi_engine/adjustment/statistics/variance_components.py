@@ -31,7 +31,7 @@ from .precision import Precision
 
 
 @thresholds
-class VarianceThresholds:
+class VARIANCE:
     """Which sigmas can be estimated from residuals, and how far."""
 
     least_redundancy: float = threshold(
@@ -44,8 +44,6 @@ class VarianceThresholds:
     least_survey_share: float = threshold(1e-5, "", "least redundancy number of a survey that counts")
     same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
 
-
-VARIANCE = VarianceThresholds()
 
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)

@@ -16,13 +16,10 @@ from .sqlite_pages import Pages, can_have_pages
 
 
 @thresholds
-class RowWritingThresholds:
+class ROW_WRITING:
     """When rows are written by the compiled loop."""
 
     compiled_rows: int = threshold(20_000, "rows", "fewer are written before the compiled loop is loaded", "measured")
-
-
-ROW_WRITING = RowWritingThresholds()
 
 
 _REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"

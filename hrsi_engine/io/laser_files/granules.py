@@ -23,14 +23,11 @@ HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 
 
 @thresholds
-class GranuleFillThresholds:
+class GRANULE_FILL:
     """Which numbers of a granule stand for no value."""
 
     largest: float = threshold(1e30, "m", "largest value", "the products fill with 3.4e38")
     lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")
-
-
-GRANULE_FILL = GranuleFillThresholds()
 
 
 #: A beam's arrays by our names, as far as the granule has them.

@@ -25,7 +25,7 @@ MIB = 2**20
 
 
 @thresholds
-class FileBudgets:
+class FILE_BUDGETS:
     """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
 
     rpc_bytes: int = threshold(
@@ -61,7 +61,6 @@ class FileBudgets:
     unfolded_bytes: int = threshold(2048 * MIB, "byte", "largest sum of a spreadsheet's parts")
 
 
-FILE_BUDGETS = FileBudgets()
 #: Bytes of files that are read as a whole, by what they hold.
 MOST_BYTES = {
     "RPC": FILE_BUDGETS.rpc_bytes, "points": FILE_BUDGETS.points_bytes, "matches": FILE_BUDGETS.matches_bytes,
@@ -71,7 +70,7 @@ MOST_BYTES = {
 
 
 @thresholds
-class RasterBudgets:
+class RASTER_BUDGETS:
     """What a raster may claim to be."""
 
     side_px: int = threshold(4_000_000, "px", "longest side", "a mosaic of the world at 10 m")
@@ -86,11 +85,8 @@ class RasterBudgets:
     )
 
 
-RASTER_BUDGETS = RasterBudgets()
-
-
 @thresholds
-class GroundHeights:
+class GROUND_HEIGHTS:
     """Which heights ground on Earth can have."""
 
     lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
@@ -101,11 +97,8 @@ class GroundHeights:
     )  # fmt: skip
 
 
-GROUND_HEIGHTS = GroundHeights()
-
-
 @thresholds
-class RpcBudgets:
+class RPC_BUDGETS:
     """Which offsets, scales and coefficients an RPC can have."""
 
     image_px: float = threshold(
@@ -126,9 +119,6 @@ class RpcBudgets:
         "the constant term is 1 in the files of all vendors; beyond, the denominator would pass zero",
     )  # fmt: skip
     coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
-
-
-RPC_BUDGETS = RpcBudgets()
 
 
 _IMAGE, _HEIGHT = (-RPC_BUDGETS.image_px, RPC_BUDGETS.image_px), (-RPC_BUDGETS.height_m, RPC_BUDGETS.height_m)

@@ -23,13 +23,10 @@ LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 
 @thresholds
-class PageNumberThresholds:
+class PAGE_NUMBERS:
     """How numbers are written on pages."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
-
-
-PAGE_NUMBERS = PageNumberThresholds()
 
 
 def write_page(

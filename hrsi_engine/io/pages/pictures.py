@@ -11,14 +11,11 @@ from ..opening.datasets import gdal_messages
 
 
 @thresholds
-class PictureThresholds:
+class PICTURES:
     """How pictures on pages are compressed and filled."""
 
     jpeg_quality: int = threshold(70, "", "quality of JPEG")
     fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
-
-
-PICTURES = PictureThresholds()
 
 
 def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:

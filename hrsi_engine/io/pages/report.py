@@ -17,13 +17,10 @@ __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
 
 
 @thresholds
-class ReportPlotThresholds:
+class REPORT_PLOTS:
     """What plots of a report show."""
 
     bars: int = threshold(12, "images", "most images with a bar of their own")
-
-
-REPORT_PLOTS = ReportPlotThresholds()
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:

@@ -28,14 +28,11 @@ _KEYPOINTS, _MATCHES = "keypoints", "matches0"
 
 
 @thresholds
-class HlocBudgets:
+class HLOC:
     """What a file of hloc may claim to hold."""
 
     numbers: float = threshold(1e8, "values", "most numbers of an array")
     groups: int = threshold(10_000_000, "groups", "most groups of a file")
-
-
-HLOC = HlocBudgets()
 
 
 def read(path: str, features: str = "") -> PointTable:

@@ -22,15 +22,12 @@ _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
 
 
 @thresholds
-class OgrPointBudgets:
+class OGR_POINTS:
     """Which geometries of a database are points."""
 
     point_bytes: int = threshold(
         128, "byte", "longest geometry", "a point with the longest header that a GeoPackage has"
     )
-
-
-OGR_POINTS = OgrPointBudgets()
 
 
 _NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)

@@ -15,16 +15,13 @@ from .georeference import Georeference
 
 
 @thresholds
-class MapGridThresholds:
+class MAP_GRID:
     """When an image on a map's grid has the RPC of these pixels."""
 
     step_share: float = threshold(
         0.03, "", "by which a step of a pixel may come back as another one through map and RPC",
         "products in map projection stay below 0.002",
     )  # fmt: skip
-
-
-MAP_GRID = MapGridThresholds()
 
 
 def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:

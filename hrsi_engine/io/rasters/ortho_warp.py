@@ -30,15 +30,12 @@ SCRATCH = "CPL_TMPDIR", "/vsimem"
 
 
 @thresholds
-class WarpThresholds:
+class WARPING:
     """How pixels of the map and of the image relate."""
 
     same_scale: float = threshold(
         1.05, "", "a pixel of the map up to so many times as long counts as one of the image", "as GDAL's warper"
     )
-
-
-WARPING = WarpThresholds()
 
 
 class Pixels(NamedTuple):

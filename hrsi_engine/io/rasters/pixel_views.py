@@ -13,15 +13,12 @@ from ..opening.raster_datasets import open_raster
 
 
 @thresholds
-class StretchThresholds:
+class GREY_STRETCH:
     """How grey values are stretched for a view."""
 
     percentiles: tuple[float, float] = threshold(
         (1.0, 99.0), "%", "percentiles of the grey values that become black and white"
     )
-
-
-GREY_STRETCH = StretchThresholds()
 
 
 def pixel_view(path: str) -> str:

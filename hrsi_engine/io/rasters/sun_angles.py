@@ -51,15 +51,12 @@ _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT",
 
 
 @thresholds
-class SunThresholds:
+class SUN:
     """Which times of acquisition are believed."""
 
     lowest_deg: float = threshold(
         2.0, "deg", "lowest sun that images are taken by; a lower one means that the time is not that of the image"
     )
-
-
-SUN = SunThresholds()
 
 
 _DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata

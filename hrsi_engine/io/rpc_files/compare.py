@@ -13,13 +13,10 @@ from .find import read_rpc_file
 
 
 @thresholds
-class ReadBackThresholds:
+class READ_BACK:
     """When a written RPC is read back as it was written."""
 
     gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
-
-
-READ_BACK = ReadBackThresholds()
 
 
 def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:

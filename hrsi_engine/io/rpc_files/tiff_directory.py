@@ -17,13 +17,10 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class DirectoryThresholds:
+class DIRECTORY:
     """Which directories of TIFF files are sound."""
 
     entries: int = threshold(4096, "tags", "most tags of a first directory", "it has a few dozen")
-
-
-DIRECTORY = DirectoryThresholds()
 
 
 #: Bytes of one value, by TIFF field type.

@@ -1,7 +1,7 @@
 """What tells one state of a file from another, for results that are kept and taken up again by a later run.
 
 Size and time of change do not: copies and archives keep the time, and so do tools that put it back. A file with all its
-side files up to `ContentSampling.whole_bytes` is hashed whole: any change is seen, and nothing else. Of larger ones,
+side files up to `CONTENT_SAMPLING.whole_bytes` is hashed whole: any change is seen, and nothing else. Of larger ones,
 reading all would take longer than it saves: their beginnings and ends (headers, tags and tables of tiles stand there)
 are hashed, and some blocks spread over them. Every change that is longer than two distances of blocks is seen by that;
 a smaller one by the times of the last change of content and of the file's record, the second of which no tool can put
@@ -21,7 +21,7 @@ from ..opening.virtual_files import virtual_status
 
 
 @thresholds
-class ContentSampling:
+class CONTENT_SAMPLING:
     """Which parts of a file are hashed to tell its states from one another."""
 
     whole_bytes: int = threshold(
@@ -38,9 +38,6 @@ class ContentSampling:
     remote_bytes: int = threshold(
         2**14, "byte", "beginning of a file behind a server that counts", "what GDAL reads of a remote file in any case"
     )
-
-
-CONTENT_SAMPLING = ContentSampling()
 
 
 _READ_BYTES = 2**20

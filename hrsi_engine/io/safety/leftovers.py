@@ -31,15 +31,12 @@ _NAMES = tuple(
 
 
 @thresholds
-class LeftoverThresholds:
+class LEFTOVERS:
     """When an unfinished file counts as left by a process that is gone."""
 
     old_s: float = threshold(
         7 * 86_400.0, "s", "age beyond which what another machine left on a shared disk counts as dead"
     )
-
-
-LEFTOVERS = LeftoverThresholds()
 
 
 def temporary_name(path: str) -> str:

@@ -14,7 +14,7 @@ from .leftovers import is_unfinished, temporary_name
 
 
 @thresholds
-class ReplacingThresholds:
+class REPLACING:
     """How files are copied and brought to the disk."""
 
     copy_bytes: int = threshold(64 * 2**20, "byte", "length of the parts in which a file is copied")
@@ -22,9 +22,6 @@ class ReplacingThresholds:
         100, "files", "beyond, the whole file system is flushed once instead of each file",
         "a flush of one file takes some milliseconds",
     )  # fmt: skip
-
-
-REPLACING = ReplacingThresholds()
 
 
 @contextmanager

@@ -17,7 +17,7 @@ YEAR_DAYS = 365.0
 
 
 @thresholds
-class DateParameters:
+class DATES:
     """Time of day, snow and air of the dates of a year."""
 
     overpass_hour: float = threshold(10.5, "h", "mean local solar time of the overpass", "sun-synchronous orbits")
@@ -31,8 +31,6 @@ class DateParameters:
     )
     ambient: float = threshold(0.3, "", "share of the light on flat ground that comes from the sky")
 
-
-DATES = DateParameters()
 
 AXIS_DEG = 23.44
 

@@ -23,14 +23,11 @@ from .terrain import TerrainSurface
 
 
 @thresholds
-class ControlParameters:
+class CONTROL_PLACES:
     """Where surveyed points are placed."""
 
     empty_border: float = threshold(0.03, "", "border of an image without points, by its size")
     steepest: float = threshold(0.35, "", "largest slope at a surveyed point")
-
-
-CONTROL_PLACES = ControlParameters()
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,11 @@ from .terrain import TerrainSurface, make_fractal_relief
 
 
 @thresholds
-class CanopyParameters:
+class CANOPY:
     """Where trees stand on a free DEM."""
 
     roughness: float = threshold(0.2, "", "Hurst exponent of what decides where trees stand")
     edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
-
-
-CANOPY = CanopyParameters()
 
 
 class FreeDem(NamedTuple):

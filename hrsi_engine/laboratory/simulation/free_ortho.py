@@ -22,7 +22,7 @@ from .terrain import make_fractal_relief
 
 
 @thresholds
-class FreeOrthoParameters:
+class ORTHO_ERROR:
     """How the errors of a free orthoimage are correlated."""
 
     common_share: float = threshold(0.8, "", "share of the error that all of a scene has")
@@ -32,8 +32,6 @@ class FreeOrthoParameters:
     roughness: float = threshold(0.3, "", "Hurst exponent of the local error")
     corner_from: float = threshold(0.5, "", "share of half the scene beyond which the north-eastern corner begins")
 
-
-ORTHO_ERROR = FreeOrthoParameters()
 
 OTHER_DATE = 1
 ORTHO_BANDS = tuple(range(1, len(SPECTRAL_BANDS)))  #: blue, green, red, near infrared

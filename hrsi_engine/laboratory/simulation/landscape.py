@@ -21,7 +21,7 @@ SPECTRAL_BANDS = ("pan", "blue", "green", "red", "nir")
 
 
 @thresholds
-class LatticeParameters:
+class LAND_LATTICE:
     """Roads and parcels of the landscape."""
 
     block_m: float = threshold(160.0, "m", "side of a block between roads")
@@ -33,8 +33,6 @@ class LatticeParameters:
     roundabout_m: float = threshold(40.0, "m", "diameter of a roundabout")
     island_m: float = threshold(22.0, "m", "diameter of its island")
 
-
-LAND_LATTICE = LatticeParameters()
 
 PER_BLOCK = int(LAND_LATTICE.block_m / LAND_LATTICE.parcel_m)
 #: Amplitude (m), wave length (m) and direction (radians from the axis) of the sines that bend the lattice.

@@ -25,7 +25,7 @@ ICESAT_2 = "ICESat-2: 10 527 segments of ATL06-SR over Utqiagvik, 2018 to 2024"
 
 
 @thresholds
-class LaserParameters:
+class LASER:
     """Geometry, errors and photons of a laser altimeter like ICESat-2."""
 
     pair_distance_m: float = threshold(3300.0, "m", "distance of the pairs of beams", ICESAT_2)
@@ -61,8 +61,6 @@ class LaserParameters:
         (np.log(2.0), 0.8), "", "spread there: mean and sigma of the logarithm"
     )
 
-
-LASER = LaserParameters()
 
 GROUND_HIT, CANOPY_HIT, CLOUD_HIT = 0, 1, 2  #: what a laser point met
 

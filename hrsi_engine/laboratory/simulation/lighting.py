@@ -25,15 +25,12 @@ from .tiles import TilePainter
 
 
 @thresholds
-class LightParameters:
+class LIGHT:
     """How buildings and slopes are lit."""
 
     wall_grey: float = threshold(0.6, "", "grey value of a wall, by that of its roof")
     snow_on_roofs: float = threshold(0.7, "", "share of snow on a roof, by that on open land")
     steepest_light: float = threshold(1.8, "", "largest light on a slope that faces the sun, by that on flat ground")
-
-
-LIGHT = LightParameters()
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,14 +31,11 @@ GRAVITATION = 3.986004418e14  # m3 / s2, WGS84
 
 
 @thresholds
-class OrbitParameters:
+class ORBIT:
     """When the iterations of the camera end."""
 
     line_closure_px: float = threshold(1e-9, "px", "change of the line at which the projection ends")
     most_iterations: int = threshold(40, "steps", "most iterations")
-
-
-ORBIT = OrbitParameters()
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from .tiles import TILES, TilePainter, compute_tile_shape, cut_window
 
 
 @thresholds
-class RenderParameters:
+class RENDERING:
     """Where rays are exact, and the blur of orthophotos."""
 
     node_samples: int = threshold(32, "px", "distance of exact rays along a line")
@@ -37,9 +37,6 @@ class RenderParameters:
         100, "nodes", "nodes in a period of jitter: a sine of 1 px is linear to 5e-4 px", "bound of interpolation"
     )
     ortho_blur_px: float = threshold(0.5, "px", "standard deviation of the blur of an orthophoto")
-
-
-RENDERING = RenderParameters()
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from .views import SceneView
 
 
 @thresholds
-class SceneParameters:
+class SCENE:
     """Size of a scene, and where objects stand."""
 
     most_posts: int = threshold(4000, "posts", "most posts along a side of the terrain")
@@ -30,8 +30,6 @@ class SceneParameters:
     target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
     apron_px: float = threshold(20.0, "px", "diameter of the apron around it")
 
-
-SCENE = SceneParameters()
 
 TARGET_GREY = np.array([1350.0, 1300.0, 1350.0, 1350.0, 1300.0])
 APRON_GREY = np.array([330.0, 330.0, 340.0, 340.0, 330.0])

@@ -21,7 +21,7 @@ from .texture import PeriodicField, SensorTexture, Texture
 
 
 @thresholds
-class YearParameters:
+class YEAR:
     """What changes on the ground within a year."""
 
     texture_days: float = threshold(60.0, "d", "time after which the texture of soil and plants is another one")
@@ -34,8 +34,6 @@ class YearParameters:
     summer_crop_day: float = threshold(95.0, "d", "day on which summer crops are sown")
     ploughing_spread_d: float = threshold(18.0, "d", "standard deviation of these days")
 
-
-YEAR = YearParameters()
 
 #: Visible and near infrared brightness of a field by the days since it was ploughed, relative to its usual one.
 CROP_DAYS = (0.0, 40.0, 110.0, 190.0, 225.0, 260.0, 330.0, 365.0)

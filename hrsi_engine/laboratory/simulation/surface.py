@@ -22,7 +22,7 @@ from .terrain import TerrainSurface
 
 
 @thresholds
-class IntersectionParameters:
+class INTERSECTION:
     """How rays are met with the terrain."""
 
     occlusion_free: float = threshold(
@@ -30,9 +30,6 @@ class IntersectionParameters:
     )
     height_tolerance_m: float = threshold(5e-4, "m", "largest error of a height")
     bisections: int = threshold(14, "steps", "bisections of the last step")
-
-
-INTERSECTION = IntersectionParameters()
 
 
 class RayPaths(NamedTuple):

@@ -21,14 +21,11 @@ from ...ground.geodesy import metres_per_degree, wrap_degrees
 
 
 @thresholds
-class TerrainParameters:
+class FRACTAL_RELIEF:
     """Shape of the fractal relief."""
 
     roughness: float = threshold(0.95, "", "Hurst exponent H of the hills")
     cliff_roughness: float = threshold(1.6, "", "H of the relief whose zero line cliffs follow: few and long ones")
-
-
-FRACTAL_RELIEF = TerrainParameters()
 
 
 @dataclass(frozen=True)

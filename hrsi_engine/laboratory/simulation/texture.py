@@ -25,14 +25,11 @@ RAMP = np.float32(np.sqrt(2.0 * np.pi))
 
 
 @thresholds
-class SnowParameters:
+class SNOW:
     """How snow looks."""
 
     grey: float = threshold(1450.0, "DN", "grey value of snow")
     on_roads: float = threshold(0.35, "", "share of snow on roads, by that on open land")
-
-
-SNOW = SnowParameters()
 
 
 @runtime_checkable

@@ -18,14 +18,11 @@ from .texture import SensorTexture, paint_objects
 
 
 @thresholds
-class TileParameters:
+class TILES:
     """How images are painted tile by tile."""
 
     tile_px: int = threshold(256, "px", "side of a tile")
     reach_sigmas: float = threshold(4.0, "sigma", "reach of an object's blur")
-
-
-TILES = TileParameters()
 
 
 def list_tiles(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:

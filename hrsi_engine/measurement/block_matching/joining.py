@@ -43,7 +43,7 @@ _CLIFFS = "simulated cliffs, clouds, water, bands: nearly all false, 1 of 200 go
 
 
 @thresholds
-class MatchTestThresholds:
+class TESTS:
     """Which matches of a pair and of a track contradict the others, and what sigma the rest has."""
 
     least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", _RELIEF)
@@ -62,7 +62,6 @@ class MatchTestThresholds:
     same_place_px: float = threshold(3.0, "px", "between tracks of two references that are one point")
 
 
-TESTS = MatchTestThresholds()
 MEDIAN_CHI_SQUARED = 0.4549  # with one degree of freedom
 
 

@@ -31,7 +31,7 @@ _YEAR = "simulated year, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
 
 
 @thresholds
-class LinkThresholds:
+class LINKS:
     """Which links between images hold a block together."""
 
     near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
@@ -45,9 +45,6 @@ class LinkThresholds:
     smallest_part: int = threshold(3, "images", "that are used though nothing ties them to the others")
     displaced_px: float = threshold(32.0, "px", "least offset of an image whose RPC is wrong")
     displaced_factor: float = threshold(8.0, "", "offset of such an image over the block's median")
-
-
-LINKS = LinkThresholds()
 
 
 class ImageLink(NamedTuple):

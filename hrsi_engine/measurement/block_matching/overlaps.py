@@ -30,7 +30,7 @@ _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
 
 
 @thresholds
-class PairChoiceThresholds:
+class CHOICE:
     """Which of many overlapping pairs are probed and matched."""
 
     features: int = threshold(600, "features", "of an image that are compared", _YEAR)
@@ -48,7 +48,6 @@ class PairChoiceThresholds:
     found_worth: float = threshold(1e6, "features", "added to the worth of pairs that matched: they stay in new trees")
 
 
-CHOICE = PairChoiceThresholds()
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)
 
 

@@ -17,7 +17,7 @@ _SPEED = "measured for speed, 2026-11-22"
 
 
 @thresholds
-class OverviewThresholds:
+class OVERVIEW:
     """Resolution of overviews, the features that are kept of them, and their comparison within bands."""
 
     smallest_px: int = threshold(1024, "px", "least longer side of an overview, where the image has it")
@@ -29,9 +29,6 @@ class OverviewThresholds:
     cells: int = threshold(10, "cells", "along each side, over which features are kept evenly")
     ratio: float = threshold(0.85, "", "of distances to the nearest descriptors of a band", "Lowe 2004: 0.8 of all")
     line_batch: int = threshold(256, "lines", "compared at a time: neighbours have few points in question", _SPEED)
-
-
-OVERVIEW = OverviewThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ from .joining import BlockMatches, group_by_pair
 
 
 @thresholds
-class RelativeCameraThresholds:
+class CAMERAS:
     """Shifts of a block's cameras to one another, and how far around a predicted place is searched."""
 
     prior_px: float = threshold(30.0, "px", "a priori standard deviation of a camera's shift")
@@ -42,9 +42,6 @@ class RelativeCameraThresholds:
     widest_px: float = threshold(24.0, "px", "searched around where an image without matches is expected")
     neighbours: int = threshold(5, "points", "whose median height is that of the ground between them")
     sampled: int = threshold(16, "points", "of a pair, whose mean derivatives stand for all")
-
-
-CAMERAS = RelativeCameraThresholds()
 
 
 @dataclass(frozen=True, eq=False)

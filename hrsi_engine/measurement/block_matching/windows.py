@@ -13,7 +13,7 @@ from ..tile_matching.types import ImageTile, TilePairGeometry
 
 
 @thresholds
-class TieWindowThresholds:
+class TIE_WINDOWS:
     """Which windows of an image are matched with which parts of others, and how they are read."""
 
     height_safety: float = threshold(3.0, "sigma", "of the height, to which a window is searched")
@@ -30,9 +30,6 @@ class TieWindowThresholds:
     fewest_common: int = threshold(3, "points", "that tell how the apparent heights of two partners differ")
     miss_px: float = threshold(1e-3, "px", "of the cubic of a window, above which its RPCs are used")
     height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "of the cubic, for the lines' step")
-
-
-TIE_WINDOWS = TieWindowThresholds()
 
 
 class ImageWindow(NamedTuple):

@@ -8,15 +8,12 @@ from .views import NetworkWindow
 
 
 @thresholds
-class PatchThresholds:
+class PATCHES:
     """Patches whose grey values are correlated."""
 
     half_px: int = threshold(8, "px", "half side: patches of 17 x 17 px")
     least_usable: float = threshold(0.75, "", "smallest share of pixels usable in both windows")
     batch: int = threshold(1800, "patches", "patches in memory at a time")
-
-
-PATCHES = PatchThresholds()
 
 
 def correlate_patches(

@@ -26,15 +26,12 @@ from .views import NetworkWindow
 
 
 @thresholds
-class GrowthThresholds:
+class GROWTH:
     """How the rounds of growth search and end."""
 
     most_candidates: int = threshold(12, "points", "most candidates of a point")
     most_rounds: int = threshold(200, "rounds", "most rounds of all stages")
     closer: float = threshold(0.75, "", "ratio of distances from which a point is matched again under a nearer node")
-
-
-GROWTH = GrowthThresholds()
 
 
 class GrowthStage(NamedTuple):

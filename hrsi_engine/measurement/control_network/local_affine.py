@@ -15,16 +15,13 @@ from .polar import rotate_offset
 
 
 @thresholds
-class LocalAffineThresholds:
+class LOCAL_AFFINE:
     """The robust affine map through the nodes around a point."""
 
     neighbours: int = threshold(12, "nodes", "nodes of a map")
     similarity_weight: float = threshold(0.5, "nodes", "weight of the whole network's similarity at the mean distance")
     iterations: int = threshold(5, "steps", "reweighted solutions")
     scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: differences of right neighbours")
-
-
-LOCAL_AFFINE = LocalAffineThresholds()
 
 
 class LocalAffine(NamedTuple):

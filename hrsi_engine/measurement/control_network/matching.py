@@ -24,7 +24,7 @@ from .views import NetworkWindow, read_network_window
 
 
 @thresholds
-class ControlNetworkThresholds:
+class CONTROL_NETWORK:
     """How a network grows, and which windows are matched."""
 
     steep_deg: float = threshold(30.0, "°", "slope of the ground in the later stages of growth")
@@ -33,9 +33,6 @@ class ControlNetworkThresholds:
     reduction_ratio: float = threshold(1.25, "", "ratio of pixel sizes from which the finer window is reduced")
     equal_scales: tuple[float, float] = threshold((1.0, 1.0), "", "range of scales tried first")
     largest_window_px: int = threshold(8192 * 8192, "px", "largest area of a window, for the memory")
-
-
-CONTROL_NETWORK = ControlNetworkThresholds()
 
 
 def choose_tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:

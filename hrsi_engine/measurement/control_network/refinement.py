@@ -17,7 +17,7 @@ LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs d
 
 
 @thresholds
-class RefinementThresholds:
+class REFINEMENT:
     """Which nodes least-squares matching, neighbours and epipolar geometry confirm."""
 
     least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
@@ -26,9 +26,6 @@ class RefinementThresholds:
     outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier", NETWORK_PAIRS)
     outlier_sigmas: float = threshold(4.0, "sigma", "smallest epipolar residual of an outlier")
     most_rounds: int = threshold(8, "rounds", "most rounds of rejection")
-
-
-REFINEMENT = RefinementThresholds()
 
 
 class NodePositions(NamedTuple):

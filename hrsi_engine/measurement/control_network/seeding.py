@@ -39,7 +39,7 @@ from .views import NetworkWindow
 
 
 @thresholds
-class SeedThresholds:
+class SEEDING:
     """Which super points a network begins with, and when its first nodes are believed."""
 
     cell_px: float = threshold(100.0, "px", "side of a cell", "thesis section 3.3: 110 in 400 x 400 px")
@@ -53,9 +53,6 @@ class SeedThresholds:
     feature_reach_px: float = threshold(8.0, "px", "distance from where features put a point", NETWORK_PAIRS)
     feature_spread_px: float = threshold(0.75, "px", "largest epipolar scatter of such a network", NETWORK_PAIRS)
     likely_pairs: int = threshold(150, "pairs", "pairs of roots that are compared by grey values", NETWORK_PAIRS)
-
-
-SEEDING = SeedThresholds()
 
 
 class Seed(NamedTuple):

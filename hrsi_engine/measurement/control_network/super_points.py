@@ -34,7 +34,7 @@ from .voting import bound_votes
 
 
 @thresholds
-class SuperPointThresholds:
+class SUPER_POINTS:
     """When the best pair of roots is more than chance and has no rival."""
 
     rival_share: float = threshold(0.75, "", "correspondences of a rival that makes a match ambiguous, by the winner's")
@@ -46,8 +46,6 @@ class SuperPointThresholds:
     rival_gradient: float = threshold(0.2, "", "displacement of the root by relief, by its distance, in one match")
     rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of the rotation in one match")
 
-
-SUPER_POINTS = SuperPointThresholds()
 
 _SECTOR_RAD = 2.0 * np.pi / SUPER_POINTS.sectors
 

@@ -16,7 +16,7 @@ NETWORK_PAIRS = "real pairs, 2026-11-21 and 22 (docs/matching.md)"
 
 
 @thresholds
-class NetworkThresholds:
+class NETWORK:
     """How exactly leaves lie where a network puts them, and which ancestors give its direction."""
 
     radius_share: float = threshold(
@@ -25,9 +25,6 @@ class NetworkThresholds:
     shortest_arm_px: float = threshold(20.0, "px", "nearer ancestors give no direction (0.5 px is a degree)")
     ancestors: int = threshold(8, "generations", "how far back a direction is taken from")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before least-squares matching")
-
-
-NETWORK = NetworkThresholds()
 
 
 def compute_effective_distances(

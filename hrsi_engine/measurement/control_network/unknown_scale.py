@@ -19,7 +19,7 @@ from .tolerances import NETWORK_PAIRS
 
 
 @thresholds
-class ScaleThresholds:
+class SCALE:
     """How features vote for the similarity of two windows."""
 
     features: int = threshold(6000, "features", "most features of a window")
@@ -35,9 +35,6 @@ class ScaleThresholds:
     margin: float = threshold(1.05, "", "factor to both sides of the scale found")
     glance_px: int = threshold(500_000, "px", "area of a window that features are first found in")
     look_px: int = threshold(16_000_000, "px", "and where that fails")
-
-
-SCALE = ScaleThresholds()
 
 
 class FeatureVote(NamedTuple):

@@ -21,15 +21,12 @@ from .tolerances import Tolerance
 
 
 @thresholds
-class VotingThresholds:
+class VOTING:
     """Bins of the histograms by which pairs of roots are bounded."""
 
     directions: int = threshold(256, "bins", "bins of direction")
     ring_px: float = threshold(4.0, "px", "width of a bin of distance")
     pairs_per_batch: int = threshold(40_000, "pairs", "pairs of roots in memory at a time, about 120 MB")
-
-
-VOTING = VotingThresholds()
 
 
 def bound_votes(

@@ -28,7 +28,7 @@ BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/in
 
 
 @thresholds
-class BlobThresholds:
+class BLOBS:
     """Where seeds of blobs are searched, how their outlines run, and which of them are blobs."""
 
     seed_sigmas_px: tuple[float, ...] = threshold(
@@ -57,8 +57,6 @@ class BlobThresholds:
     same_blob: float = threshold(0.35, "", "distance of centres of one blob, as a share of the radius")
     sigma_px: tuple[float, float] = threshold((0.15, 0.03), "px, share", "sigma of a coordinate", BLOB_PAIRS)
 
-
-BLOBS = BlobThresholds()
 
 #: Log odds of detection in another view: constant, logarithm of radius / 4 px and its square, unevenness, dark.
 CHANCE_TERMS = (0.82, 0.42, -0.94, -0.45, -0.82)

@@ -20,7 +20,7 @@ SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (docs/i
 
 
 @thresholds
-class CornerThresholds:
+class CORNER_DETECTION:
     """Filters of the structure tensor, and which of its maxima are corners."""
 
     derivative_px: float = threshold(1.0, "px", "standard deviation of the Gaussian of the derivatives")
@@ -28,9 +28,6 @@ class CornerThresholds:
     support_px: int = threshold(12, "px", "distance over which pixels influence the strength")
     roundness: float = threshold(0.5, "", "smallest q: 1 for gradients of all directions, 0 on an edge")
     model_sigma_px: float = threshold(0.25, "px", "repeatability between views, without noise", SIMULATED_OBJECTS)
-
-
-CORNER_DETECTION = CornerThresholds()
 
 
 class StructureTensor(NamedTuple):

@@ -37,7 +37,7 @@ BLOB = "blob"
 
 
 @thresholds
-class DetectionThresholds:
+class DETECTION:
     """Which images are large enough to detect in, and which centres are one object."""
 
     shape_chance: float = threshold(2.0 / 3.0, "", "chance of the best shape to be found again", BLOB_PAIRS)
@@ -45,9 +45,6 @@ class DetectionThresholds:
     same_size: float = threshold(1.4, "", "largest ratio of their diameters")
     smallest_side_px: int = threshold(32, "px", "smallest side of an image or window")
     small_image_px: int = threshold(2**22, "px", "area up to which strength thresholds are set from all of the image")
-
-
-DETECTION = DetectionThresholds()
 
 
 class Detector(Protocol):

@@ -23,7 +23,7 @@ from .windows import DetectionWindow
 
 
 @thresholds
-class CentreThresholds:
+class CENTRE:
     """Which shapes have a gravity centre, and how their quality is scored."""
 
     largest_gap: float = threshold(0.12, "", "largest share of the outline without a clear edge", SIMULATED_OBJECTS)
@@ -42,9 +42,6 @@ class CentreThresholds:
     zero_sigma_px: float = threshold(0.25, "px", "sigma of the centre from which it scores 0", SIMULATED_OBJECTS)
     zero_closed: float = threshold(0.65, "", "closed share of the outline below which it scores 0", SIMULATED_OBJECTS)
     strong_quality: float = threshold(0.75, "", "quality from which most views have the shape", SIMULATED_OBJECTS)
-
-
-CENTRE = CentreThresholds()
 
 
 class GravityCentre(NamedTuple):

@@ -22,7 +22,7 @@ BRIGHT, DARK, EVEN = 1, -1, 0
 
 
 @thresholds
-class RegionThresholds:
+class REGION:
     """Which stable regions of the grey levels and of the slopes are compact candidates of objects."""
 
     scales: tuple[int, int] = threshold((1, 4), "", "reductions of the image in which regions are searched")
@@ -38,9 +38,6 @@ class RegionThresholds:
     fewest_pixels: int = threshold(12, "px", "smallest area of a region")
     compactness: float = threshold(0.86, "", "area by that of the ellipse of equal moments", SIMULATED_OBJECTS)
     largest_elongation: float = threshold(4.0, "", "largest ratio of the axes; longer regions are roads and shadows")
-
-
-REGION = RegionThresholds()
 
 
 @dataclass(frozen=True, eq=False)

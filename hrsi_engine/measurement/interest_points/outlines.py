@@ -22,7 +22,7 @@ from .level_regions import EVEN, REGION, LevelRegions
 
 
 @thresholds
-class OutlineThresholds:
+class OUTLINE_SAMPLING:
     """How the outline of a region is sampled and its edge points are measured."""
 
     slope_px: float = threshold(0.7, "px", "standard deviation of the Gaussian of the slope")
@@ -35,9 +35,6 @@ class OutlineThresholds:
     fewest_points: int = threshold(16, "points", "fewest points of an outline")
     most_points: int = threshold(96, "points", "most points of an outline")
     slope_to_noise: float = threshold(4.0, "sigma", "smallest slope of a clear edge")
-
-
-OUTLINE_SAMPLING = OutlineThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ SHADOW_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)
 
 
 @thresholds
-class ShadowThresholds:
+class SHADOW:
     """Which dark centres are shadows of objects; grey values around them are compared."""
 
     beyond_px: float = threshold(5.0, "px", "distance of the samples of the casting object", SHADOW_IMAGES)
@@ -35,9 +35,6 @@ class ShadowThresholds:
     half_brighter: float = threshold(0.1, "", "smallest difference of the halves, likewise", SHADOW_IMAGES)
     margin_px: int = threshold(8, "px", "margin of the pixels read")
     step_m: float = threshold(100.0, "m", "length on the ground over which a direction is carried into the image")
-
-
-SHADOW = ShadowThresholds()
 
 
 def find_shadows(raster: Raster, points: InterestPoints, towards_sun: np.ndarray) -> np.ndarray:

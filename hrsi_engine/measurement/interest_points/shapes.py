@@ -27,7 +27,7 @@ from .outlines import Outlines, SlopeImage, find_edges_along
 
 
 @thresholds
-class ShapeThresholds:
+class SHAPE:
     """When an ellipse, a rectangle or a polygon explains an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
@@ -58,9 +58,6 @@ class ShapeThresholds:
     fine_reach_px: float = threshold(1.25, "px", "search along the normals of the shape")
     corner_share: float = threshold(0.12, "", "share of a side at each end that its rounded corner takes away")
     corner_px: float = threshold(1.5, "px", "but at least so much")
-
-
-SHAPE = ShapeThresholds()
 
 
 class Shapes(NamedTuple):

@@ -17,7 +17,7 @@ from .windows import WINDOWS, Area, DetectionWindow, read_window
 
 
 @thresholds
-class StatisticsThresholds:
+class LOCAL_STATISTICS:
     """How local mean and standard deviation are estimated, and from where on a deviation is structure."""
 
     averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
@@ -26,8 +26,6 @@ class StatisticsThresholds:
     noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
     contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
 
-
-LOCAL_STATISTICS = StatisticsThresholds()
 
 STATISTICS_HALO_PX = WINDOWS.grid_px * (
     LOCAL_STATISTICS.averaged_cells // 2 + 1

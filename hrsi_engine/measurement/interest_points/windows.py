@@ -15,7 +15,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class WindowThresholds:
+class WINDOWS:
     """Size of the windows that an image is read in, and which of their pixels are saturated."""
 
     core_px: int = threshold(1536, "px", "side of a core; with a halo of 256 a window has 2048 x 2048 pixels")
@@ -23,9 +23,6 @@ class WindowThresholds:
     saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturated")
     fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces an invalid pixel")
     saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area; single glints stay usable")
-
-
-WINDOWS = WindowThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from .predicted_patches import predict_patch, read_patch
 
 
 @thresholds
-class BiasSearchThresholds:
+class BIAS:
     """Search for an image's offset to a reference, coarse to fine."""
 
     first_search_px: float = threshold(64.0, "px", "largest offset of the first attempt")
@@ -36,9 +36,6 @@ class BiasSearchThresholds:
     contrast: float = threshold(9.0, "sigma", "robust standard deviations by which a peak must stand out")
     rival: float = threshold(0.75, "", "height over the peak's, above which a second one makes it ambiguous")
     node: float = threshold(8.0, "working px", "between nodes of the predicted part")
-
-
-BIAS = BiasSearchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

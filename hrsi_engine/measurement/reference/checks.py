@@ -19,7 +19,7 @@ from .matching import ImageControl, ReferenceControl
 
 
 @thresholds
-class ReferenceCheckThresholds:
+class REFERENCE_CHECKS:
     """When a reference contradicts the RPCs, surveyed GCPs or itself."""
 
     limit: float = threshold(3.5, "sigma", "beyond which an offset is excessive", "normal, in the plane: 0.2 %")
@@ -28,9 +28,6 @@ class ReferenceCheckThresholds:
     parts: int = threshold(3, "parts", "along each side of the ground")
     fewest_places: int = threshold(4, "places", "of an image by which a part is judged")
     drift_m: float = threshold(1.0, "m", "standard deviation of an image's own bias from part to part")
-
-
-REFERENCE_CHECKS = ReferenceCheckThresholds()
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from .robust_offsets import Agreement, find_agreement
 
 
 @thresholds
-class ReferenceMatchThresholds:
+class REFERENCE_MATCHES:
     """When a place of a reference is found in an image, and how well."""
 
     coarser: float = threshold(1.25, "", "pixel of the orthoimage over the image's, from which it sets the resolution")
@@ -50,9 +50,6 @@ class ReferenceMatchThresholds:
     lsm_reach: float = threshold(1.5, "working px", "that least-squares matching may move")
     smoothing: float = threshold(0.7, "working px", "Gaussian of both windows")
     border: int = threshold(4, "working px", "around a template, for smoothing and slopes")
-
-
-REFERENCE_MATCHES = ReferenceMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from ...surface.dem import HeightSurface, Status, intersect_surface
 
 
 @thresholds
-class ReferencePatchThresholds:
+class PATCH:
     """Which places of a reference are looked for, and how it is resampled to the pixels of images."""
 
     blur: float = threshold(0.45, "px of the coarser image", "standard deviation of the low-pass filter")
@@ -29,9 +29,6 @@ class ReferencePatchThresholds:
     flat: float = threshold(0.02, "", "texture over the median, below which a place shows nothing")
     rays: int = threshold(40, "rays", "along each side of an image, by which its ground is known")
     most_cells: int = threshold(20_000, "cells", "of all images together")
-
-
-PATCH = ReferencePatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

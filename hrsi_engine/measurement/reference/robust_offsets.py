@@ -14,7 +14,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class OffsetAgreementThresholds:
+class OFFSETS:
     """When the offsets of an image agree on one affine bias."""
 
     rounds: int = threshold(20, "rounds", "of reweighting")
@@ -24,7 +24,6 @@ class OffsetAgreementThresholds:
     affine_from: int = threshold(12, "offsets", "fewer only give a shift")
 
 
-OFFSETS = OffsetAgreementThresholds()
 TUKEY = 4.685
 
 

@@ -15,7 +15,7 @@ from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, in
 
 
 @thresholds
-class EdgeThresholds:
+class EDGES:
     """Which pixels are edge points, and which of them a straight segment."""
 
     slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
@@ -23,9 +23,6 @@ class EdgeThresholds:
     line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
     direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
     largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")
-
-
-EDGES = EdgeThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,15 +18,12 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class EllipseThresholds:
+class ELLIPSES:
     """How ellipses are fitted."""
 
     fewest_points: int = threshold(6, "points", "fewest edge points: five unknowns, redundancy 1", "theory")
     iterations: int = threshold(20, "steps", "most Gauss-Newton steps")
     step_px: float = threshold(1e-5, "px", "smallest movement of the centre that is followed")
-
-
-ELLIPSES = EllipseThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,11 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class LineThresholds:
+class LINES:
     """When edge points make a line, and two lines a corner."""
 
     fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
     smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
-
-
-LINES = LineThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ TARGET_CENTER, TARGET_CORNER = "center", "corner"
 
 
 @thresholds
-class TargetThresholds:
+class TARGETS:
     """Which measured centres and corners are refused, and which part of an edge is used."""
 
     largest_sigma_px: float = threshold(0.5, "px", "largest standard deviation of a coordinate")
@@ -39,9 +39,6 @@ class TargetThresholds:
     end_px: float = threshold(4.0, "px", "largest distance of an edge's end from the corner")
     stray_px: float = threshold(0.6, "px", "edge points farther from their line are stray")
     statistics_px: int = threshold(256, "px", "half side of the area of local statistics")
-
-
-TARGETS = TargetThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class EpipolarThresholds:
+class EPIPOLAR:
     """How epipolar lines are taken from RPCs, and which matches agree with them."""
 
     height_step_m: float = threshold(50.0, "m", "half the height difference over which a line's direction is taken")
@@ -26,9 +26,6 @@ class EpipolarThresholds:
     fewest: int = threshold(6, "matches", "by which an offset can be judged")
     fewest_for_plane: int = threshold(30, "matches", "by which a plane can be judged")
     jump_px: float = threshold(8.0, "px", "from that median that buildings and trees explain")
-
-
-EPIPOLAR = EpipolarThresholds()
 
 
 class EpipolarMiss(NamedTuple):

@@ -10,16 +10,13 @@ from .sift_arrays import detect_sift_by_numpy
 
 
 @thresholds
-class FeatureThresholds:
+class FEATURES:
     """How SIFT features are found in satellite images and compared."""
 
     contrast: float = threshold(0.01, "", "least of a feature: 11 bit, little texture", "Lowe 2004 has 0.03")
     valid_px: int = threshold(9, "px", "side of the square around a feature that must be valid")
     stretch: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles of the grey values that become 0 and 255")
     lenient_ratio: float = threshold(0.9, "", "of descriptors' distances; geometry decides", "Lowe 2004 has 0.8")
-
-
-FEATURES = FeatureThresholds()
 
 
 class SiftFeatures(NamedTuple):

@@ -6,7 +6,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 
 @thresholds
-class TileMatchThresholds:
+class TILE_MATCH:
     """Where the points of a window are and are sought, and which matches are kept."""
 
     expected_sigma_px: float = threshold(0.1, "px", "of a match, above which a point is dropped")
@@ -25,9 +25,6 @@ class TileMatchThresholds:
     change_weight: float = threshold(0.35, "", "of that movement in sigma", "errors of simulated pairs, 2026-11-21")
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
     normalised: float = threshold(4.0, "sigma", "of its own that a match may be off across its line")
-
-
-TILE_MATCH = TileMatchThresholds()
 
 
 @dataclass(frozen=True)

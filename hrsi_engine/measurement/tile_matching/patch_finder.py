@@ -12,7 +12,7 @@ from ..window_matching.cross_correlation import correlate_template
 
 
 @thresholds
-class PatchFinderThresholds:
+class FINDER:
     """Distinct windows of a tile, and when one is found by correlation."""
 
     half_px: int = threshold(12, "px", "half the side of a window")
@@ -24,7 +24,6 @@ class PatchFinderThresholds:
     rival_px: int = threshold(4, "px", "from the best peak, beyond which a peak is a second one")
 
 
-FINDER = PatchFinderThresholds()
 SOBEL = np.array([1.0, 2.0, 1.0]) / 4.0, np.array([-1.0, 0.0, 1.0]) / 2.0
 
 

@@ -21,7 +21,7 @@ _LOWE = "Lowe 2004"
 
 
 @thresholds
-class SiftParameters:
+class SIFT:
     """Parameters of SIFT as OpenCV has them."""
 
     layers: int = threshold(3, "scales", "of an octave", _LOWE)
@@ -40,7 +40,6 @@ class SiftParameters:
     batch: int = threshold(256, "features", "described at a time: memory")
 
 
-SIFT = SiftParameters()
 DESCRIPTOR_PARTS, TURNS = 4, 8  # of a descriptor
 
 

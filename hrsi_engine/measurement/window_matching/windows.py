@@ -16,7 +16,7 @@ TERMS = 8  # two shifts, four affine terms, gain, offset
 
 
 @thresholds
-class WindowMatchingThresholds:
+class MATCHING:
     """Weights, limits and batches of correlation, search and least-squares matching."""
 
     smallest_gain: float = threshold(0.05, "", "smallest gain of the grey values; below, the iteration diverges")
@@ -30,9 +30,6 @@ class WindowMatchingThresholds:
     batch: int = threshold(32, "windows", "windows matched at a time by NumPy: they fit into the processor's cache")
     search_batch: int = threshold(64, "windows", "windows searched at a time by NumPy")
     place_batch: int = threshold(512, "places", "places correlated at a time by NumPy")
-
-
-MATCHING = WindowMatchingThresholds()
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from .significance import SIGNIFICANCE, SOUND_BLOCKS
 
 
 @thresholds
-class FieldThresholds:
+class FIELD:
     """When the residuals of an image have a systematic field."""
 
     most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
@@ -32,7 +32,6 @@ class FieldThresholds:
     large_px: float = threshold(4.0, "px", "RMS that bends orthoimages visibly: a reason", SOUND_BLOCKS)
 
 
-FIELD = FieldThresholds()
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many
 MONOMIALS = IMAGE_SPACE[NESTED[-1]].powers.tolist()  # those of all the others are among them
 COLUMNS_OF_MODEL = {name: [MONOMIALS.index(powers) for powers in IMAGE_SPACE[name].powers.tolist()] for name in NESTED}

@@ -11,13 +11,10 @@ SOUND_BLOCKS = "sound simulated blocks of six sensors, seeds below 1000, 2026-11
 
 
 @thresholds
-class SignificanceThresholds:
+class SIGNIFICANCE:
     """Error probability of the verdict's tests."""
 
     risk: float = threshold(1e-4, "", "error probability of each of the twenty tests of a block", "theory")
-
-
-SIGNIFICANCE = SignificanceThresholds()
 
 
 def compute_chi_square_limit(freedom: float, risk: float = SIGNIFICANCE.risk) -> float:
