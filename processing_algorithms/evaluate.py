@@ -64,15 +64,12 @@ SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a lay
 
 
 @thresholds
-class ComparisonThresholds:
+class COMPARISON:
     """When the figures of a set of RPCs say little."""
 
     few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
     denser: int = threshold(3, "", "times the tie points of a cell, where all that a run takes made the RPCs")
     most_pairs: int = threshold(10, "pairs", "pairs in the summary")
-
-
-COMPARISON = ComparisonThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,15 +34,13 @@ from .observations import Observations, select_points
 
 
 @thresholds
-class PredictionThresholds:
+class PREDICTION:
     """Which predictions of image points from the other images are used."""
 
     most_enlargement: float = threshold(10.0, "", "times its own noise that a prediction may have")
     trend_limit: float = threshold(3.0, "robust sigma", "residuals farther from an image pair's trend do not count")
     least_of_trend: int = threshold(8, "points", "fewer give a mean and no affine trend")
 
-
-PREDICTION = PredictionThresholds()
 
 TREND_ROUNDS = 6
 

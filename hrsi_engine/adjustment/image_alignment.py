@@ -34,7 +34,7 @@ from .weights import cauchy
 
 
 @thresholds
-class ImageAlignmentThresholds:
+class IMAGE_ALIGNMENT:
     """How images are brought together before measurements are judged."""
 
     points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
@@ -45,9 +45,6 @@ class ImageAlignmentThresholds:
     finest: float = threshold(4.0, "sigma", "scale of the last pass, where the images meet but for their drift")
     settled: float = threshold(1e-3, "", "relative decrease of the cost that ends a pass")
     most_steps: int = threshold(10, "steps", "of a pass; shifts are almost linear")
-
-
-IMAGE_ALIGNMENT = ImageAlignmentThresholds()
 
 
 def align_images(

@@ -24,16 +24,13 @@ GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 
 
 @thresholds
-class HoldOutThresholds:
+class HOLD_OUT:
     """Which tracks may be held out."""
 
     fewest_tracks: int = threshold(500, "tracks", "blocks with no more tie tracks need all of them to adjust")
     cells: int = threshold(8, "cells", "along each side of an image, from each of which the share is taken")
     least_kept: float = threshold(0.5, "", "share of a pair's common tracks that stays in the adjustment")
     fewest_kept: int = threshold(8, "tracks", "common to a pair that stay in the adjustment, if it has so many")
-
-
-HOLD_OUT = HoldOutThresholds()
 
 
 @options

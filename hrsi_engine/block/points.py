@@ -18,13 +18,10 @@ from .columns import Columns
 
 
 @thresholds
-class SamePointThresholds:
+class SAME_POINT:
     """When two positions are of one point."""
 
     same_position_m: float = threshold(0.1, "m", "largest distance between two positions of one id")
-
-
-SAME_POINT = SamePointThresholds()
 
 
 class Role(IntEnum):

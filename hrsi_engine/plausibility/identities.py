@@ -23,16 +23,13 @@ from .sightlines import Sightlines, compute_sightlines
 
 
 @thresholds
-class IdentityThresholds:
+class IDENTITY:
     """When measurements may belong to other points or images than their ids say."""
 
     most_points: int = threshold(400, "points", "permutations of more are not tried: the costs grow with the square")
     most_images: int = threshold(12, "images", "permutations of more are not tried")
     sampled_points: int = threshold(12, "points", "of each image, that judge a permutation of images")
     position_sigmas: float = threshold(5.0, "sigma", "of the RPC, within which a measurement may be of a survey")
-
-
-IDENTITY = IdentityThresholds()
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:

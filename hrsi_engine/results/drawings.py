@@ -33,7 +33,7 @@ from .tables import choose_positions
 
 
 @thresholds
-class ReportPageThresholds:
+class REPORT_PAGE:
     """How much of a block the report's page shows."""
 
     most_known: int = threshold(1500, "points", "known points on the map, the worst first")
@@ -48,8 +48,6 @@ class ReportPageThresholds:
     most_picture_pixels: int = threshold(400_000_000, "px", "pixels read for all pictures together: some seconds")
     covering_share: float = threshold(0.05, "", "share of an image that it must add to the background of the map")
 
-
-REPORT_PAGE = ReportPageThresholds()
 
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
 PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the number of images up to which

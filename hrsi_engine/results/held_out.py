@@ -24,13 +24,11 @@ from .residuals import radial_rmse, rmse
 
 
 @thresholds
-class HeldOutThresholds:
+class HELD_OUT:
     """Which held-out tracks count."""
 
     wrong_match: float = threshold(4.0, "robust sigma", "across epipolar lines, beyond the pair's trend: not counted")
 
-
-HELD_OUT = HeldOutThresholds()
 
 NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse_px": None, "wrong": 0}
 

@@ -27,15 +27,13 @@ from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions
 
 
 @thresholds
-class EarlierBlockThresholds:
+class EARLIER_BLOCK:
     """When earlier measurements are those of a new file."""
 
     same_place_px: float = threshold(
         1e-3, "px", "distance of two measurements of one point on one image that are the same"
     )
 
-
-EARLIER_BLOCK = EarlierBlockThresholds()
 
 EARLIER = "earlier:"  # before ids of earlier tie points where new ones have the same ids
 

@@ -26,13 +26,10 @@ MAKERS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
 
 
 @thresholds
-class RpcLineageThresholds:
+class RPC_LINEAGE:
     """When a measurement is one that made an RPC."""
 
     same_px: float = threshold(0.1, "px", "distance of two measurements that are the same one, read or found again")
-
-
-RPC_LINEAGE = RpcLineageThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,15 +41,13 @@ from .states import Cofactors, Normals, PointJacobians, PointPriors, State
 
 
 @thresholds
-class PointStepThresholds:
+class POINT_STEPS:
     """When an intersection of rays is settled."""
 
     closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
     most_step_m: float = threshold(5e3, "m", "largest step: with weak geometry steps are short")
     worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
 
-
-POINT_STEPS = PointStepThresholds()
 
 MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
 INTERSECT_STEPS = 15

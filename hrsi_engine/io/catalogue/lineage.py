@@ -1,7 +1,7 @@
 """What a result was made from, by what and when: the entries of a report that let a run be followed and repeated.
 
 An input is known by the SHA-256 of its content. Of a file beyond `ContentSampling.whole_bytes`, and of all that come
-when `LineageBudgets.all_bytes` have been read, only its beginning, its end and blocks spread over it are hashed
+when `LINEAGE.all_bytes` have been read, only its beginning, its end and blocks spread over it are hashed
 (`content_marks` says which): that sees another image under the same name, and not every changed pixel.
 """
 
@@ -25,16 +25,13 @@ from .versions import versions
 
 
 @thresholds
-class LineageBudgets:
+class LINEAGE:
     """How much of the inputs is read for their hashes."""
 
     all_bytes: int = threshold(
         2**30, "byte", "when this is read, further files are known by parts only", "some seconds"
     )
     files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
-
-
-LINEAGE = LineageBudgets()
 
 
 #: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.

@@ -18,7 +18,7 @@ from .significance import SOUND_BLOCKS
 
 
 @thresholds
-class ConnectionThresholds:
+class CONNECTION:
     """When an image is not reliably connected to its block."""
 
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
@@ -27,9 +27,6 @@ class ConnectionThresholds:
     fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
     kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
     extrapolation_px: float = threshold(5.0, "px", "sigma of image corners beyond that amid the points", SOUND_BLOCKS)
-
-
-CONNECTION = ConnectionThresholds()
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:

@@ -18,13 +18,10 @@ from .significance import SOUND_BLOCKS
 
 
 @thresholds
-class CameraThresholds:
+class CAMERA:
     """Errors of cameras that no observation's standard deviation contains."""
 
     unmodelled_px: float = threshold(0.5, "px", "of a camera's unmodelled errors in sample and line", SOUND_BLOCKS)
-
-
-CAMERA = CameraThresholds()
 
 
 @dataclass(frozen=True, eq=False)
