@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     NO_TIES,
     BlockGrowthOptions,
@@ -47,7 +47,6 @@ ALGORITHM = Algorithm(
         "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
     ),
     options=AdjustAlgorithmOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
         "--image-points block/image_points.csv --height-datum ellipsoidal --output-dir adjusted",

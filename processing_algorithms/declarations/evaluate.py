@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import DemOptions, PointFiles, ResultFolder, SearchOptions, images_option, report_option
 
 AUTOMATIC_TRACKS, NO_TRACKS = "auto", "none"
@@ -65,7 +65,6 @@ ALGORITHM = Algorithm(
         "did by `used_points`."
     ),
     options=EvaluateOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi evaluate block/image_*.tif --rpcs refined=adjusted --tracks block/image_points.csv "
         "--height-datum ellipsoidal --output-dir evaluation",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     POINTS,
     Common,
@@ -51,7 +51,6 @@ ALGORITHM = Algorithm(
         "spread over the image and at several heights; with fewer points only its lower terms are estimated."
     ),
     options=FitRpcOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi fit-rpc --points grid.csv --height-datum ellipsoidal --output-dir fitted",
     ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, algorithm_module
+from ..interface.declare import Algorithm
 from ..interface.option_groups import (
     MandatoryDem,
     MandatoryReference,
@@ -48,7 +48,6 @@ ALGORITHM = Algorithm(
         "The layer gcps is ready for adjust and triangulate; triangulate with its `reference` does both in one go."
     ),
     options=GcpsFromReferenceOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi gcps-from-reference block/image_*.tif --reference block/orthophoto.tif "
         "--dem block/dem.tif --height-datum ellipsoidal --output-dir control",

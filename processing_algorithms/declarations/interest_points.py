@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
-from ..interface.declare import Algorithm, algorithm_module
+from ..interface.declare import Algorithm
 from ..interface.option_groups import ResultFolder, TerrainOptions, band_option, images_option, window_option
 
 LAYERS_FILE, LAYER = "interest_points.gpkg", "interest_points"
@@ -53,7 +53,6 @@ ALGORITHM = Algorithm(
         "height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of the first pixel."
     ),
     options=InterestPointsOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi interest-points block/image_1.tif --detector centres --dem block/dem.tif "
         "--height-datum ellipsoidal --output-dir interest",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import POINTS, Common, OptionalFolder, TerrainOptions, images_option
 
 LAYERS_FILE = "points.gpkg"
@@ -37,7 +37,6 @@ ALGORITHM = Algorithm(
         "pixel (GDAL's pixel and line are 0.5 larger)."
     ),
     options=LocalizeOptions,
-    module=algorithm_module(__name__),
     examples=(
         "echo 40 60 | hrsi localize block/image_1.tif --dem block/dem.tif --height-datum ellipsoidal",
     ),

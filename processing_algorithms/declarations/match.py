@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, options
 from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
-from ..interface.declare import Algorithm, algorithm_module
+from ..interface.declare import Algorithm
 from ..interface.option_groups import (
     ResultFolder,
     TerrainOptions,
@@ -48,7 +48,6 @@ ALGORITHM = Algorithm(
         "the CENTRE of the first pixel."
     ),
     options=MatchAlgorithmOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi match block/image_1.tif block/image_2.tif --window-1 0,0,150,150 --window-2 0,0,150,150 "
         "--output-dir matches",

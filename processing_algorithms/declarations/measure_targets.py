@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.measurement.targets.options import TargetOptions
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     POINTS,
     Common,
@@ -60,7 +60,6 @@ ALGORITHM = Algorithm(
         "more around an ellipse, or three or more on each of two lines. The report shows a chip of every target."
     ),
     options=MeasureTargetsOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi measure-targets block/image_*.tif --points block/ground_points.csv "
         "--height-datum ellipsoidal --output-dir targets",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.ortho.options import MisregistrationOptions
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import Common, ResultFolder, report_option
 
 LAYERS_FILE, LAYERS = "misregistration.gpkg", ("misregistration_utm", "misregistration_wgs84")
@@ -38,7 +38,6 @@ ALGORITHM = Algorithm(
         "original RPCs: both are then compared in the same windows."
     ),
     options=OrthoCheckOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi ortho-check ortho/image_*_ortho.tif --output-dir check",
     ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     POINTS,
     Common,
@@ -94,7 +94,6 @@ ALGORITHM = Algorithm(
         "of a Dask scheduler and written here, the same bytes. Ground hidden from the sensor shows what hides it."
     ),
     options=OrthorectifyOptions,
-    module=algorithm_module(__name__),
     images_made="Orthoimages",
     are_maps=True,
     examples=(

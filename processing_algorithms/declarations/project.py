@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import POINTS, Common, OptionalFolder, TerrainOptions, ground_crs_option, images_option
 
 LAYERS_FILE = "points.gpkg"
@@ -36,7 +36,6 @@ ALGORITHM = Algorithm(
         "are 0.5 larger). Points without a height take it from the DEM or from `height`."
     ),
     options=ProjectOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi project block/image_1.tif --points block/ground_points.csv --height-datum ellipsoidal",
         "echo 2.35 48.85 60 | hrsi project block/image_1.tif",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.refinement.options import RefineOptions
-from ..interface.declare import Algorithm, algorithm_module
+from ..interface.declare import Algorithm
 from ..interface.option_groups import BlockOutput, PointFiles, images_option
 
 
@@ -31,7 +31,6 @@ ALGORITHM = Algorithm(
         "models with the same control and check points."
     ),
     options=RefineAlgorithmOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi refine-rpc block/image_1.tif --gcps block/ground_points.csv "
         "--image-points block/image_points.csv --height-datum ellipsoidal --compare --write none --output-dir refined",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import Common, OptionalFolder, TerrainOptions, images_option
 
 LAYERS_FILE = "rpc_info.gpkg"
@@ -40,7 +40,6 @@ ALGORITHM = Algorithm(
         "beyond their heights, or of another image."
     ),
     options=RpcInfoOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi rpc-info block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal",
         "hrsi rpc-info block/image_*.tif --crs EPSG:23030",

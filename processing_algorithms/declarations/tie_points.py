@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, algorithm_module
+from ..interface.declare import Algorithm
 from ..interface.option_groups import ResultFolder, SearchOptions, TerrainOptions, images_option
 
 LAYERS_FILE, LAYER = "block.gpkg", "tie_points"
@@ -42,7 +42,6 @@ ALGORITHM = Algorithm(
         "first pixel."
     ),
     options=TiePointsOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi tie-points block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal --csv --output-dir ties",
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     AUTOMATIC_TIES,
     NO_TIES,
@@ -55,7 +55,6 @@ ALGORITHM = Algorithm(
         "The refined images are ready for gdalwarp -rpc."
     ),
     options=TriangulateOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi triangulate block/image_*.tif --gcps block/ground_points.csv "
         "--image-points block/image_points.csv --dem block/dem.tif --height-datum ellipsoidal --output-dir result",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ..interface.declare import Algorithm, Kind, algorithm_module
+from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import Common, images_option
 
 #: What the output of an image is called, by way of writing; None is the image itself.
@@ -47,7 +47,6 @@ ALGORITHM = Algorithm(
         "Everything is read again and compared; a file that exists is replaced in one step."
     ),
     options=WriteRpcOptions,
-    module=algorithm_module(__name__),
     images_made="Images with their RPCs",
     examples=(
         "hrsi write-rpc block/image_1.tif --rpc adjusted/image_1.tif --write sidecar --output-dir rpcs",

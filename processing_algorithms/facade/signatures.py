@@ -2,33 +2,14 @@
 
 import inspect
 import textwrap
-from collections.abc import Iterator
-from typing import Any
 
 from ..interface.command_parser import value_facts
 from ..interface.declare import Algorithm, Kind, Param
 from ..interface.naming import spell_arguments
+from ..interface.options import KINDS
 
 #: Functions that are called otherwise than their algorithm.
 RENAMED = {"refine-rpc": "refine"}
-#: Types of values in stubs, by kind; choices are literals.
-TYPES = {
-    Kind.IMAGES: "Images",
-    Kind.RASTER: "RasterSource",
-    Kind.POINTS: "Points",
-    Kind.FILE: "Path",
-    Kind.CRS: "str",
-    Kind.EXTENT: "str",
-    Kind.TEXT: "str",
-    Kind.IDS: "str | Iterable[str]",
-    Kind.GROUPS: "str | Iterable[str | Iterable[str]]",
-    Kind.RANGE: "str | float | tuple[float, float]",
-    Kind.FOLDERS: "Mapping[str, Path] | Iterable[str]",
-    Kind.INTEGER: "int",
-    Kind.NUMBER: "float",
-    Kind.FLAG: "bool",
-    Kind.OUTPUT_DIR: "Path",
-}
 PROGRESS = "progress"
 
 
@@ -69,7 +50,14 @@ def _is_needed(param: Param) -> bool:
 def describe_call(algorithm: Algorithm) -> str:
     """Return the docstring of an algorithm's function, in NumPy's sections."""
     told = spell_arguments(algorithm.help, algorithm.params, lambda param: f"``{param.key}``")
-    entries = [entry for param in _sort_parameters(algorithm) for entry in _parameter_entry(param, algorithm)]
+    entries: list[str] = []
+    for param in _sort_parameters(algorithm):
+        text = spell_arguments(param.help, algorithm.params, lambda other: f"``{other.key}``")
+        facts = [fact for fact in value_facts(param) if fact != "required"]
+        kind = " or ".join(KINDS[param.kind].described.split(" | "))
+        entries.append(f"{param.key} : {kind}{'' if _is_needed(param) else ', optional'}")
+        stated = f" ({'; '.join(facts)})" if facts else ""
+        entries += _wrap_text(f"{text}{stated}.", "    ")
     given = any(param.key == "output_dir" for param in algorithm.params)
     folder_note = "Without ``output_dir`` they go when the result does." if given else ""
     return "\n".join([
@@ -96,32 +84,6 @@ def describe_call(algorithm: Algorithm) -> str:
     ])  # fmt: skip
 
 
-def _parameter_entry(param: Param, algorithm: Algorithm) -> Iterator[str]:
-    text = spell_arguments(param.help, algorithm.params, lambda other: f"``{other.key}``")
-    facts = [fact for fact in value_facts(param) if fact != "required"]
-    kind = " or ".join(PLAIN_TYPES.get(param.kind, "str").split(" | "))
-    yield f"{param.key} : {kind}{'' if _is_needed(param) else ', optional'}"
-    stated = f" ({'; '.join(facts)})" if facts else ""
-    yield from _wrap_text(f"{text}{stated}.", "    ")
-
-
-#: How the description calls a value, by kind.
-PLAIN_TYPES = {
-    Kind.IMAGES: "path | Image | sequence of them",
-    Kind.RASTER: "path | rasterio dataset",
-    Kind.POINTS: "path | table | array | GroundPoints | ImagePoints",
-    Kind.FILE: "path",
-    Kind.IDS: "sequence of str",
-    Kind.GROUPS: "sequence of sequences of str",
-    Kind.RANGE: "(float, float)",
-    Kind.FOLDERS: "dict of str to path",
-    Kind.INTEGER: "int",
-    Kind.NUMBER: "float",
-    Kind.FLAG: "bool",
-    Kind.OUTPUT_DIR: "path",
-}
-
-
 def _wrap_text(text: str, indent: str) -> list[str]:
     lines: list[str] = []
     for paragraph in text.split("\n\n"):
@@ -137,20 +99,16 @@ def stub_of(algorithm: Algorithm) -> str:
         if parameters[param.key].kind is inspect.Parameter.KEYWORD_ONLY and "*" not in parts:
             parts.append("*")
         needed = parameters[param.key].default is inspect.Parameter.empty
-        kind = f"Literal[{', '.join(map(_quote_text, param.choices))}]" if param.choices else TYPES[param.kind]
-        parts.append(f"{param.key}: {kind}" if needed else f"{param.key}: {_optional_type(kind, param.default)}")
+        kind = (
+            f"Literal[{', '.join(map(_quote_text, param.choices))}]" if param.choices else KINDS[param.kind].annotation
+        )
+        default = _quote_text(param.default) if isinstance(param.default, str) else repr(param.default)
+        optional = f"{kind} | None = None" if param.default is None else f"{kind} = {default}"
+        parts.append(f"{param.key}: {kind if needed else optional}")
     parts += ([] if "*" in parts else ["*"]) + [f"{PROGRESS}: Progress | None = None"]
     body = textwrap.indent(f'"""{describe_call(algorithm)}"""', "    ", lambda line: line.strip() != "")
     listed = "".join(f"    {part},\n" for part in parts)
     return f"def {function_name(algorithm.name)}(\n{listed}) -> Result:\n{body}\n    ...\n"
-
-
-def _optional_type(kind: str, default: Any) -> str:
-    return f"{kind} | None = None" if default is None else f"{kind} = {_write_default(default)}"
-
-
-def _write_default(default: Any) -> str:
-    return _quote_text(default) if isinstance(default, str) else repr(default)
 
 
 def _quote_text(text: str) -> str:

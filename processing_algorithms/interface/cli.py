@@ -21,7 +21,7 @@ from .log_file import RunLog, require_own_file
 from .naming import spell_arguments
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
-from .terminal import Listeners, terminal_of
+from .terminal import terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
@@ -166,9 +166,14 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     keys = {param.key for param in LINE_PARAMS}
     options = check_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
     terminal = terminal_of(sys.stderr, line.quiet)
-    listeners = Listeners([terminal, *([log] if log else [])])
+    listeners = [terminal, log] if log else [terminal]
+
+    def tell(message: str) -> None:
+        for listener in listeners:
+            listener.log(spelt(message))
+
     context = Context(
-        listeners.progress, lambda message: listeners.log(spelt(message)),
+        lambda fraction, message="": all([one.progress(fraction, message) for one in listeners]), tell,
         command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]), record=dict(origin.record),
         dry_run=line.dry_run,
     )  # fmt: skip
@@ -177,9 +182,10 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
             context.log(message)
         with contextlib.redirect_stdout(sys.stderr) if line.json else contextlib.nullcontext():
             report = algorithm.execute(options, context)
-        listeners.finish()
+        for listener in listeners:
+            listener.finish()
     finally:
-        listeners.break_line()
+        terminal.break_line()
     summary = "" if line.json and log is None else spelt(algorithm.summarise(report))
     if log is not None:
         for text in filter(None, map(str.strip, summary.splitlines())):

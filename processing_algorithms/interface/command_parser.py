@@ -7,14 +7,14 @@ import argparse
 import re
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import Algorithm, Kind, Param, format_default, params_of
 from .naming import spell_arguments
 from .option_groups import Common, LineOptions, ResultFolder
-from .options import suggestion
+from .options import KINDS, suggestion
 
 _NEGATIVE_VALUE = re.compile(r"-[.\d]")
 OUTPUT_PARAMS, COMMON_PARAMS = params_of(ResultFolder), params_of(Common)
@@ -34,55 +34,34 @@ SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.FLAG: {"action": argparse.BooleanOptionalAction},
     Kind.FOLDERS: {"action": "append"},
 }
-#: What stands for a value in the help, where the declaration names nothing.
-METAVARS: dict[Kind, str] = {
-    Kind.IMAGES: "IMAGE",
-    Kind.RASTER: "FILE",
-    Kind.POINTS: "FILE[|layername=L]",
-    Kind.FILE: "FILE",
-    Kind.CRS: "CRS",
-    Kind.EXTENT: "W,S,E,N",
-    Kind.TEXT: "TEXT",
-    Kind.IDS: "A,B,...",
-    Kind.GROUPS: "A+B,C+D,...",
-    Kind.RANGE: "LOW,HIGH",
-    Kind.CHOICE: "NAME",
-    Kind.INTEGER: "N",
-    Kind.NUMBER: "X",
-    Kind.FOLDERS: "NAME=DIR",
-    Kind.OUTPUT_DIR: "DIR",
-}
-#: How the default of a kind is written; every other kind as it is.
-DEFAULT_TEXT: dict[Kind, Callable[[Any], str]] = {
-    Kind.NUMBER: "{:g}".format,
-    Kind.FLAG: lambda default: "yes" if default else "no",
-}
 
 
 class CommandParser(argparse.ArgumentParser):
     """An argument parser whose errors are `InputError` and whose options may stand between the images."""
 
     def __init__(self, prog: str, **settings: Any) -> None:
-        super().__init__(prog=prog, allow_abbrev=False, add_help=False, formatter_class=_HelpFormatter, **settings)
+        def formatter(prog: str) -> argparse.HelpFormatter:
+            return argparse.RawDescriptionHelpFormatter(prog, max_help_position=30, width=_help_width())
+
+        super().__init__(prog=prog, allow_abbrev=False, add_help=False, formatter_class=formatter, **settings)
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message.replace('argument ', '', 1)}; see {self.prog} --help")
 
     def parse_words(self, words: Sequence[str]) -> dict[str, Any]:
         """Return the options that were given, as text; raise InputError for unknown ones."""
-        namespace, unknown = self.parse_known_intermixed_args(_join_negative_values(words))
+        joined: list[str] = []
+        for word in words:  # ``--height -3e1`` as ``--height=-3e1``: the parser takes some negative values for options
+            if joined and _NEGATIVE_VALUE.match(word) and _LONG_OPTION.match(joined[-1]):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        namespace, unknown = self.parse_known_intermixed_args(joined)
         if unknown:
             word = unknown[0].partition("=")[0]
             near = suggestion(word, self._option_string_actions)
             raise InputError(f"unknown option {word}{near}; see {self.prog} --help")
         return vars(namespace)
-
-
-class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """Help as wide as the terminal, up to 100 columns."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=30, width=_help_width())
 
 
 def algorithm_parser(algorithm: Algorithm) -> CommandParser:
@@ -103,7 +82,13 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
         section = parser.add_argument_group(title)
         for param in params:
             add_option(section, param, algorithm.params)
-    add_common_options(section)
+    # The options that belong to the command line and not to an algorithm
+    for param in LINE_PARAMS:
+        if param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
+            section.add_argument(f"--{param.name}", action="store_true", help=param.help)
+        else:
+            add_option(section, param, LINE_PARAMS)
+    section.add_argument("-h", "--help", action="help", help="Show this page and leave")
     return parser
 
 
@@ -118,16 +103,6 @@ def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[
     section.add_argument(param.key if positional else f"--{param.name}", default=argparse.SUPPRESS, **settings)
 
 
-def add_common_options(section: argparse._ArgumentGroup) -> None:
-    """Add the options that belong to the command line and not to an algorithm."""
-    for param in LINE_PARAMS:
-        if param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
-            section.add_argument(f"--{param.name}", action="store_true", help=param.help)
-        else:
-            add_option(section, param, LINE_PARAMS)
-    section.add_argument("-h", "--help", action="help", help="Show this page and leave")
-
-
 def option_help(param: Param, params: Sequence[Param]) -> str:
     """Return the help of an option, one of ``params``, with its choices, unit, range and default."""
     stated = "; ".join(value_facts(param))
@@ -136,12 +111,17 @@ def option_help(param: Param, params: Sequence[Param]) -> str:
 
 def value_facts(param: Param) -> list[str]:
     """Return the facts on an option's value for its help: choices, unit, range, and default or ``required``."""
+    default = param.default
+    if isinstance(default, bool):
+        default = "yes" if default else "no"
+    elif default is not None:
+        default = f"{default:g}" if param.kind is Kind.NUMBER else format_default(param)
     facts = [
         f"one of {', '.join(param.choices)}" if param.choices else "",
         f"unit {param.unit}" if param.unit else "",
         f"at least {param.minimum:g}" if param.minimum is not None else "",
         f"at most {param.maximum:g}" if param.maximum is not None else "",
-        "required" if param.required else _default_text(param),
+        "required" if param.required else f"default {default}" if default else "",
     ]
     return [fact for fact in facts if fact]
 
@@ -171,7 +151,7 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
 
 def value_name(param: Param) -> str:
     """Return the placeholder of an option's value in the help: ``PX``."""
-    return param.metavar or METAVARS[param.kind]
+    return param.metavar or KINDS[param.kind].metavar
 
 
 def _format_examples(algorithm: Algorithm) -> str:
@@ -200,24 +180,6 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
         }
         sections[next((heading for heading, fits in fitting.items() if fits), "options")].append(param)
     return {title: members for title, members in sections.items() if members or title == COMMON}
-
-
-def _default_text(param: Param) -> str:
-    if param.default is None or param.default in ("", (), []):
-        return ""
-    text = DEFAULT_TEXT[param.kind](param.default) if param.kind in DEFAULT_TEXT else format_default(param)
-    return f"default {text}"
-
-
-def _join_negative_values(words: Sequence[str]) -> list[str]:
-    """Return ``--height -3e1`` as ``--height=-3e1``: the parser takes some negative values for options."""
-    joined: list[str] = []
-    for word in words:
-        if joined and _NEGATIVE_VALUE.match(word) and _LONG_OPTION.match(joined[-1]):
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined
 
 
 def split_log(words: Sequence[str]) -> tuple[str | None, list[str]]:

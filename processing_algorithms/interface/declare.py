@@ -227,7 +227,8 @@ class Algorithm:
     options : dataclass of the options, which are its fields (`params_of`)
     module : that holds ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved``
         says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
-        returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is heavy
+        returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is
+        heavy. By default it has the name of the declaration's module, in the folder above
     examples : command lines that run on what ``hrsi simulate``'s own example makes
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
@@ -240,11 +241,16 @@ class Algorithm:
     summary: str
     help: str
     options: type
-    module: str
+    module: str = ""
     examples: tuple[str, ...] = ()
     layers: tuple[str, ...] = ()
     images_made: str = ""
     are_maps: bool = False
+
+    @property
+    def work_module(self) -> str:
+        """The module that does the work."""
+        return self.module or self.options.__module__.replace(".declarations.", ".")
 
     @cached_property
     def params(self) -> tuple[Param, ...]:
@@ -257,7 +263,7 @@ class Algorithm:
         Folders, archives and lists among the images are replaced by the images that they hold, folders of results
         among the points by their layers. All images are closed in the end: nothing stays open when the work is done.
         """
-        modules = (self.module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE, _TRANSACTIONS)
+        modules = (self.work_module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE, _TRANSACTIONS)
         with quitting_on_signals():
             work, rasters, values, lock, deliveries, lineage, transactions = map(import_module, modules)
         given = self.non_defaults(options)
@@ -299,7 +305,7 @@ class Algorithm:
         """Return the lines of a report that a person reads."""
         if report.get("dry_run"):
             return plan_text(report)
-        text: str = import_module(self.module).summarise(report)
+        text: str = import_module(self.work_module).summarise(report)
         return text
 
     def inputs(self, options: Mapping[str, Any]) -> tuple[str, ...]:
@@ -342,11 +348,6 @@ class Algorithm:
     def param(self, key: str) -> Param:
         """Return the parameter of a key."""
         return next(param for param in self.params if param.key == key)
-
-
-def algorithm_module(declaration: str) -> str:
-    """Return the module of an algorithm by the name of its declaration's, which stands in the folder beside it."""
-    return declaration.replace(".declarations.", ".")
 
 
 def is_unusable(report: Report) -> bool:

@@ -24,7 +24,7 @@ _RPC = re.compile(rb"LINE_?OFF", re.IGNORECASE)
 
 
 class RunLog:
-    """A listener that appends to a file, made where missing; each line in one go, so that there are no half ones.
+    """Appends progress and messages to a file, made where missing; each line in one go, so that there are no half ones.
 
     ``spell`` brings messages into the words of the command line.
     """
@@ -66,9 +66,6 @@ class RunLog:
     def finish(self) -> None:
         """Append that the work is done."""
         self.progress(1.0, "done")
-
-    def break_line(self) -> None:
-        """Do nothing: all lines are whole."""
 
 
 def require_own_file(path: str, words: Iterable[str]) -> None:

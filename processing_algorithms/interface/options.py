@@ -1,6 +1,6 @@
 """Options as given by a person or a script, checked against their declaration; the command line and `run` both use it.
 
-`VALUE_OF` has one entry for each `Kind`: how a given value, text or Python object, becomes what the algorithm takes.
+`KINDS` has one entry for each `Kind`: what a value may be, and how interfaces speak of it.
 """
 
 import difflib
@@ -9,7 +9,7 @@ import numbers
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
 from .declare import Algorithm, Kind, Param
@@ -54,7 +54,9 @@ def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = C
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
     values = {param.key: _check_value(param, given.get(param.key), face.label(param)) for param in algorithm.params}
-    missing = [face.label(param) for param in algorithm.params if param.required and _is_empty(values[param.key])]
+    missing = [
+        face.label(param) for param in algorithm.params if param.required and values[param.key] in (None, "", ())
+    ]
     if missing:
         raise InputError(f"{algorithm.name} needs {' and '.join(missing)}; see {face.help.format(name=algorithm.name)}")
     return values
@@ -74,34 +76,25 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def _is_empty(value: Any) -> bool:
-    return value is None or value in ("", ())
-
-
 def _check_value(param: Param, value: Any, label: str) -> Any:
     """Return the value of one option; its default where none is given. ``label``: what messages call it."""
     if value is None:
         return param.default
     try:
-        converted = VALUE_OF[param.kind](value)
+        converted = KINDS[param.kind].parse(value)
     except (TypeError, ValueError):
-        raise InputError(f"{label} {value!r} is not {EXPECTED[param.kind]}") from None
+        raise InputError(f"{label} {value!r} is not {KINDS[param.kind].expected}") from None
     if param.kind is Kind.CHOICE and param.choices and converted not in param.choices:
         near = suggestion(converted, param.choices)
         raise InputError(f"{label} {converted!r} is not one of {', '.join(param.choices)}{near}")
-    _check_range(param, converted, label)
+    if param.kind in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
+        low, high = converted if isinstance(converted, tuple) else (converted, converted)
+        unit = f" {param.unit}" if param.unit else ""
+        if param.minimum is not None and low < param.minimum:
+            raise InputError(f"{label} {low:g} is below its minimum {param.minimum:g}{unit}")
+        if param.maximum is not None and high > param.maximum:
+            raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
     return converted
-
-
-def _check_range(param: Param, value: Any, label: str) -> None:
-    if param.kind not in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
-        return
-    low, high = value if isinstance(value, tuple) else (value, value)
-    unit = f" {param.unit}" if param.unit else ""
-    if param.minimum is not None and low < param.minimum:
-        raise InputError(f"{label} {low:g} is below its minimum {param.minimum:g}{unit}")
-    if param.maximum is not None and high > param.maximum:
-        raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
 
 
 def _parse_text(value: Any) -> str:
@@ -180,40 +173,50 @@ def _parse_flag(value: Any) -> bool:
     return bool(value)
 
 
-VALUE_OF: dict[Kind, Callable[[Any], Any]] = {
-    Kind.IMAGES: _parse_paths,
-    Kind.RASTER: _parse_path,
-    Kind.POINTS: _parse_path,
-    Kind.FILE: _parse_path,
-    Kind.CRS: _parse_text,
-    Kind.EXTENT: _parse_text,
-    Kind.TEXT: _parse_text,
-    Kind.IDS: _parse_ids,
-    Kind.GROUPS: _parse_groups,
-    Kind.RANGE: _parse_range,
-    Kind.CHOICE: _parse_text,
-    Kind.INTEGER: _parse_integer,
-    Kind.NUMBER: _parse_number,
-    Kind.FLAG: _parse_flag,
-    Kind.FOLDERS: _parse_folders,
-    Kind.OUTPUT_DIR: _parse_path,
-}
-#: What a message says of a value of the wrong kind: ``--threads 'x' is not a whole number``.
-EXPECTED: dict[Kind, str] = {
-    Kind.IMAGES: "a list of file names",
-    Kind.RASTER: "a file name",
-    Kind.POINTS: "a file name",
-    Kind.FILE: "a file name",
-    Kind.CRS: "the name of a CRS",
-    Kind.EXTENT: "a text",
-    Kind.TEXT: "a text",
-    Kind.IDS: "a list of ids separated by commas",
-    Kind.RANGE: "a number, or a range LOW,HIGH with the lower one first",
-    Kind.GROUPS: "a list of groups of ids: A+B,C+D",
-    Kind.CHOICE: "a text",
-    Kind.INTEGER: "a whole number",
-    Kind.NUMBER: "a number",
-    Kind.FLAG: "true or false",
-    Kind.FOLDERS: "a directory with its name: NAME=DIR",
-    Kind.OUTPUT_DIR: "the name of a directory",
+class KindFacts(NamedTuple):
+    """How an option of a kind is given, in every interface.
+
+    parse : what becomes of a value, a text or a Python object; raises `TypeError` or `ValueError`
+    expected : what a message says of a value of another kind: ``--threads 'x' is not a whole number``
+    metavar : what stands for the value in the help, where the declaration names nothing
+    annotation, described : its type in Python's stubs, where it has no choices, and in descriptions of functions
+    """
+
+    parse: Callable[[Any], Any]
+    expected: str
+    metavar: str
+    annotation: str = "str"
+    described: str = "str"
+
+
+_FILE_NAME = "a file name"
+_TABLES = "path | table | array | GroundPoints | ImagePoints"
+_RANGE_EXPECTED = "a number, or a range LOW,HIGH with the lower one first"
+_GROUPS_TYPE = "str | Iterable[str | Iterable[str]]"
+_FOLDERS_TYPE = "Mapping[str, Path] | Iterable[str]"
+KINDS = {
+    Kind.IMAGES: KindFacts(_parse_paths, "a list of file names", "IMAGE", "Images", "path | Image | sequence of them"),
+    Kind.RASTER: KindFacts(_parse_path, _FILE_NAME, "FILE", "RasterSource", "path | rasterio dataset"),
+    Kind.POINTS: KindFacts(_parse_path, _FILE_NAME, "FILE[|layername=L]", "Points", _TABLES),
+    Kind.FILE: KindFacts(_parse_path, _FILE_NAME, "FILE", "Path", "path"),
+    Kind.CRS: KindFacts(_parse_text, "the name of a CRS", "CRS"),
+    Kind.EXTENT: KindFacts(_parse_text, "a text", "W,S,E,N"),
+    Kind.TEXT: KindFacts(_parse_text, "a text", "TEXT"),
+    Kind.IDS: KindFacts(
+        _parse_ids, "a list of ids separated by commas", "A,B,...", "str | Iterable[str]", "sequence of str"
+    ),
+    Kind.GROUPS: KindFacts(
+        _parse_groups, "a list of groups of ids: A+B,C+D", "A+B,C+D,...", _GROUPS_TYPE, "sequence of sequences of str"
+    ),
+    Kind.RANGE: KindFacts(
+        _parse_range, _RANGE_EXPECTED, "LOW,HIGH", "str | float | tuple[float, float]", "(float, float)"
+    ),
+    Kind.CHOICE: KindFacts(_parse_text, "a text", "NAME"),
+    Kind.INTEGER: KindFacts(_parse_integer, "a whole number", "N", "int", "int"),
+    Kind.NUMBER: KindFacts(_parse_number, "a number", "X", "float", "float"),
+    Kind.FLAG: KindFacts(_parse_flag, "true or false", "", "bool", "bool"),
+    Kind.FOLDERS: KindFacts(
+        _parse_folders, "a directory with its name: NAME=DIR", "NAME=DIR", _FOLDERS_TYPE, "dict of str to path"
+    ),
+    Kind.OUTPUT_DIR: KindFacts(_parse_path, "the name of a directory", "DIR", "Path", "path"),
 }

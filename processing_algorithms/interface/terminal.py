@@ -2,8 +2,8 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from typing import Protocol, TextIO
+from collections.abc import Callable
+from typing import TextIO
 
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 
@@ -23,48 +23,6 @@ class LIVE_LINE:
 
 
 _REST_COLUMNS = len(" 59:59 min left")
-
-
-class Listener(Protocol):
-    """Receiver of the progress and messages of a run."""
-
-    def progress(self, fraction: float, message: str = "") -> bool:
-        """Take note of how far the work is; False asks to stop."""
-
-    def log(self, message: str) -> None:
-        """Take note of a message."""
-
-    def finish(self) -> None:
-        """Take note that the work is done."""
-
-    def break_line(self) -> None:
-        """Leave the line that was begun, if any: something else is to be written."""
-
-
-class Listeners:
-    """Several listeners as one."""
-
-    def __init__(self, members: Sequence[Listener]) -> None:
-        self._members = members
-
-    def progress(self, fraction: float, message: str = "") -> bool:
-        """Tell all; True unless one asks to stop."""
-        return all([member.progress(fraction, message) for member in self._members])
-
-    def log(self, message: str) -> None:
-        """Tell all."""
-        for member in self._members:
-            member.log(message)
-
-    def finish(self) -> None:
-        """Tell all."""
-        for member in self._members:
-            member.finish()
-
-    def break_line(self) -> None:
-        """Tell all."""
-        for member in self._members:
-            member.break_line()
 
 
 class TerminalProgress:

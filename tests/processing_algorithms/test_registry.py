@@ -11,7 +11,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, params_of
 from hrsi.processing_algorithms.interface.option_groups import Common
-from hrsi.processing_algorithms.interface.options import VALUE_OF, check_options
+from hrsi.processing_algorithms.interface.options import KINDS, check_options
 from hrsi.tests.sample_algorithm import SAMPLE
 
 ALGORITHMS = pytest.mark.parametrize("algorithm", [*REGISTRY.values(), SAMPLE], ids=lambda algorithm: algorithm.name)
@@ -50,7 +50,7 @@ def test_choices_belong_to_choice_options(algorithm: Algorithm):
     for param in algorithm.params:
         assert bool(param.choices) == (param.kind is Kind.CHOICE), param.name
         if param.kind is Kind.CHOICE and param.default is not None:
-            assert VALUE_OF[param.kind](param.default) in param.choices
+            assert KINDS[param.kind].parse(param.default) in param.choices
 
 
 def test_names_are_the_declared_ones():

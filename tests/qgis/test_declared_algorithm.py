@@ -19,7 +19,7 @@ from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, format_default
 from hrsi.processing_algorithms.interface.naming import spell_arguments
-from hrsi.processing_algorithms.interface.options import VALUE_OF
+from hrsi.processing_algorithms.interface.options import KINDS
 from hrsi.tests.qgis.tiny import TINY
 
 DECLARED = [TINY, *REGISTRY.values()]
@@ -100,7 +100,7 @@ def test_what_a_dialog_is_filled_with_reaches_the_algorithm_as_its_dataclass_has
     reading = Reading(algorithm, shown, QgsProcessingContext(), QgsProcessingFeedback())
     for param in declaration.params:
         value = option_value(param, reading)
-        assert (VALUE_OF[param.kind](value) if value not in (None, ()) else value) == param.default, param.name
+        assert (KINDS[param.kind].parse(value) if value not in (None, ()) else value) == param.default, param.name
 
 
 def test_long_dialogs_ask_for_what_is_needed_first() -> None:

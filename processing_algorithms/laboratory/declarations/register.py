@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ....hrsi_engine.foundation.options import nest_options, option, options
 from ....hrsi_engine.laboratory.registration_options import RegistrationOptions
-from ...interface.declare import Algorithm, Kind, algorithm_module
+from ...interface.declare import Algorithm, Kind
 from ...interface.option_groups import Common, ResultFolder, TerrainOptions, report_option
 
 LAYERS_FILE, LAYER = "registration.gpkg", "residuals"
@@ -40,7 +40,6 @@ ALGORITHM = Algorithm(
         "second image, or in metres with `gsd`."
     ),
     options=RegisterOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi register --image-points block/image_points.csv --model affine --output-dir registration",
     ),

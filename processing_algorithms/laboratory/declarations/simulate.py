@@ -16,7 +16,7 @@ from ....hrsi_engine.laboratory.simulation.options import (
     PointCounts,
     SceneSpec,
 )
-from ...interface.declare import Algorithm, algorithm_module
+from ...interface.declare import Algorithm
 from ...interface.option_groups import Common, ResultFolder
 
 
@@ -134,7 +134,6 @@ ALGORITHM = Algorithm(
         "stands in report.json."
     ),
     options=SimulateOptions,
-    module=algorithm_module(__name__),
     examples=(
         "hrsi simulate --images 2 --size 160 --gcps 8 --checks 4 --ties 20 --ortho --output-dir block",
     ),
