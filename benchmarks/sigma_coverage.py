@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -37,6 +37,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
 JUDGED = 1000  # the first seed of those that judge
 CHECKS, TIES = 60, 200
 NOISE_PX = 0.3
+PATCH_PX = 300.0  # of points that err alike
 SURVEY_M = (0.1, 0.1, 0.15)
 CENTRE = (5.45, 43.53, 250.0)
 RELIEF_M = 200.0
@@ -58,6 +59,8 @@ class Configuration:
     survey_m : the survey's true standard deviations; ``stated`` is what the file says of them, over the truth
     poor : how many of the GCPs are ten times worse than the others, and said to be so
     height_only : GCPs of which only the height is known; they come after the ``gcps``
+    ties : tie points; alike_px : standard deviation of the error that all points of a patch of an image share, beside
+        a noise that is then as large; 0: points err by themselves
     """
 
     sensor: str
@@ -70,6 +73,9 @@ class Configuration:
     stated: float = 1.0
     poor: int = 0
     height_only: int = 0
+    # The rest is no part of what a kind's numbers are drawn by: kinds without it stay what they were
+    ties: int = field(default=TIES, repr=False)
+    alike_px: float = field(default=0.0, repr=False)
 
 
 TWO, THREE, NARROW = (12.0, -12.0), (15.0, 0.0, -15.0), (2.0, -2.0)
@@ -98,6 +104,13 @@ CONFIGURATIONS = {
     "Pleiades, 3 images, 10 GCPs stated 5 x too large": Configuration("pleiades", THREE, 10, stated=5.0),
     "Pleiades, 3 images, 10 GCPs, half of them poor": Configuration("pleiades", THREE, 10, poor=5),
     "IKONOS, 3 images, 2 GCPs, 6 of height only": Configuration("ikonos", THREE, 2, height_only=6),
+    "Pleiades, 4 images of 1000 px, 0 GCPs, ties err alike": Configuration(
+        "pleiades", (12.0, 3.0, -2.0, -12.0), 0, 1000, ties=2000, alike_px=0.1
+    ),
+    "Pleiades, 2 narrow images of 4000 px, 0 GCPs, alike": Configuration(
+        "pleiades", NARROW, 0, 4000, ties=2000, alike_px=0.1
+    ),
+    "WorldView-2, 3 images, 0 GCPs, ties err alike": Configuration("worldview-2", THREE, 0, ties=2000, alike_px=0.1),
 }
 
 
@@ -118,7 +131,7 @@ def simulate(kind: Configuration, seed: int) -> Block:
     rng = np.random.default_rng([seed, crc32(repr(kind).encode())])
     taken = cameras(kind.sensor, kind.angles_deg, kind.size)
     known = kind.gcps + kind.height_only + CHECKS
-    total = known + TIES
+    total = known + kind.ties
     ids = [f"{'GCP' if n < known - CHECKS else 'CHK' if n < known else 'TIE'}{n:04d}" for n in range(total)]
     role = np.full(known, int(Role.CHECK), dtype=np.int8)
     role[: known - CHECKS] = int(Role.GCP)
@@ -138,8 +151,12 @@ def simulate(kind: Configuration, seed: int) -> Block:
         )
         xy = camera.disturb(error).ground_to_image(truth)
         xy = xy + (xy - image.centre_px) @ rng.normal(0.0, kind.drift, (2, 2)).T
-        xy = xy + rng.normal(0.0, NOISE_PX, xy.shape)
-        tables.append(ImagePoints.create(ids, [image.id] * total, xy, NOISE_PX))
+        noise_px = kind.alike_px or NOISE_PX
+        xy = xy + rng.normal(0.0, noise_px, xy.shape)
+        if kind.alike_px:
+            patch = np.unique(np.floor(xy / PATCH_PX), axis=0, return_inverse=True)[1].ravel()
+            xy = xy + rng.normal(0.0, kind.alike_px, (patch.max() + 1, 2))[patch]
+        tables.append(ImagePoints.create(ids, [image.id] * total, xy, float(np.hypot(noise_px, kind.alike_px))))
     sigma = np.tile(kind.survey_m, (known, 1))
     sigma[: kind.poor] *= 10.0
     surveyed = move_ground(truth[:known], rng.normal(0.0, 1.0, (known, 3)) * sigma)

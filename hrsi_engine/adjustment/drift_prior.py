@@ -5,6 +5,9 @@ drift there is. The prior is an observation "no drift" of every such parameter: 
 cofactors q of the parameters, ``s² = sum(p v²) / sum(1 - p q)`` tells how wrong its sigma was, as for any group of
 observations. Repeated until s = 1 this is the estimate by restricted maximum likelihood (Harville 1977).
 
+Where no GCPs show them, drifts that move all images alike keep the sensors' sigmas, and the differences between images
+are the group that is estimated (`common_drift`).
+
 A block of a few images has few drifts, and what they say of their size is rough. So sizes stand in three levels, each
 worth a few observations to the one below (an inverse chi² distribution of the variance; Gelman et al. 2013, section
 5.4): what the sensor is believed to do, all drifts of the block, each term (sample by line, say) over the images, and
@@ -14,12 +17,14 @@ an image that drifts by itself too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
+from .common_drift import CommonDrift
 from .gauss_newton import GaussNewton, Solution
 from .result import VarianceComponent
 
@@ -54,7 +59,7 @@ class DriftPrior:
     """The drifts' prior sigmas found so far, as factors of the ``believed`` ones; both ``(cameras, p)``.
 
     ``given`` are the weights of all parameters' priors, ``per_px`` the believed change across an image, px per px;
-    ``of_block`` is the factor of all drifts together; ``sums`` are the last squares (in believed sigmas), redundancy
+    ``common`` are the drifts that ties do not show; ``of_block`` is the factor of all drifts together; ``sums`` are the last squares (in believed sigmas), redundancy
     and number of drifts.
     """
 
@@ -62,6 +67,7 @@ class DriftPrior:
     given: np.ndarray
     believed: np.ndarray
     per_px: float
+    common: tuple[CommonDrift, ...] = ()
     factor: np.ndarray = field(init=False)
     of_block: float = 1.0
     sums: tuple[float, float, int] = (0.0, 0.0, 0)
@@ -69,6 +75,9 @@ class DriftPrior:
     def __post_init__(self) -> None:
         # A drift without a prior of its own is one that an earlier adjustment tells of
         self.free = self.model.drifts & np.isfinite(self.given) & (self.given > 0.0) & np.isfinite(self.believed)
+        self.alike = np.ones((len(self.given), 1))
+        for one in self.common:
+            self.alike[one.camera] = one.points_alike
         self.factor = 1.0 / (np.sqrt(np.where(self.free, self.given, 1.0)) * np.where(self.free, self.believed, 1.0))
 
     def set_initial_drift_prior(self, loop: GaussNewton) -> None:
@@ -77,7 +86,7 @@ class DriftPrior:
         From looser priors the estimate may end where the drifts follow the noise, and leave none to be seen.
         """
         self.factor = np.ones_like(self.factor)
-        loop.set_prior_weight(np.where(self.free, 1.0 / self.believed**2, self.given))
+        loop.set_prior_weight(self.alike * np.where(self.free, 1.0 / self.believed**2, self.given), self.common)
 
     def correct_sigmas(
         self, loop: GaussNewton, solution: Solution, cofactors: np.ndarray, unit_variance: float
@@ -85,9 +94,10 @@ class DriftPrior:
         """Correct the factors and hold the loop's drifts with them; return by how much, 0 where they stay.
 
         That is the largest relative change. One below `DRIFT.settled` is not worth another solution: all stays as it
-        is. ``cofactors (cameras, p, p)`` are those of each camera's own parameters. Where all observations are worse
-        than they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would
-        follow the noise.
+        is. ``cofactors (blocks, p, p)`` are those of the cameras on the pattern. Where all observations are worse than
+        they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would follow
+        the noise. For the same reason all priors weigh k times as much where only ties tell of the cameras and k of them
+        err alike (`common_drift`).
 
         Before the block is solved again, corrections are repeated until they settle. Weights of a camera's priors that
         have grown by D make of its cofactors Q and values v, but for what changes in other cameras::
@@ -95,39 +105,46 @@ class DriftPrior:
             (I + Q D)^-1 Q    and    (I + Q D)^-1 v
         """
         held, values = np.where(self.free, loop.prior_weight, 0.0), solution.state.values
-        known = np.concatenate([cofactors, values[:, :, None]], axis=2)
-        wanted, self.of_block, self.sums = self._estimate_factors(known, held)
+        own = cofactors[loop.pattern.diagonal]
+        known = np.concatenate([own, values[:, :, None]], axis=2)
+        of_parts = [one.select_drifts(cofactors, values, loop.pattern) for one in loop.common]
+
+        def look_ahead(weight: np.ndarray, common: Sequence[CommonDrift]) -> np.ndarray:
+            """Return the factors that the block asks for with other priors of the drifts, ``weight (cameras, p)``."""
+            ahead = np.linalg.solve(np.eye(own.shape[1]) + own * (weight - held)[:, None, :], known)
+            variances, drifts = ahead[:, :, :-1].diagonal(axis1=1, axis2=2), ahead[:, :, -1]
+            squares = np.where(self.free, (drifts / self.believed) ** 2, 0.0)
+            freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
+            for now, then, of_part in zip(loop.common, common, of_parts, strict=True):
+                squares[now.place], freedom[now.place] = now.predict_differences(
+                    then, *of_part, held[now.place], weight[now.place]
+                )
+            return self._estimate_factors(squares, freedom)
+
+        wanted = look_ahead(held, loop.common)
         by_solution = self._find_largest_change(wanted)
         if by_solution < DRIFT.settled:
             return 0.0
         for _ in range(DRIFT.corrections):
             self.factor = self.factor * np.clip(wanted / self.factor, 1.0 / DRIFT.most_change, DRIFT.most_change)
-            weight = unit_variance / (self.factor * self.believed) ** 2
-            grown = np.where(self.free, weight - held, 0.0)
-            ahead = np.linalg.solve(np.eye(len(grown[0])) + cofactors * grown[:, None, :], known)
-            wanted, _, _ = self._estimate_factors(ahead, held + grown)
+            weight = np.where(self.free, unit_variance * self.alike / (self.factor * self.believed) ** 2, 0.0)
+            common = [one.balance_with(self.factor[one.place], unit_variance) for one in loop.common]
+            wanted = look_ahead(weight, common)
             if self._find_largest_change(wanted) < DRIFT.settled_within:
                 break
-        loop.set_prior_weight(np.where(self.free, weight, self.given))
+        loop.set_prior_weight(np.where(self.free, weight, self.alike * self.given), common)
         return by_solution
 
-    def _estimate_factors(
-        self, known: np.ndarray, weight: np.ndarray
-    ) -> tuple[np.ndarray, float, tuple[float, float, int]]:
-        """Return the factors that cofactors and values ``known (cameras, p, p + 1)`` ask for, that of all, and `sums`.
-
-        ``weight (cameras, p)`` are those of the drifts' priors.
-        """
-        variances, values = known[:, :, :-1].diagonal(axis1=1, axis2=2), known[:, :, -1]
-        squares = np.where(self.free, (values / self.believed) ** 2, 0.0)
-        freedom = np.where(self.free, np.clip(1.0 - weight * variances, 0.0, 1.0), 0.0)
-        sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
-        if not sums[1] > 0.0:
-            return self.factor, self.of_block, sums
-        block = (DRIFT.of_sensor + sums[0]) / (DRIFT.of_sensor + sums[1])
+    def _estimate_factors(self, squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+        """Return the factors that squares and redundancies of the drifts ask for, both ``(cameras, p)``."""
+        self.sums = float(squares.sum()), float(freedom.sum()), int(self.free.sum())
+        if not self.sums[1] > 0.0:
+            return self.factor
+        block = (DRIFT.of_sensor + self.sums[0]) / (DRIFT.of_sensor + self.sums[1])
         term = (DRIFT.of_block * block + squares.sum(axis=0)) / (DRIFT.of_block + freedom.sum(axis=0))
         own = np.sqrt((DRIFT.of_term * term + squares) / (DRIFT.of_term + freedom))
-        return np.where(self.free, own, self.factor), float(np.sqrt(block)), sums
+        self.of_block = float(np.sqrt(block))
+        return np.where(self.free, own, self.factor)
 
     def _find_largest_change(self, wanted: np.ndarray) -> float:
         return float(

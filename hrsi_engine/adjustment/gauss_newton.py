@@ -27,6 +27,7 @@ from .equations import (
     State,
     choose_camera_system,
 )
+from .common_drift import CommonDrift
 from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
@@ -90,6 +91,7 @@ class GaussNewton:
     rows_per_point : (m,) numbers of image points
     held : what holds points, judged in every pass: heights of a DEM or of laser points, places of a reference
     earlier : what an earlier adjustment says of cameras
+    common : what holds the drifts that move images alike
     """
 
     equations: NormalEquations
@@ -99,16 +101,22 @@ class GaussNewton:
     max_iterations: int = 30
     held: Sequence[PositionObservations] = ()
     earlier: JointPrior | None = None
+    common: Sequence[CommonDrift] = ()
     history: list[Iteration] = field(default_factory=list)
     solves: int = 0
 
     def __post_init__(self) -> None:
         self.system: CameraSystem = choose_camera_system(self.pattern)
-        self.set_prior_weight(self.prior_weight)
+        self.set_prior_weight(self.prior_weight, self.common)
 
-    def set_prior_weight(self, prior_weight: np.ndarray) -> None:
-        """Take other weights of the parameters' priors."""
-        self.prior_weight = prior_weight
+    @property
+    def joint(self) -> tuple[JointPrior | CommonDrift, ...]:
+        """The priors of several cameras together."""
+        return (*self.common, *([] if self.earlier is None else [self.earlier]))
+
+    def set_prior_weight(self, prior_weight: np.ndarray, common: Sequence[CommonDrift] = ()) -> None:
+        """Take other weights of the parameters' priors, each by itself and those of `common` drifts."""
+        self.prior_weight, self.common = prior_weight, common
         self._finite_prior = np.where(np.isinf(prior_weight), 0.0, prior_weight)
 
     def iterate(
@@ -122,8 +130,14 @@ class GaussNewton:
         return self._descend(lambda: self._form_solution(state, weighting, unweighed), robust, tolerance, progress)
 
     def continue_from(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
-        """Iterate from a solution with its own weights: what has changed are the priors (`hold`)."""
-        return self._descend(lambda: replace(last, cost=self.compute_cost(last)), robust, tolerance, progress)
+        """Iterate from a solution with its own weights: what has changed are the priors (`set_prior_weight`)."""
+
+        def begin() -> Solution:
+            if self.common:  # they are in the equations
+                return self._form_solution(last.state, last.weighting, last.factor)
+            return replace(last, cost=self.compute_cost(last))
+
+        return self._descend(begin, robust, tolerance, progress)
 
     def compute_cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
         """Return the cofactors of the cameras on the pattern and those of points and image points, None if unknown."""
@@ -168,15 +182,15 @@ class GaussNewton:
 
     def _form_solution(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
         normals = self.equations.form_normals(state, weighting.image * factor, weighting.points, weighting.contributes)
-        if self.earlier is not None:
-            self.earlier.add_to(normals, state.values, self.pattern)
+        for joint in self.joint:
+            joint.add_to(normals, state.values, self.pattern)
         at = Solution(state, weighting, normals, factor, 0.0)
         return replace(at, cost=self.compute_cost(at))
 
     def compute_cost(self, at: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
-        earlier = 0.0 if self.earlier is None else self.earlier.compute_cost(at.state.values)
-        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2))) + earlier
+        joint = sum(joint.compute_cost(at.state.values) for joint in self.joint)
+        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2))) + joint
 
     def sum_of_squares(self, at: Solution) -> float:
         """Return the weighted sum of squares of image points and surveys that have a say in the cameras."""

@@ -95,7 +95,9 @@ def assemble_adjustment(
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     part_of_image = _number_parts(problem)
     factor = _choose_variance_factors(problem, sums.sigma0)[part_of_image]
-    covariance = _compute_covariance(problem, solution, precise, cameras, factor)
+    alike = _count_points_alike(problem, loop)
+    covariance = _compute_covariance(problem, solution, precise, cameras, factor, alike)
+    factor = factor * alike
     covariance = _expand_rows(len(block.points), points, np.where(placed[:, None, None], covariance, np.nan))
     shifts = _propagate_operation_shifts(problem, loop, solution)
     variance = covariance.diagonal(axis1=1, axis2=2)
@@ -139,7 +141,7 @@ def assemble_adjustment(
         tests=found.tests,
         survey_factors=found.survey_factors,
         choice=problem.choice,
-        joint=_join_cameras(problem, loop, solution, cameras.squares),
+        joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
         operation_shifts_m=shifts,
     )
 
@@ -153,6 +155,14 @@ def _choose_variance_factors(problem: Problem, sigma0: float) -> np.ndarray:
     return np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
 
 
+def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
+    """Return by how much the cameras' priors were scaled for image points that err alike, ``(images,)``."""
+    alike = np.ones(problem.observations.cameras)
+    for one in loop.common:
+        alike[one.camera] = one.points_alike
+    return alike[problem.observations.camera_of_image]
+
+
 def _propagate_operation_shifts(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
     """Return by how much the errors of the GCPs' coordinate operations move each point of the block, None without."""
     observations, block = problem.observations, problem.block
@@ -163,12 +173,17 @@ def _propagate_operation_shifts(problem: Problem, loop: GaussNewton, solution: S
     return _expand_rows(len(block.points), observations.points, moved)
 
 
-def _join_cameras(problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray) -> JointCameras:
-    """Return what the adjustment says of its cameras together."""
+def _join_cameras(
+    problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray, alike: np.ndarray
+) -> JointCameras:
+    """Return what the adjustment says of its cameras together; ``alike (images,)`` scaled their normal equations."""
     pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
     own = np.arange(pattern.parameters)
     blocks[pattern.diagonal[:, None], own, own] += np.where(fixed, 0.0, loop.prior_weight)
+    scale = np.ones(pattern.cameras)
+    scale[observations.camera_of_image] = alike
+    blocks /= scale[pattern.rows][:, None, None]
     gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(
         tuple(image.id for image in observations.images), observations.camera_of_image,
@@ -210,11 +225,20 @@ def _describe_measurements(
 
 
 def _compute_covariance(
-    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray
+    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray,
+    alike: np.ndarray,
 ) -> np.ndarray:
-    """Return the covariances ``(m, 3, 3)`` of the delivered positions; ``factor`` is that of each image's cofactors."""
+    """Return the covariances ``(m, 3, 3)`` of the delivered positions.
+
+    ``factor (images,)`` is that of the cofactors of each image's points, ``alike (images,)`` what the share of the
+    cameras in them has beside it.
+    """
     observations = problem.observations
-    covariance = factor[observations.image[observations.first[:-1]], None, None] * precise.points
+    image = observations.image[observations.first[:-1]]
+    covariance = factor[image, None, None] * precise.points
+    by_cameras = np.flatnonzero(alike[image] > 1.0)
+    of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
+    covariance[by_cameras] += ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
     covariance += without_drift[:, :, None] * without_drift[:, None, :]
     return np.asarray(covariance)
@@ -251,8 +275,8 @@ def compute_redundancy(
     """
     observed, positions = _count_observations(problem, solution)
     unknown = float(np.sum(1.0 - np.nan_to_num(_compute_prior_share(loop, variances))))
-    if problem.earlier is not None and cofactors is not None:
-        unknown -= problem.earlier.count_parameters(cofactors, loop.pattern)
+    if cofactors is not None:
+        unknown -= sum(joint.count_parameters(cofactors, loop.pattern) for joint in loop.joint)
     return observed - positions - unknown
 
 

@@ -24,6 +24,7 @@ from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
+from .common_drift import COMMON, CommonDrift, find_common_drift
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
@@ -62,6 +63,7 @@ class Problem:
     usual_drift : (cameras, p) a priori standard deviations of the drifts, by what is known of the sensors
     choice : why the model is what it is, where a rule chose it
     earlier : what an earlier adjustment says of cameras
+    common : the drifts that move all images of a part alike, of parts without GCPs that show them
     """
 
     block: Block
@@ -80,6 +82,7 @@ class Problem:
     warnings: tuple[str, ...]
     choice: ModelChoice | None = None
     earlier: JointPrior | None = None
+    common: tuple[CommonDrift, ...] = ()
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
@@ -225,10 +228,6 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         ground[places] = options.reference.select(block.points.ids[observations.points[places]]).ground
     if earlier is not None:
         earlier.require_parameters(tuple(camera.parameters))
-    pattern = find_pattern(observations, len(camera.parameters), None if earlier is None else earlier.pairs)
-    equations = NormalEquations(
-        observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None
-    )
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     known = np.zeros(observations.cameras, dtype=bool)
     if earlier is not None:
@@ -237,6 +236,12 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         fixed_again = np.isinf(prior_weight[earlier.camera]) | earlier.known.fixed
         prior_weight[earlier.camera] = np.where(fixed_again, np.inf, 0.0)
     _require_solvable(observations, model, prior_weight, known)
+    common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
+    joint = [*common, *([] if earlier is None else [earlier])]
+    pattern = find_pattern(observations, len(camera.parameters), [prior.pairs for prior in joint])
+    equations = NormalEquations(
+        observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None
+    )
     priors, weak = set_point_priors(observations, ground, options.dem, options.sigma_dem_m)
     image_weight = 1.0 / observations.sigma_px**2
     contributes = observations.contributing_points & find_determinable_points(
@@ -246,7 +251,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
         usual_drift, parts, State(start, ground),
         Weighting(image_weight, priors, contributes),
-        (*_collect_warnings(observations, parts, options, block.points.ids[lost], weak),), choice, earlier,
+        (*_collect_warnings(observations, parts, options, block.points.ids[lost], weak),), choice, earlier, common,
     )  # fmt: skip
     if problem.held_plan is not None:
         problem.held_plan.enter_start(priors)
@@ -415,6 +420,31 @@ def _weigh_priors(
         raise InputError(f"fixed image {list_ids(unknown)} is not in the block (images: {list_ids(place)})")
     weight[[observations.camera_of_image[place[name]] for name in options.fixed_images]] = np.inf
     return weight, of_sensor
+
+
+def _find_common_drifts(
+    observations: Observations,
+    camera: RefinementModel,
+    parts: Sequence[Part],
+    prior_weight: np.ndarray,
+    usual_drift: np.ndarray,
+    options: AdjustOptions,
+) -> tuple[CommonDrift, ...]:
+    """Return the common drifts of the parts that nothing but their ties and their RPCs hold."""
+    if options.sigma_drift is not None or not (options.test_sigmas or options.variance_components):
+        return ()
+    free = camera.drifts & np.isfinite(prior_weight) & (prior_weight > 0.0)
+    with np.errstate(divide="ignore"):
+        sigma = np.where(free, usual_drift, 1.0 / np.sqrt(prior_weight))
+    found = []
+    for part in parts:
+        cameras = observations.camera_of_image[part.images]
+        # A fixed image or one of an earlier adjustment (of no prior weight) is a datum of the others
+        held = (np.isinf(prior_weight) | (prior_weight == 0.0))[cameras].any()
+        only_ties = not part.gcps and not part.places and options.laser is None and options.sigma_dem_m is None
+        if part.ties and part.gcps + part.places < COMMON.showing_gcps and not held:
+            found.append(find_common_drift(observations, camera, part.images, free, sigma, only_ties))
+    return tuple(one for one in found if one is not None)
 
 
 def _require_solvable(

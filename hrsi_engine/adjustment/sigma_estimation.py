@@ -87,7 +87,7 @@ class SigmaEstimation:
         self.sigmas = Sigmas.start_groups(self.groups, problem.observations)
         drifts = [estimate_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
-        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.usual_drift, per_px)
+        self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.usual_drift, per_px, problem.common)
         self.sums = np.zeros((count, 3))
         self.drifts = False
         self._last: tuple[Solution, np.ndarray, Precision] | None = None
@@ -157,7 +157,7 @@ class SigmaEstimation:
         change, unit_variance = 0.0, 1.0
         if self.sigmas.free.any():
             precise = self.precision_at(loop, solution)
-            own = precise.own_cameras(loop)
+            cofactors = precise.cameras
             self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
             before = self.sigmas.factor
             self.sigmas.correct_factors(self.sums)
@@ -171,8 +171,8 @@ class SigmaEstimation:
             freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
             stated = SIGMA.of_stated_sigmas
             unit_variance = max((stated + loop.sum_of_squares(solution)) / (stated + freedom), 1.0)
-        if self.drifts:
-            change = max(change, self.drift.correct_sigmas(loop, solution, own, unit_variance))
+        if self.drifts and cofactors is not None:
+            change = max(change, self.drift.correct_sigmas(loop, solution, cofactors, unit_variance))
         if change >= SIGMA.settled:  # another solution follows
             self._last = None
         return change

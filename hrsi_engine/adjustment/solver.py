@@ -104,7 +104,7 @@ class Adjuster(Snooping):
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
             loop = self.problem.loop()
-            loop.set_prior_weight(self.loop.prior_weight)
+            loop.set_prior_weight(self.loop.prior_weight, self.loop.common)
             validated = cross_validate(self.problem, loop, self.solution, self.survey_weight, progress)
             self.found.cross_validation = validated
         self.sigmas.report_to(self.found)

@@ -221,7 +221,7 @@ class Snooping:
         loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
         prior_weight = self.loop.prior_weight.copy()
         prior_weight[:, self.problem.guessed] /= SNOOPING.strong_drift**2
-        loop.set_prior_weight(prior_weight)
+        loop.set_prior_weight(prior_weight, self.loop.common)
         free = loop.continue_from(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
         return compute_discrepancies(self.problem, loop, free, points)
 

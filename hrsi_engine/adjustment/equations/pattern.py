@@ -6,6 +6,7 @@ every camera. It is symmetric, so only the blocks with row <= column are kept, i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -68,11 +69,11 @@ class Pattern:
 
 
 def find_pattern(
-    observations: Observations, parameters: int, pairs: tuple[np.ndarray, np.ndarray] | None = None
+    observations: Observations, parameters: int, more: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 ) -> Pattern:
-    """Return the pattern of the cameras of all measurements, and of further ``pairs`` (rows <= columns)."""
+    """Return the pattern of the cameras of all measurements, and of ``more`` pairs (rows <= columns)."""
     together = _count_common_points(observations)
-    if pairs is not None:
+    for pairs in more:
         together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
     shared = sparse.triu(together, format="csr")
     shared.sort_indices()

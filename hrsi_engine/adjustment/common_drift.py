@@ -1,0 +1,209 @@
+"""Drifts that move all images of a part alike: what tie points cannot tell, and what is believed of it.
+
+Let the ground of a block without GCPs be deformed by a field d of first degree: a scale, a rotation, a skew, a tilt of
+its heights. With B the derivatives of an image by the ground, drifts of the images that give ``B d`` in every image
+follow the deformation, and the ties fit as they did, but for what relief and the second order of the cameras show. There
+the small errors that neighbouring image points share are larger than what the ties have to say. So these *common*
+drifts keep the a priori standard deviations of their sensors, whatever is estimated for the differences between images.
+
+With the drifts in units of these standard deviations, U (k p, r) an orthonormal basis of the common ones, and F the
+factors that the block asks for (`drift_prior`), the weights of all drifts are::
+
+    F^-2 + U G U'      G = I - U' F^-2 U, as far as it is positive
+
+Neighbouring image points share their errors (relief, windows of least-squares matching), so the ties of an image tell
+as much of its camera as it has patches of `COMMON.patch_px` with points in them, and not as it has points. Where nothing
+but ties and RPCs hold a part, its m points of each patch weigh 1/m beside the priors. That is, as a point's own error is
+what it is, the priors weigh m times as much, and m times the cofactors of the cameras are their covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import ground_difference_m
+from ..refinement.image_space import ImagePolynomial
+from ..refinement.model import RefinementModel
+from .equations import Normals, Pattern
+from .observations import Observations
+
+
+@thresholds
+class CommonDriftThresholds:
+    """Which parts of a block have common drifts that nothing shows, and which image points err alike."""
+
+    showing_gcps: int = threshold(3, "GCPs", "from which on a part's GCPs show an affine deformation of its ground")
+    most_cameras: int = threshold(
+        50, "cameras", "of a part; the mean of more drifts is better known than those of the sensors"
+    )
+    patch_px: float = threshold(
+        300.0, "px", "distance within which matching errors are alike", "Kahramanmaras, two Pleiades pairs, 2026-11-25"
+    )
+    least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
+
+
+COMMON = CommonDriftThresholds()
+GRID = 5  # points along each axis of an image where its drifts are fitted to a deformation of the ground
+
+
+@dataclass(frozen=True, eq=False)
+class CommonDrift:
+    """The common drifts of k cameras (numbers in ascending order), and the prior that holds them.
+
+    free : (k, p) which parameters are drifts that are estimated; n of them
+    basis : (n, r) orthonormal, in units of the drifts' a priori standard deviations ``believed (n,)``
+    points_alike : image points that err alike; all priors of the cameras weigh as many times as much
+    weight : (r, r) G
+    """
+
+    camera: np.ndarray
+    free: np.ndarray
+    believed: np.ndarray
+    basis: np.ndarray
+    points_alike: float
+    weight: np.ndarray
+
+    @property
+    def place(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns ``(n,)`` of the drifts in arrays ``(cameras, p)``."""
+        rows, columns = np.nonzero(self.free)
+        return self.camera[rows], columns
+
+    @property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cameras that it connects, with each of them itself: rows and columns, ``row <= column``."""
+        rows, columns = np.triu_indices(len(self.camera))
+        return self.camera[rows], self.camera[columns]
+
+    def balance_with(self, factor: np.ndarray, unit_variance: float) -> CommonDrift:
+        """Return the prior beside weights of the drifts by ``factor (n,)``, both ``unit_variance`` times as heavy."""
+        values, vectors = np.linalg.eigh(np.eye(self.basis.shape[1]) - (self.basis.T / factor**2) @ self.basis)
+        scale = unit_variance * self.points_alike
+        return replace(self, weight=scale * (vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+    def select_drifts(
+        self, cofactors: np.ndarray, values: np.ndarray, pattern: Pattern
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return cofactors ``(n, n)`` and values ``(n,)`` of the drifts in their units, of those of all cameras."""
+        k, p = self.free.shape
+        rows, columns = np.triu_indices(k)
+        full = np.empty((k, k, p, p))
+        full[rows, columns] = cofactors[pattern.find_blocks(*self.pairs)]
+        full[columns, rows] = full[rows, columns].transpose(0, 2, 1)
+        chosen = np.flatnonzero(self.free)
+        own = full.transpose(0, 2, 1, 3).reshape(k * p, k * p)[np.ix_(chosen, chosen)]
+        return own / self.believed[:, None] / self.believed, values[self.place] / self.believed
+
+    def predict_differences(
+        self, then: CommonDrift, cofactors: np.ndarray, values: np.ndarray, held: np.ndarray, weight: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return squares and redundancies ``(n,)`` of the drifts less the common ones, with other priors.
+
+        ``cofactors`` and ``values`` are what `select_drifts` returns; the drifts' own priors weighed ``held (n,)``, and
+        are to weigh ``weight (n,)``, and those of the common drifts as ``then``.
+        """
+        weight = weight * self.believed**2
+        grown = np.diag(weight - held * self.believed**2)
+        grown += self.basis @ (then.weight - self.weight) @ self.basis.T
+        known = np.column_stack([cofactors, values])
+        ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ grown, known)
+        rest = np.eye(len(values)) - self.basis @ self.basis.T
+        share = np.einsum("ij,jk,ki->i", rest, ahead[:, :-1], rest)
+        return (rest @ ahead[:, -1]) ** 2, np.clip(rest.diagonal() - weight * share, 0.0, 1.0)
+
+    # ---- the prior in the loop (`gauss_newton`, as `joint_prior`) ----------------------------------------------------
+
+    def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
+        """Add the prior to reduced normal equations at ``values (cameras, p)``."""
+        by_value = self._derive_modes()
+        rows, columns = np.triu_indices(len(self.camera))
+        blocks = np.einsum("bpr,bqr->bpq", (by_value @ self.weight)[rows], by_value[columns])
+        normals.blocks[pattern.find_blocks(*self.pairs)] += blocks
+        normals.right[self.camera] -= by_value @ (self.weight @ self._measure_modes(values))
+
+    def compute_cost(self, values: np.ndarray) -> float:
+        """Return half the weighted sum of squares at ``values (cameras, p)``."""
+        modes = self._measure_modes(values)
+        return 0.5 * float(modes @ self.weight @ modes)
+
+    def count_parameters(self, cofactors: np.ndarray, pattern: Pattern) -> float:
+        """Return how many of the parameters come from the prior, for ``cofactors`` on the pattern."""
+        own, _ = self.select_drifts(cofactors, np.zeros((pattern.cameras, pattern.parameters)), pattern)
+        return float(np.sum(self.weight * (self.basis.T @ own @ self.basis)))
+
+    def _derive_modes(self) -> np.ndarray:
+        """Return the derivatives of the common drifts by the cameras' parameters, ``(k, p, r)``."""
+        by_value = np.zeros((*self.free.shape, self.basis.shape[1]))
+        by_value[self.free] = self.basis / self.believed[:, None]
+        return by_value
+
+    def _measure_modes(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(self.basis.T @ (values[self.place] / self.believed))
+
+
+def find_common_drift(
+    observations: Observations, model: RefinementModel, images: np.ndarray, free: np.ndarray, sigma: np.ndarray,
+    only_ties: bool,
+) -> CommonDrift | None:
+    """Return the common drifts of a part of a block, None where it has none.
+
+    ``images`` are its images, ``free (cameras, p)`` which parameters are drifts, and ``sigma (cameras, p)`` the a
+    priori standard deviations of all parameters; ``only_ties`` says that nothing else tells of its cameras.
+    """
+    camera = np.unique(observations.camera_of_image[images])
+    own, sigma = free[camera], sigma[camera]
+    if len(camera) > COMMON.most_cameras or not own.any():
+        return None
+    equations: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for index, by_values, by_fields in _derive_fields(observations, model, images):
+        place = int(np.searchsorted(camera, observations.camera_of_image[index]))
+        equations.setdefault(place, []).append((by_values * sigma[place], by_fields))
+    modes = np.concatenate([
+        # of all corrections that fit the deformation the a priori likeliest
+        np.linalg.lstsq(*(np.concatenate(part) for part in zip(*equations[place], strict=True)), rcond=1e-9)[0][chosen]
+        for place, chosen in enumerate(own)
+    ])  # fmt: skip
+    basis, size, _ = np.linalg.svd(modes, full_matrices=False)
+    basis = basis[:, size > COMMON.least_mode * size[0]]
+    alike = _count_points_per_patch(observations, images) if only_ties else 1.0
+    return CommonDrift(camera, own, sigma[own], basis, alike, np.zeros((basis.shape[1], basis.shape[1])))
+
+
+def _derive_fields(
+    observations: Observations, model: RefinementModel, images: np.ndarray
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Yield each image with derivatives ``(2 n, p)`` of its points by the parameters, and by deformations ``(2 n, d)``.
+
+    A deformation is a monomial of east and north, as far as the model's degree goes, in one of the three coordinates;
+    it is 1 about a scene's size away from the middle.
+    """
+    degree = int(model.powers.sum(axis=1).max(initial=1)) if isinstance(model, ImagePolynomial) else 1
+    powers = [(a, total - a) for total in range(1, degree + 1) for a in range(total + 1)]
+    places = [observations.images[index].rpc for index in images]
+    middle = np.mean([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in places], axis=0)
+    reach_m = None
+    for index in images.tolist():
+        image = observations.images[index]
+        xy = image.grid_px(GRID, GRID)
+        ground = image.rpc.localize(xy, image.rpc.height_off).ground
+        xy, ground = xy[np.isfinite(ground[:, 0])], ground[np.isfinite(ground[:, 0])]
+        away_m = ground_difference_m(ground, np.broadcast_to(middle, ground.shape))[:, :2]
+        reach_m = reach_m or float(np.abs(away_m).max())
+        at = model.equations(image, xy)(np.zeros(len(model.parameters)), ground)
+        monomials = np.stack([np.prod((away_m / reach_m) ** power, axis=1) for power in powers], axis=1)
+        fields = at.by_ground[:, :, :, None] * monomials[:, None, None, :]
+        yield index, at.by_values.reshape(2 * len(xy), -1), -fields.reshape(2 * len(xy), -1)
+
+
+def _count_points_per_patch(observations: Observations, images: np.ndarray) -> float:
+    """Return how many image points of a part stand for one that errs by itself, at least 1."""
+    points = patches = 0
+    for index in images.tolist():
+        xy = observations.xy[observations.by_image[index]]
+        points += len(xy)
+        patches += len(np.unique(np.floor(xy / COMMON.patch_px), axis=0))
+    return max(points / max(patches, 1), 1.0)
