@@ -2,9 +2,9 @@
 
 Let the ground of a block without GCPs be deformed by a field d of first degree: a scale, a rotation, a skew, a tilt of
 its heights. With B the derivatives of an image by the ground, drifts of the images that give ``B d`` in every image
-follow the deformation, and the ties fit as they did, but for what relief and the second order of the cameras show. There
-the small errors that neighbouring image points share are larger than what the ties have to say. So these *common*
-drifts keep the a priori standard deviations of their sensors, whatever is estimated for the differences between images.
+follow the deformation, and the ties fit as they did, but for what relief and the second order of the cameras show. The
+small errors that neighbouring image points share are larger than that. So these *common* drifts keep the a priori
+standard deviations of their sensors, whatever is estimated for the differences between images.
 
 With the drifts in units of these standard deviations, U (k p, r) an orthonormal basis of the common ones, and F the
 factors that the block asks for (`drift_prior`), the weights of all drifts are::
@@ -12,9 +12,9 @@ factors that the block asks for (`drift_prior`), the weights of all drifts are::
     F^-2 + U G U'      G = I - U' F^-2 U, as far as it is positive
 
 Neighbouring image points share their errors (relief, windows of least-squares matching), so the ties of an image tell
-as much of its camera as it has patches of `COMMON.patch_px` with points in them, and not as it has points. Where nothing
-but ties and RPCs hold a part, its m points of each patch weigh 1/m beside the priors. That is, as a point's own error is
-what it is, the priors weigh m times as much, and m times the cofactors of the cameras are their covariance.
+as much of its camera as it has patches of `COMMON_DRIFT.patch_px` with points in them, and not as it has points. Where
+nothing but ties and RPCs hold a part, the m points of each patch weigh 1/m beside the priors. As a point's own error
+stays what it is, the priors weigh m times as much instead, and the covariance of cameras is m times their cofactors.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class CommonDriftThresholds:
     least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
 
 
-COMMON = CommonDriftThresholds()
+COMMON_DRIFT = CommonDriftThresholds()
 GRID = 5  # points along each axis of an image where its drifts are fitted to a deformation of the ground
 
 
@@ -146,7 +146,11 @@ class CommonDrift:
 
 
 def find_common_drift(
-    observations: Observations, model: RefinementModel, images: np.ndarray, free: np.ndarray, sigma: np.ndarray,
+    observations: Observations,
+    model: RefinementModel,
+    images: np.ndarray,
+    free: np.ndarray,
+    sigma: np.ndarray,
     only_ties: bool,
 ) -> CommonDrift | None:
     """Return the common drifts of a part of a block, None where it has none.
@@ -156,7 +160,7 @@ def find_common_drift(
     """
     camera = np.unique(observations.camera_of_image[images])
     own, sigma = free[camera], sigma[camera]
-    if len(camera) > COMMON.most_cameras or not own.any():
+    if len(camera) > COMMON_DRIFT.most_cameras or not own.any():
         return None
     equations: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
     for index, by_values, by_fields in _derive_fields(observations, model, images):
@@ -168,7 +172,7 @@ def find_common_drift(
         for place, chosen in enumerate(own)
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
-    basis = basis[:, size > COMMON.least_mode * size[0]]
+    basis = basis[:, size > COMMON_DRIFT.least_mode * size[0]]
     alike = _count_points_per_patch(observations, images) if only_ties else 1.0
     return CommonDrift(camera, own, sigma[own], basis, alike, np.zeros((basis.shape[1], basis.shape[1])))
 
@@ -205,5 +209,5 @@ def _count_points_per_patch(observations: Observations, images: np.ndarray) -> f
     for index in images.tolist():
         xy = observations.xy[observations.by_image[index]]
         points += len(xy)
-        patches += len(np.unique(np.floor(xy / COMMON.patch_px), axis=0))
+        patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
     return max(points / max(patches, 1), 1.0)

@@ -59,8 +59,8 @@ class DriftPrior:
     """The drifts' prior sigmas found so far, as factors of the ``believed`` ones; both ``(cameras, p)``.
 
     ``given`` are the weights of all parameters' priors, ``per_px`` the believed change across an image, px per px;
-    ``common`` are the drifts that ties do not show; ``of_block`` is the factor of all drifts together; ``sums`` are the last squares (in believed sigmas), redundancy
-    and number of drifts.
+    ``common`` are the drifts that ties do not show; ``of_block`` is the factor of all drifts together; ``sums`` are the
+    last squares (in believed sigmas), redundancy and number of drifts.
     """
 
     model: RefinementModel
@@ -96,8 +96,8 @@ class DriftPrior:
         That is the largest relative change. One below `DRIFT.settled` is not worth another solution: all stays as it
         is. ``cofactors (blocks, p, p)`` are those of the cameras on the pattern. Where all observations are worse than
         they were said to be, by their ``unit_variance``, the drifts' priors weigh as much more: else they would follow
-        the noise. For the same reason all priors weigh k times as much where only ties tell of the cameras and k of them
-        err alike (`common_drift`).
+        the noise. For the same reason all priors weigh k times as much where only ties tell of the cameras and k of
+        them err alike (`common_drift`).
 
         Before the block is solved again, corrections are repeated until they settle. Weights of a camera's priors that
         have grown by D make of its cofactors Q and values v, but for what changes in other cameras::

@@ -17,6 +17,7 @@ from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
+from .common_drift import CommonDrift
 from .equations import (
     CameraSystem,
     Cofactors,
@@ -27,7 +28,6 @@ from .equations import (
     State,
     choose_camera_system,
 )
-from .common_drift import CommonDrift
 from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares

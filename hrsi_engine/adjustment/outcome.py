@@ -225,7 +225,11 @@ def _describe_measurements(
 
 
 def _compute_covariance(
-    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray,
+    problem: Problem,
+    solution: Solution,
+    precise: Precision,
+    cameras: CameraDelivery,
+    factor: np.ndarray,
     alike: np.ndarray,
 ) -> np.ndarray:
     """Return the covariances ``(m, 3, 3)`` of the delivered positions.

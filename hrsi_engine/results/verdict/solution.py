@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...adjustment.common_drift import COMMON_DRIFT
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ...refinement.model import Priors, select_priors
+from ...refinement.model import Priors, estimate_priors, select_priors
 from .evidence import CAMERA, Evidence
 from .significance import SOUND_BLOCKS, is_significant
 
@@ -25,6 +26,9 @@ class SolutionThresholds:
     unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
     granted_shift_px: float = threshold(20.0, "px", "sigma of the shift that any RPC may have", SOUND_BLOCKS)
     granted_drift: float = threshold(2e-4, "px/px", "sigma of the drift that any RPC may have", SOUND_BLOCKS)
+    implausible_drift: float = threshold(
+        5.0, "sigma", "estimated drift of an image that no GCPs show, in a priori sigmas of its sensor", SOUND_BLOCKS
+    )
     doubtful_fit_px: float = threshold(0.1, "px", "largest difference of a refined RPC from its model that is reported")
     unusable_fit_px: float = threshold(1.0, "px", "the same that makes a block unusable")
     least_prior_share: float = threshold(1e-12, "", "a prior with less share in a parameter is not derived from it")
@@ -103,6 +107,38 @@ def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for drifts larger than any of their sensors', where no GCPs show them.
+
+    Ties tell of differences between images only, and matches of one scene on two dates may well err alike.
+    """
+    result = evidence.result
+    estimated = result.cameras
+    if estimated is None or result.plan is not None:
+        return
+    by_ties = {name for part in result.parts if part.gcps < COMMON_DRIFT.showing_gcps for name in part.images}
+    drifts, images = estimated.model.drifts, result.block.images
+    far = np.zeros(estimated.values.shape)
+    for index in [index for index, image in enumerate(images) if image.id in by_ties]:
+        sigma = estimated.model.prior_sigmas(images[index], estimate_priors(images[index]))[drifts]
+        far[index, drifts] = np.abs(estimated.values[index, drifts]) / sigma
+    found = np.flatnonzero(far.max(axis=1, initial=0.0) > SOLUTION.implausible_drift)
+    if not len(found):
+        return
+    worst, parameter = np.unravel_index(int(np.argmax(far)), far.shape)
+    ids = tuple(images[index].id for index in found.tolist())
+    value = float(estimated.values[worst, parameter])
+    yield Reason(
+        "drift-implausible", Level.DOUBTFUL,
+        f"the tie points make image {list_ids(ids)} drift more than is known of the sensor, and no GCPs show it: "
+        f"{estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, {far[worst, parameter]:.0f} "
+        f"times the a priori standard deviation ({abs(value) / far[worst, parameter]:.1e})",
+        f"measure at least {COMMON_DRIFT.showing_gcps} GCPs spread over the images; without any, look for ties that "
+        "err together (between dates, over relief or shadows)",
+        images=ids,
+    )  # fmt: skip
+
+
 def prior_sigmas(evidence: Evidence) -> np.ndarray:
     """Return the prior standard deviation of each parameter, ``(images, p)``; 0 where it was fixed.
 
@@ -149,4 +185,4 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-ON_SOLUTION = (find_divergence, find_large_sigma0, find_large_corrections, find_refit_errors)
+ON_SOLUTION = (find_divergence, find_large_sigma0, find_large_corrections, find_implausible_drifts, find_refit_errors)

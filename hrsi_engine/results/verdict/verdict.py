@@ -28,7 +28,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
 CONSEQUENCES = frozenset({
     "not-converged", "residuals-too-large", "correction-too-large", "control-misfit", "control-left-out",
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
-    "extrapolation", "sources-disagree", "heights-off-rpcs",
+    "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
 })  # fmt: skip
 
 
