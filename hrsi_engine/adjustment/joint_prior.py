@@ -82,6 +82,12 @@ class JointPrior:
                 "`earlier_cameras` be free"
             )
 
+    def enter_start(self, start: np.ndarray, prior_weight: np.ndarray) -> None:
+        """Enter its values into ``start (cameras, p)``; and no ``prior_weight (cameras, p)`` of its cameras."""
+        start[self.camera] = self.known.values
+        fixed_again = np.isinf(prior_weight[self.camera]) | self.known.fixed
+        prior_weight[self.camera] = np.where(fixed_again, np.inf, 0.0)
+
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior to reduced normal equations at ``values (cameras, p)``."""
         known, (rows, columns) = self.known, self.pairs

@@ -229,13 +229,9 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     if earlier is not None:
         earlier.require_parameters(tuple(camera.parameters))
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
-    known = np.zeros(observations.cameras, dtype=bool)
     if earlier is not None:
-        known[earlier.camera] = True
-        start[earlier.camera] = earlier.known.values
-        fixed_again = np.isinf(prior_weight[earlier.camera]) | earlier.known.fixed
-        prior_weight[earlier.camera] = np.where(fixed_again, np.inf, 0.0)
-    _require_solvable(observations, model, prior_weight, known)
+        earlier.enter_start(start, prior_weight)
+    _require_solvable(observations, model, prior_weight, earlier)
     common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
     joint = [*common, *([] if earlier is None else [earlier])]
     pattern = find_pattern(observations, len(camera.parameters), [prior.pairs for prior in joint])
@@ -448,15 +444,14 @@ def _find_common_drifts(
 
 
 def _require_solvable(
-    observations: Observations, model: RefinementModel, prior_weight: np.ndarray, known: np.ndarray
+    observations: Observations, model: RefinementModel, prior_weight: np.ndarray, earlier: JointPrior | None
 ) -> None:
-    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values.
-
-    ``known (cameras,)`` are those that an earlier adjustment tells of.
-    """
+    """Raise `SolveError` where the observations cannot determine the unknowns, whatever their values."""
     p = min(len(model.parameters), 2 * model.least_points)  # what the priors of a model are not made to give
     per_camera = np.bincount(observations.camera[observations.contributes], minlength=observations.cameras)
-    free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0) & ~known
+    free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
+    if earlier is not None:
+        free[earlier.camera] = False
     observed, unknowns = count_observations(observations, observations.contributing_points, p * int(free.sum()))
     if not observations.located.any() or not free.all():
         observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
