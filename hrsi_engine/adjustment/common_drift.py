@@ -33,7 +33,7 @@ from .observations import Observations
 
 
 @thresholds
-class CommonDriftThresholds:
+class COMMON_DRIFT:
     """Which parts of a block have common drifts that nothing shows, and which image points err alike."""
 
     showing_gcps: int = threshold(3, "GCPs", "from which on a part's GCPs show an affine deformation of its ground")
@@ -46,7 +46,6 @@ class CommonDriftThresholds:
     least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
 
 
-COMMON_DRIFT = CommonDriftThresholds()
 GRID = 5  # points along each axis of an image where its drifts are fitted to a deformation of the ground
 
 
