@@ -158,7 +158,7 @@ def test_a_height_above_the_geoid_becomes_ellipsoidal(real_data: Path) -> None:
     grid = str(real_data / "ventoux_phr_pair" / "dem" / "egm96_15.gtx")
     ground = np.array([[5.2, 44.2, 476.0]])
     try:
-        by_crs = crs_operations.to_wgs84(ground, "EPSG:4326+5773")
+        by_crs = crs_operations.operations_of("EPSG:4326+5773").to_wgs84(ground)
     except InputError:
         pytest.skip("PROJ has no EGM96 grid here")
     assert by_crs[0, 2] == pytest.approx(476.0 + geoids.geoid_heights(ground, grid)[0], abs=1e-3)
@@ -190,12 +190,12 @@ def test_heights_are_never_left_as_they_are_for_want_of_a_grid() -> None:
 
 def test_unknown_crs_is_named() -> None:
     with pytest.raises(InputError, match="EPSG:999999"):
-        crs_operations.to_wgs84(np.zeros((1, 3)), "EPSG:999999")
+        crs_operations.operations_of("EPSG:999999").to_wgs84(np.zeros((1, 3)))
 
 
 def test_ellipsoidal_heights_stay() -> None:
     point = np.array([[5.0, 44.0, 321.0]])
-    np.testing.assert_allclose(crs_operations.to_wgs84(point, "EPSG:4979"), point)
+    np.testing.assert_allclose(crs_operations.operations_of("EPSG:4979").to_wgs84(point), point)
     np.testing.assert_allclose(crs_operations.operations_of("EPSG:4326").height_offsets(point[:, :2]), [0.0])
     assert crs_operations.operations_of("EPSG:4979").has_heights
     assert not crs_operations.operations_of("EPSG:32631").has_heights

@@ -1,19 +1,10 @@
 """Every conversion to and from WGS84: PROJ's best operation at each point, its accuracy, and what a better one lacks.
 
-Two CRS are joined by many coordinate operations, each for an area of use and with a stated accuracy. PROJ chooses among
-them point by point, and so do ``cs2cs`` and GDAL (``proj_create_crs_to_crs``, ``pj_get_suggested_operation``): of the
-operations whose area of use, as a rectangle in the source CRS, holds the point it takes the one of best accuracy, where
-two are equal that of the smaller area, and an operation for land before one for the sea. A point that its grid does not
-cover goes to the next operation. `CrsOperations` follows that rule for all points of an array at once: each group of
-points goes through one plain pipeline, and the operation of each point is known. Two things differ. A ballpark
-operation, which takes one datum for the other, serves only where PROJ knows no real one; and the way from WGS84 is the
-inverse of the way to it at every point.
-
-**Stated accuracies.** EPSG's figure is the root sum of squares over the three geocentric coordinates: ED50 to WGS 84
-(1) has 10 m, and its publication (DMA TR 8350.2, appendix B) gives X, Y and Z standard deviations of 3, 8 and 5 m;
-PSAD56 to WGS 84 (1) has 42 m of 17, 27 and 27 m; NAD27 to WGS 84 (4) has 10 m of 5, 5 and 6 m. So the standard
-deviation of each coordinate is the figure over sqrt(3). Of an operation on heights alone it is the figure itself. The
-error of an operation is the same at all points of a scene.
+Two CRS are joined by many coordinate operations, each for an area of use and with a stated accuracy. `CrsOperations`
+takes at each point the one that ``cs2cs`` and GDAL take (`operation_choice`); a point that its grid does not cover goes
+to the next one. Each group of points goes through one plain pipeline, and the operation of each point is known. Two
+things differ. A ballpark operation, which takes one datum for the other, serves only where PROJ knows no real one; and
+the way from WGS84 is the inverse of the way to it at every point.
 
 **Epochs.** An operation between a plate-fixed datum and WGS84 that changes nothing states 1 to 4 m for the motion of
 the plate. With an epoch, that motion is removed (`plate_motion`).
@@ -21,42 +12,22 @@ the plate. With an epoch, that motion is removed (`plate_motion`).
 
 from __future__ import annotations
 
-import re
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
 
 import numpy as np
 import pyproj
 from pyproj.enums import TransformDirection
-from pyproj.transformer import TransformerGroup
 
 from ..foundation.errors import InputError
 from .ellipsoid import wrap_once
-from .geodesy import WGS84, WGS84_3D
 from .geoids import find_substitute, how_to_get_grids
-from .operation_uses import COORDINATES_OF_ACCURACY, WORLD, CrsOperation, OperationUse, with_geoid
-from .plate_motion import PlateMotion, find_plate_motion
+from .operation_choice import Rectangle, choose_operations, split_at_180
+from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
+from .plate_motion import PlateMotion, find_plate_motion, is_realisation_of_itrs
+from .proj_operations import has_heights, list_operations, name_vertical_crs, parse_crs, without_heights
 
-EDGE_NODES = 21  # along each side of an area of use, to find its rectangle in the source CRS, as PROJ does
-#: What a step of a pipeline is called that changes longitudes and latitudes from datum to datum.
-_DATUM_STEP = re.compile(
-    r"proj=(helmert|molobadekas|molodensky|[a-z]*gridshift|defmodel|deformation|affine|horner|tinshift)|\bpm="
-)
-_GEOID_MODEL = re.compile(r"EGM ?\d+", re.IGNORECASE)  # heights are defined by the model, so it has no error
-_AUTHORITY = re.compile(r"(?:INVERSE|DERIVED_FROM)\((\w+)\)")
-_OFFSHORE = "- offshore"
 _KEPT = 128  # CRS whose operations stay in memory
-Rectangle = tuple[float, float, float, float]
-
-
-class _Candidate(NamedTuple):
-    """An operation that can be used here: its pipeline, and its area of use as rectangles in the source CRS."""
-
-    operation: CrsOperation
-    pipeline: pyproj.Transformer
-    rectangles: tuple[Rectangle, ...]  # low x, low y, high x, high y
 
 
 class CrsOperations:
@@ -77,10 +48,12 @@ class CrsOperations:
 
     def __init__(self, crs: pyproj.CRS, epoch: float | None = None) -> None:
         self.crs, self.epoch = crs, epoch
-        self.has_heights = has_heights(crs)
+        self.has_heights, self.vertical_name = has_heights(crs), name_vertical_crs(crs)
         flat = without_heights(crs)
         self.horizontal = self if flat is crs else CrsOperations(flat, epoch)
-        available, self.unavailable = self._look_up()
+        static = [] if flat is crs else [one.operation for one in self.horizontal._candidates]
+        of_flat = [] if flat is crs else [*static, *self.horizontal.unavailable]
+        available, self.unavailable = list_operations(crs, of_flat)
         real = [one for one in available if not one.operation.is_ballpark]
         self._candidates = tuple(real or ([] if self.vertical_name else available))
         self.substitute = find_substitute(self.vertical_name) if self.vertical_name else None
@@ -89,11 +62,6 @@ class CrsOperations:
         if self.vertical_name:
             raise InputError(f"no PROJ grid to convert the heights of {crs.name!r}: {how_to_get_grids()}")
         raise InputError(f"PROJ knows no way from {crs.name!r} to WGS84: convert the layer first")
-
-    @property
-    def vertical_name(self) -> str:
-        """Name of the vertical CRS of a compound one; empty for others."""
-        return str(self.crs.sub_crs_list[1].name) if len(self.crs.sub_crs_list) > 1 else ""
 
     @cached_property
     def operations(self) -> tuple[CrsOperation, ...]:
@@ -134,10 +102,9 @@ class CrsOperations:
             Lon, lat, height; and numbers of `operations`, -1 where none covers a point.
         """
         ground, number = self._convert_static(np.asarray(xyz, dtype=np.float64))
-        for one in np.unique(number[number >= 0]).tolist() if self._motion is not None else ():
-            if self._motion is not None and self.is_plate_fixed(one):
-                rows = number == one
-                ground[rows] = self._motion.move(ground[rows])
+        if self._motion is not None:
+            rows = np.isin(number, [one for one in range(len(self.operations)) if self.is_plate_fixed(one)])
+            ground[rows] = self._motion.move(ground[rows])
         return ground, number
 
     def height_offsets(self, xy: np.ndarray) -> np.ndarray:
@@ -177,14 +144,14 @@ class CrsOperations:
         # Begin with the operation that the areas of use in degrees suggest; the one that leads back decides
         xy, number = np.full((len(lonlat), 2), np.inf), np.full(len(lonlat), -1)
         areas = [split_at_180(one.operation.bounds) for one in self._candidates]
-        chosen = self._choose(lonlat, areas)
+        chosen = self._choose(lonlat, areas, {})
         for _ in self._candidates:
             for one in np.unique(chosen[chosen != number]).tolist():
                 rows = np.flatnonzero((chosen == one) & (number != one))
                 xy[rows] = self._pass_back(one, (still if self.is_plate_fixed(one) else lonlat)[rows])
             number, known = chosen, np.isfinite(xy[:, 0])
             chosen = number.copy()
-            chosen[known] = self._choose(xy[known], [one.rectangles for one in self._candidates])
+            chosen[known] = self._choose(xy[known], [one.rectangles for one in self._candidates], {})
             if np.array_equal(chosen, number):
                 break
         return xy
@@ -192,7 +159,7 @@ class CrsOperations:
     def _convert_static(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `convert` without the motion of plates."""
         areas, tried = [one.rectangles for one in self._candidates], dict[int, np.ndarray]()
-        chosen = self._choose(xyz, areas) if self._candidates else np.full(len(xyz), -1)
+        chosen = self._choose(xyz, areas, {}) if self._candidates else np.full(len(xyz), -1)
         if len(xyz) and not chosen.strides[0] and chosen[0] >= 0:  # one for all
             first = int(chosen[0])
             ground, number = self._pass(first, xyz), np.full(len(xyz), first, dtype=np.int16)
@@ -254,114 +221,13 @@ class CrsOperations:
             x, y, _ = pipeline.transform(lon, lat, zero, direction=back)
         return np.column_stack([x, y])
 
-    # ---- choice of the operation ---------------------------------------------------------------------------------
-
     def _choose(
-        self,
-        xy: np.ndarray,
-        areas: Sequence[Sequence[Rectangle]],
-        without: Mapping[int, np.ndarray] | None = None,
+        self, xy: np.ndarray, areas: Sequence[Sequence[Rectangle]], without: Mapping[int, np.ndarray]
     ) -> np.ndarray:
-        """Return the number of the candidate for each point by PROJ's rule, -1 where none is left.
-
-        xy : (n, 2 or 3); areas : rectangles of each candidate; without : (n,) where a candidate is out
-        """
-        without = without or {}
-        if len(areas) == 1 and not without:
-            return np.broadcast_to(0, len(xy))
-        if not len(xy):
-            return np.zeros(0, dtype=np.int64)
-        x, y = xy[:, 0], xy[:, 1]
-        if self.crs.is_geographic and (np.abs(x) > 180.0).any():
-            x = (x + 180.0) % 360.0 - 180.0
-        # Where each area holds all points or none, what is chosen for one holds for all
-        low_x, low_y, high_x, high_y = np.fmin.reduce(x), np.fmin.reduce(y), np.fmax.reduce(x), np.fmax.reduce(y)
-        met = [
-            (one, r)
-            for one, rectangles in enumerate(areas)
-            for r in rectangles
-            if not (high_x < r[0] or low_x > r[2] or high_y < r[1] or low_y > r[3])
-        ]
-        whole = all(r[0] <= low_x and r[1] <= low_y and r[2] >= high_x and r[3] >= high_y for _, r in met)
-        if whole and not without:
-            x, y = np.array([low_x]), np.array([low_y])
-        best, accuracy = np.full(len(x), -1), np.full(len(x), np.inf)
-        within = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(x), 1))
-        for one, r in met:
-            operation = self._candidates[one].operation
-            inside = (x >= r[0]) & (y >= r[1]) & (x <= r[2]) & (y <= r[3])
-            if one in without:
-                inside &= ~without[one]
-            better = best < 0
-            if operation.accuracy_m is not None and _OFFSHORE not in operation.area:
-                smaller = (within[:, :2] <= r[:2]).all(axis=1) & (within[:, 2:] >= r[2:]).all(axis=1)
-                smaller &= (within != r).any(axis=1)
-                same = accuracy == operation.accuracy_m
-                better |= (operation.accuracy_m < accuracy) | (same & smaller)
-            here = inside & better
-            best[here], within[here] = one, r
-            accuracy[here] = -1.0 if operation.accuracy_m is None else operation.accuracy_m
-        for one, candidate in enumerate(self._candidates):  # outside all areas: the first that needs no grid
-            if not candidate.operation.grids:
-                best[(best < 0) & ~without.get(one, np.zeros(len(x), dtype=bool))] = one
-        return best if len(best) == len(xy) else np.broadcast_to(best, len(xy))
-
-    def _look_up(self) -> tuple[list[_Candidate], tuple[CrsOperation, ...]]:
-        """Return the operations in PROJ's order: those that can be used here, and those that lack a grid."""
-        target = WGS84_3D if self.has_heights else WGS84
-        missing: list[Any] = []
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: told where it matters
-            try:
-                group = TransformerGroup(self.crs, target, always_xy=True)
-                found, missing = group.transformers, group.unavailable_operations
-            except pyproj.exceptions.ProjError:  # PROJ cannot make one of the operations that it lists
-                found = self._look_up_only_one(target)
-        stated = [self._describe(one) for one in found]
-        pipelines = [pyproj.Transformer.from_pipeline(one.definition) for one in found]
-        areas = _rectangles(self.horizontal.crs, [one.bounds for one in stated])
-        candidates = [_Candidate(*one) for one in zip(stated, pipelines, areas, strict=True)]
-        return candidates, tuple(self._describe(one) for one in missing)
-
-    def _look_up_only_one(self, target: int) -> list[pyproj.Transformer]:
-        """Return the operation that PROJ itself takes, in a list; none where that depends on the point."""
-        try:
-            found = pyproj.Transformer.from_crs(self.crs, target, always_xy=True)
-        except pyproj.exceptions.ProjError:
-            return []
-        return [found] if found.definition.startswith("proj=") else []
-
-    def _describe(self, operation: Any) -> CrsOperation:
-        """Return what PROJ states of a transformer or of a coordinate operation."""
-        steps = operation.operations or ()
-        moving = [step for step in steps if step.type_name != "Conversion"]
-        ids = [known for step in moving if (known := step.to_json_dict().get("id"))]
-        codes = [_AUTHORITY.sub(r"\1", known["authority"]) + f":{known['code']}" for known in ids]
-        title = getattr(operation, "description", None) or operation.name
-        stated = None if operation.accuracy is None or operation.accuracy < 0.0 else float(operation.accuracy)
-        is_null = hasattr(operation, "definition") and not _DATUM_STEP.search(operation.definition)
-        area = operation.area_of_use
-        return CrsOperation(
-            " + ".join(step.name for step in moving) or title,
-            ", ".join(codes), stated, self._sigmas(stated, is_null, title),
-            tuple(grid.short_name for step in steps for grid in step.grids),
-            area.name if area else "", area.bounds if area else WORLD,
-            "ballpark" in title.lower(), is_null,
-        )  # fmt: skip
-
-    def _sigmas(self, stated: float | None, is_null: bool, title: str) -> tuple[float, float]:
-        """Return the standard deviations of a horizontal coordinate and of the height that an operation states.
-
-        Of a compound CRS the positions have the largest accuracy of an operation of its horizontal part that the sum
-        holds, the heights the rest. A null operation is off in plan, by the motion of a plate.
-        """
-        each = (stated or 0.0) / COORDINATES_OF_ACCURACY**0.5
-        if not self.vertical_name:
-            return each, each if self.has_heights and not is_null else 0.0
-        flat = (*self.horizontal.operations, *self.horizontal.unavailable)
-        known = [one.accuracy_m for one in flat if one.accuracy_m is not None and one.accuracy_m <= (stated or 0.0)]
-        plan = max(known, default=0.0)
-        return plan / COORDINATES_OF_ACCURACY**0.5, 0.0 if _GEOID_MODEL.search(title) else (stated or 0.0) - plan
+        """Return the number of the candidate for each point, as `choose_operations`; longitudes in any turn."""
+        if self.crs.is_geographic and len(xy) and (np.abs(xy[:, 0]) > 180.0).any():
+            xy = np.column_stack([(xy[:, 0] + 180.0) % 360.0 - 180.0, xy[:, 1]])
+        return choose_operations(xy, [one.operation for one in self._candidates], areas, without)
 
     # ---- the motion of plates ------------------------------------------------------------------------------------
 
@@ -399,7 +265,8 @@ class CrsOperations:
         if number >= len(self._candidates):
             return self.horizontal.is_plate_fixed(number - len(self._candidates))
         made = self._candidates[number].operation
-        return made.is_null and not made.is_ballpark and bool(made.accuracy_m)
+        moves = made.is_null and not made.is_ballpark and bool(made.accuracy_m)
+        return moves and not is_realisation_of_itrs(self.crs)
 
     @cached_property
     def _motion(self) -> PlateMotion | None:
@@ -510,93 +377,3 @@ def operations_of(crs: str, epoch: float | None = None) -> CrsOperations:
         The CRS is not known, there is no way to WGS84, or no geoid grid for the heights.
     """
     return CrsOperations(parse_crs(crs), epoch)
-
-
-def to_wgs84(xyz: np.ndarray, crs: str) -> np.ndarray:
-    """Return lon, lat, ellipsoidal height of points in any CRS that PROJ knows.
-
-    A vertical part of the CRS is converted; a CRS without one leaves the heights as they are.
-
-    Parameters
-    ----------
-    xyz : (n, 3) ndarray
-        Positions in the CRS, x (east) first.
-    crs : str
-        Anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``.
-
-    Returns
-    -------
-    (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres; not finite where no operation covers a point.
-
-    Raises
-    ------
-    InputError
-        The CRS is not known, or there is no way to WGS84.
-    """
-    return operations_of(crs).to_wgs84(xyz)
-
-
-def parse_crs(crs: str) -> pyproj.CRS:
-    """Return the CRS of a text; raises `InputError` for one that PROJ does not know."""
-    try:
-        return pyproj.CRS.from_user_input(crs)
-    except (pyproj.exceptions.CRSError, UnicodeError) as error:
-        raise InputError(f"unknown coordinate reference system {crs!r}: give an EPSG code or WKT") from error
-
-
-def has_heights(crs: pyproj.CRS) -> bool:
-    """Tell whether a CRS says what its heights refer to (compound or three-dimensional)."""
-    return len(crs.sub_crs_list) > 1 or len(crs.axis_info) == 3
-
-
-def without_heights(crs: pyproj.CRS) -> pyproj.CRS:
-    """Return a CRS without its heights, so that they pass unchanged; itself where it has none, or is geocentric."""
-    if crs.sub_crs_list:
-        return without_heights(crs.sub_crs_list[0])
-    if len(crs.axis_info) == 2 or crs.is_geocentric:
-        return crs
-    flat = crs.to_json_dict()
-    for part in (flat, flat.get("base_crs", {}), flat.get("source_crs", {})):
-        part.pop("id", None)
-        if "coordinate_system" in part:
-            part["coordinate_system"]["axis"] = part["coordinate_system"]["axis"][:2]
-    return pyproj.CRS.from_json_dict(flat)
-
-
-def split_at_180(bounds: Rectangle) -> tuple[Rectangle, ...]:
-    """Return an area (west, south, east, north) as one rectangle in degrees, two where it lies across 180 degrees."""
-    west, south, east, north = bounds
-    return (bounds,) if west <= east else ((west, south, 180.0, north), (-180.0, south, east, north))
-
-
-def _rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[Rectangle, ...]]:
-    """Return areas of use (west, south, east, north) as rectangles in a CRS; none where it cannot show an area.
-
-    As PROJ does it: by `EDGE_NODES` nodes along each side, on the CRS's ellipsoid, without a datum.
-    """
-    everywhere = (-np.inf, -np.inf, np.inf, np.inf)
-    if flat.is_geocentric or flat.ellipsoid is None:
-        return [(everywhere,)] * len(areas)
-    axis, inverse = flat.ellipsoid.semi_major_metre, flat.ellipsoid.inverse_flattening
-    shape = f"+rf={inverse!r}" if inverse else f"+b={axis!r}"
-    degrees = pyproj.CRS.from_user_input(f"+proj=longlat +a={axis!r} {shape} +no_defs +type=crs")
-    to_flat = pyproj.Transformer.from_crs(degrees, flat, always_xy=True)
-    found = []
-    for area in areas:
-        rectangles = []
-        for west, south, east, north in split_at_180(area):
-            if (west, south, east, north) == WORLD:
-                rectangles.append(everywhere)
-                continue
-            lon, lat = np.linspace(west, east, EDGE_NODES), np.linspace(south, north, EDGE_NODES)
-            x, y = to_flat.transform(
-                np.concatenate([lon, lon, np.full(EDGE_NODES, west), np.full(EDGE_NODES, east)]),
-                np.concatenate([np.full(EDGE_NODES, south), np.full(EDGE_NODES, north), lat, lat]),
-            )
-            known = np.isfinite(x) & np.isfinite(y)
-            if known.any():
-                x, y = x[known], y[known]
-                rectangles.append((float(x.min()), float(y.min()), float(x.max()), float(y.max())))
-        found.append(tuple(rectangles))
-    return found

@@ -282,15 +282,13 @@ def advise_grids(use: OperationUse) -> str:
     return how_to_get_grids("" if use.better is None else ", ".join(use.better.grids), is_geoid=False)
 
 
-def list_operation_warnings(uses: Sequence[OperationUse], epoch_advice: str = "") -> list[str]:
+def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
     """Return what a user should know of operations: grids and geoids that are missing, plates, ballpark operations.
 
     Parameters
     ----------
     uses : sequence of OperationUse
         What converted the inputs.
-    epoch_advice : str
-        What to do about the motion of plates, where something can be done.
 
     Returns
     -------
@@ -310,7 +308,6 @@ def list_operation_warnings(uses: Sequence[OperationUse], epoch_advice: str = ""
             told.append(
                 f"{use.source}: {use.crs} moves with its plate and is taken for WGS84 ({use.operation.name}): they may "
                 f"differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, which all its points share"
-                + (f"; {epoch_advice}" if epoch_advice else "")
             )
     return list(dict.fromkeys(told))
 

@@ -8,23 +8,31 @@ version 1.0.0, table 2.1).
 from __future__ import annotations
 
 import itertools
+import re
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import cast
 
 import numpy as np
 import pyproj
 from pyproj.enums import TransformDirection
 from pyproj.transformer import TransformerGroup
 
-#: EPSG codes of ITRF2014: longitude and latitude, … and ellipsoidal height.
-ITRF2014, ITRF2014_3D = 9000, 7912
+#: EPSG codes of ITRF2014 and of ETRS89: longitude and latitude.
+ITRF2014, ETRS89 = 9000, 4258
 #: Datums (longitude and latitude) that PROJ takes to ITRF2014 by way of another one alone: ETRS89 by ETRF2000, on
-#: which the national networks stand; GDA94 by GDA2020; NAD83(CSRS) by its version 7.
-BY_WAY_OF = {4258: 9067, 4283: 7844, 4617: 8255}
+#: which the national networks stand; GDA94 by GDA2020; NAD83(CSRS) by its version 7. Of a national realisation of
+#: ETRS89, which PROJ takes for it (SWEREF99, RGF93, ETRF2000-PL), the way leads by ETRS89.
+BY_WAY_OF = {ETRS89: 9067, 4283: 7844, 4617: 8255}
+REALISED_M = 0.5  # stated accuracy up to which a datum is a realisation of ETRS89; one by way of WGS84 states 2 m
 WGS84_IN_ITRF_M = 0.02  # standard deviation of WGS84's realisations in ITRF2014 (see above)
 REALISATIONS_M = 0.1  # accuracy of one realisation of a datum taken for another: what EPSG states of ETRS89's ensemble
+
+
+_ITRS = re.compile(
+    "International[ _]Terrestrial[ _]Reference[ _]Frame|IG[Sb]|SIRGAS[ _]Continuously|Australian[ _]Terrestrial|"
+    "World[ _]Geodetic[ _]System[ _]1984|WGS[ _]1984"
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,12 @@ class PlateMotion:
         return np.column_stack([lon, lat, height])
 
 
+def is_realisation_of_itrs(crs: pyproj.CRS) -> bool:
+    """Tell whether a CRS stands on a realisation of the ITRS or of WGS84, which follow no plate."""
+    geodetic = crs.geodetic_crs
+    return geodetic is not None and geodetic.datum is not None and _ITRS.match(geodetic.datum.name) is not None
+
+
 @lru_cache(maxsize=64)
 def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMotion | None:
     """Return the motion of a geodetic CRS's plate, None where PROJ has no time-dependent operation.
@@ -79,19 +93,20 @@ def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMoti
         To ITRF2014.
     """
     geodetic = pyproj.CRS.from_wkt(geodetic_wkt)
-    if geodetic.datum is None or geodetic.datum.to_json_dict()["type"].startswith("Dynamic"):
+    if is_realisation_of_itrs(geodetic):
         return None
-    route = [geodetic.to_3d() if is_3d else geodetic]
     through = BY_WAY_OF.get(_code_of(geodetic))
-    if through is not None:
-        between = pyproj.CRS.from_epsg(through)
-        route.append(between.to_3d() if is_3d else between)
-    route.append(pyproj.CRS.from_epsg(ITRF2014_3D if is_3d else ITRF2014))
-    found = [_best(*pair) for pair in itertools.pairwise(route)]
-    if None in found:
-        return None
-    steps = cast(list[pyproj.Transformer], found)
-    if not any("t_epoch" in step.definition for step in steps):
+    for way in [(through,)] if through else [(), (ETRS89, BY_WAY_OF[ETRS89])]:
+        route = [geodetic, *(pyproj.CRS.from_epsg(code) for code in (*way, ITRF2014))]
+        if is_3d:
+            route = [one.to_3d() for one in route]
+        steps = [step for pair in itertools.pairwise(route) if (step := _best(*pair)) is not None]
+        is_realisation = len(way) < 2 or (
+            len(steps) == 3 and "helmert" not in steps[0].definition and 0.0 <= steps[0].accuracy <= REALISED_M
+        )
+        if len(steps) == len(route) - 1 and is_realisation and any("t_epoch" in step.definition for step in steps):
+            break
+    else:
         return None
     names = [
         part.name

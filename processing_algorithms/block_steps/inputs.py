@@ -12,7 +12,6 @@ from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
 from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
@@ -24,7 +23,8 @@ from ..files.terrain import dem_surface
 from ..interface.declare import Log
 from ..interface.option_groups import NO_TIES, DemOptions, PointFiles, SearchOptions
 
-EPOCH_ADVICE = "`gcp_epoch` with the year of the images counts with that where PROJ knows the motion"
+ANY_YEAR = 2020.0  # to learn whether PROJ has the motion of a plate
+FASTEST_PLATE_M = 0.08  # a year: the Pacific plate's 0.68 degrees in a million years (Altamimi et al. 2017)
 IMAGES_ASKED = 10  # for the time when they were taken
 GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point file is read for
 
@@ -97,24 +97,23 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
     That includes how far plate-fixed datums that are taken for WGS84 lie off it when the images were taken.
     """
     require_strict_datums(uses, strict_datum)
-    return [*list_operation_warnings(uses, EPOCH_ADVICE), *_tell_motion(block, uses)]
-
-
-def _tell_motion(block: Block, uses: Sequence[OperationUse]) -> list[str]:
-    fixed = dict.fromkeys(use.crs for use in uses if use.takes_plate_for_wgs84)
-    known = finite_rows(block.points.ground)
-    if not fixed or not known.any():
-        return []
+    told = list_operation_warnings(uses)
     times = (read_time(image.path) for image in block.images[:IMAGES_ASKED] if image.path)
     time = next((time for time in times if time is not None), None)
-    if time is None:
-        return []
-    year = round(time.year + (time.timetuple().tm_yday - 1) / 365.25, 1)
-    place, told = np.median(block.points.ground[known], axis=0)[None], []
-    for crs in fixed:
+    year = None if time is None else round(time.year + (time.timetuple().tm_yday - 1) / 365.25, 1)
+    rpc = block.images[0].rpc
+    place = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
+    for crs in dict.fromkeys(use.crs for use in uses if use.takes_plate_for_wgs84):
         with suppress(InputError):
-            motion = operations_of(crs).motion_in(year)
-            if motion is not None:
+            motion = operations_of(crs).motion_in(year or ANY_YEAR)
+            if motion is None:
+                told.append(
+                    f"PROJ has no motion of the plate of {crs}, so that `gcp_epoch` does not move it: plates move by "
+                    f"up to {FASTEST_PLATE_M:g} m a year"
+                )
+            elif year is None:
+                told.append(f"{crs}: `gcp_epoch` with the year of the images counts with the motion of its plate")
+            else:
                 east, north, _ = ground_difference_m(motion.move(place), place)[0].tolist()
                 told.append(
                     f"in {year:g}, when the images were taken, WGS84 lies {np.hypot(east, north):.2f} m off {crs} "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import json
 import os
 import shutil
@@ -20,10 +21,12 @@ from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.ground.crs_operations import operations_of, without_heights
+from hrsi.hrsi_engine.ground.crs_operations import operations_of
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from hrsi.hrsi_engine.ground.proj_operations import without_heights
+from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, regrid
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session.tables import ground_points
@@ -31,8 +34,8 @@ from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Where positions may be converted: the service and the two modules that serve it.
-SERVICE = {"crs_operations.py", "geoids.py", "plate_motion.py"}
+#: Where positions may be converted: the service and the modules that serve it.
+SERVICE = {"crs_operations.py", "operation_choice.py", "proj_operations.py", "geoids.py", "plate_motion.py"}
 #: It moves the map window to the extent of a layer as QGIS draws it; no coordinate of the block comes from that.
 MAP_WINDOW = {"plugin/first_steps.py"}
 FORBIDDEN = {
@@ -209,8 +212,52 @@ def test_points_on_a_plate_are_brought_to_the_year_of_the_images(
     assert after.operation.sigma_m[0] < 0.1 < before.operation.sigma_m[0]
 
 
-def test_wgs84_moves_with_no_plate() -> None:
-    assert operations_of("EPSG:32632", 2023.5).motion_in(2023.5) is None
+@pytest.mark.parametrize("code", [32632, 7912, 9990, 9057, 9019])
+def test_wgs84_and_the_itrs_move_with_no_plate(code: int) -> None:
+    """Points of GNSS and laser in ITRF2014 or ITRF2020 are where they say; PROJ lists a ballpark operation for them."""
+    operations, place = operations_of(f"EPSG:{code}", 2023.5), np.array([[10.0, 50.0, 100.0]])
+    assert operations.motion_in(2023.5) is None
+    (use,) = operations.uses_at("laser.gpkg", place)
+    assert not use.operation.is_ballpark and not use.takes_plate_for_wgs84
+    assert list_operation_warnings([use]) == []
+    if code != 32632:
+        np.testing.assert_array_equal(operations.to_wgs84(place), place)
+
+
+@pytest.mark.parametrize("code", [3006, 2154, 2180])
+def test_realisations_of_etrs89_move_with_it(code: int) -> None:
+    """SWEREF99 TM, RGF93 / Lambert-93 and ETRF2000-PL / CS92; Japan and New Zealand have no motion in PROJ."""
+    place = np.array([[10.0, 50.0]])
+    xy = np.pad(operations_of(f"EPSG:{code}").from_wgs84(place), ((0, 0), (0, 1)))
+    moved, of_etrs89 = operations_of(f"EPSG:{code}", 2023.5), operations_of("EPSG:4258", 2023.5)
+    still = operations_of(f"EPSG:{code}").to_wgs84(xy)
+    np.testing.assert_allclose(moved.to_wgs84(xy), of_etrs89.to_wgs84(still), atol=1e-11)
+    assert operations_of("EPSG:6668").motion_in(2023.5) is None
+    assert operations_of("EPSG:5252").motion_in(2023.5) is None  # TUREF: Anatolia does not follow Eurasia
+
+
+def test_the_epoch_of_the_command_line_moves_gcps_as_pyproj_does(tmp_path: Path) -> None:
+    """GDA2020 to ITRF2014 in 2023.5 by pyproj alone; JGD2011 stays, and that is told."""
+    simulate = dict(lon=147.3, lat=-42.9, size=300, gcps=6, checks=4, ties=20, images=2)
+    run("simulate", **simulate, output_dir=str(tmp_path / "block"))
+    with (tmp_path / "block" / "ground_points.csv").open() as file:
+        rows = {row["id"]: np.array([float(row["lon"]), float(row["lat"])]) for row in csv.DictReader(file)}
+    images = [str(tmp_path / "block" / f"image_{number}.tif") for number in (1, 2)]
+    to_itrf = pyproj.Transformer.from_crs("EPSG:7844", "EPSG:9000", always_xy=True)
+    for code, told in (("EPSG:7844", "in 2023.5"), ("EPSG:6668", "PROJ has no motion of the plate of JGD2011")):
+        folder = tmp_path / code[5:]
+        words = ["adjust", *images, "--gcps", str(tmp_path / "block" / "ground_points.csv"), "--ground-crs", code,
+                 "--image-points", str(tmp_path / "block" / "image_points.csv"), "--height-datum", "ellipsoidal",
+                 "--gcp-epoch", "2023.5", "--write", "none", "--output-dir", str(folder)]  # fmt: skip
+        done = subprocess.run([sys.executable, "-m", "hrsi", *words], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert told in (folder / "report.json").read_text()
+        points = read_points(f"{folder / 'block.gpkg'}|layername=ground_points").ground
+        assert points is not None
+        for name, lonlat in rows.items():
+            moved = lonlat if code == "EPSG:6668" else to_itrf.transform(*lonlat, 0.0, 2023.5)[:2]
+            place = points.ground[points.ids == name][0, :2]
+            np.testing.assert_allclose(place, moved, atol=2e-10)  # 0.02 mm
 
 
 # ---- the block ----------------------------------------------------------------------------------------------------

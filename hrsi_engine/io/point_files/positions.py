@@ -11,9 +11,10 @@ import pyproj
 
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import finite_rows
-from ...ground.crs_operations import CrsOperations, has_heights, operations_of, without_heights
+from ...ground.crs_operations import CrsOperations, operations_of
 from ...ground.geodesy import wrap_degrees
 from ...ground.operation_uses import OperationUse, with_geoid, with_surface_heights
+from ...ground.proj_operations import has_heights, without_heights
 from ..rasters.geoid_grids import open_geoid, read_geoid_heights
 from .table import PointTable
 

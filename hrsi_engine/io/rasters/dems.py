@@ -8,8 +8,9 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...ground.crs_operations import has_heights, operations_of
+from ...ground.crs_operations import operations_of
 from ...ground.operation_uses import OperationUse, with_geoid
+from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
 from ..opening.datasets import check_advice, gdal_messages, open_dataset

@@ -7,8 +7,9 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...ground.crs_operations import operations_of, without_heights
+from ...ground.crs_operations import operations_of
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
+from ...ground.proj_operations import without_heights
 from ..opening.budgets import RASTER_BUDGETS
 
 NODES_OVER_RASTER = 5  # along each side of a raster, to tell how it came to WGS84
