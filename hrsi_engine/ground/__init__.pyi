@@ -4,7 +4,6 @@
 
 from .crs_operations import CrsOperations as CrsOperations
 from .crs_operations import operations_of as operations_of
-from .crs_operations import to_wgs84 as to_wgs84
 from .geodesy import LocalFrame as LocalFrame
 from .geodesy import from_ecef as from_ecef
 from .geodesy import ground_difference_m as ground_difference_m

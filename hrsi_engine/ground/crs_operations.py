@@ -25,7 +25,7 @@ from .geoids import find_substitute, how_to_get_grids
 from .operation_choice import Rectangle, choose_operations, split_at_180
 from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
 from .plate_motion import PlateMotion, find_plate_motion, is_realisation_of_itrs
-from .proj_operations import has_heights, list_operations, name_vertical_crs, parse_crs, without_heights
+from .proj_operations import Candidate, has_heights, list_operations, name_vertical_crs, parse_crs, without_heights
 
 _KEPT = 128  # CRS whose operations stay in memory
 
@@ -51,11 +51,13 @@ class CrsOperations:
         self.has_heights, self.vertical_name = has_heights(crs), name_vertical_crs(crs)
         flat = without_heights(crs)
         self.horizontal = self if flat is crs else CrsOperations(flat, epoch)
-        static = [] if flat is crs else [one.operation for one in self.horizontal._candidates]
-        of_flat = [] if flat is crs else [*static, *self.horizontal.unavailable]
+        of_flat: list[CrsOperation] = []
+        if flat is not crs:
+            of_flat = [*(one.operation for one in self.horizontal._candidates), *self.horizontal.unavailable]
+        self.unavailable: tuple[CrsOperation, ...]
         available, self.unavailable = list_operations(crs, of_flat)
         real = [one for one in available if not one.operation.is_ballpark]
-        self._candidates = tuple(real or ([] if self.vertical_name else available))
+        self._candidates: tuple[Candidate, ...] = tuple(real or ([] if self.vertical_name else available))
         self.substitute = find_substitute(self.vertical_name) if self.vertical_name else None
         if self._candidates or self.substitute is not None:
             return
