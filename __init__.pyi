@@ -1008,6 +1008,93 @@ def write_rpc(
     """
     ...
 
+def crop(
+    images: Images,
+    *,
+    window: str | None = None,
+    extent: str | None = None,
+    factor: float | None = None,
+    resampling: Literal["cubic", "near", "bilinear", "cubicspline", "lanczos"] = "cubic",
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    format: Literal["gtiff", "cog", "vrt"] = "gtiff",
+    compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
+    overviews: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """A window, overview or resampling of images with the exact RPC of its pixels.
+
+    Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the
+    RPC of its pixels: the same camera, exactly, at any factor. gdal_translate is off by half of what a
+    pixel has grown when it resamples, and keeps only an RPC that is inside the image or that GDAL
+    knows. Here the RPC that counts is taken, wherever it is kept, refined ones too; what is told of a
+    refinement stays in the file, and its original RPC, which restore of write-rpc brings back. With
+    ``extent`` the window follows from the ground: give ``dem`` or ``height`` with it. An RPC file alone
+    becomes a _RPC.TXT. Bands, data type, masks, nodata and metadata are kept. The files are called
+    ID_crop.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
+    window : str, optional
+        The window to cut, from 0, 0, the first pixel.
+    extent : str, optional
+        A box on the ground, in degrees or in the CRS that stands in brackets behind it: the window that
+        shows all of it is cut, as far as the image reaches.
+    factor : float, optional
+        Size of the result to that of the window, or of the whole image: 0.5 halves the number of
+        samples and lines. Both are rounded to whole pixels, and the RPC follows what comes out (at
+        least 0.001; at most 64).
+    resampling : str, optional
+        GDAL's resampling kernel; only with ``factor`` (one of cubic, near, bilinear, cubicspline,
+        lanczos; default cubic).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    format : str, optional
+        A tiled GeoTIFF, a cloud-optimised one with overviews, or a virtual image that reads the
+        original (one of gtiff, cog, vrt; default gtiff).
+    compression : str, optional
+        Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
+    overviews : bool, optional
+        Add overviews to a GeoTIFF (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def rpc_info(
     images: Images,
     *,

@@ -10,6 +10,7 @@ from typing import Any
 from ..hrsi_engine.foundation.progress import Progress, silent
 from .declarations import (
     adjust,
+    crop,
     evaluate,
     fit_rpc,
     gcps_from_reference,
@@ -39,6 +40,7 @@ REGISTRY: dict[str, Algorithm] = {
         evaluate,
         refine_rpc,
         write_rpc,
+        crop,
         rpc_info,
         project,
         localize,

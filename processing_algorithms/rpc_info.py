@@ -20,6 +20,7 @@ from ..hrsi_engine.ground.geoids import how_to_get_grids
 from ..hrsi_engine.ground.operation_uses import CrsOperation, OperationUse
 from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
+from ..hrsi_engine.io.rasters.images import resampling_doubt
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.dem import HeightSurface
@@ -37,6 +38,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     images = open_input_images(options.images, context)
     surface, warnings = _choose_surface(options, images)
     tell(warnings, context)
+    warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # told already
     views = [ViewDirection(image, surface) for image in images]
     if context.dry_run:
         return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, warnings, context)

@@ -50,6 +50,7 @@ BESIDES: dict[str, dict[str, Any]] = {
     "tie-points": {"cells": 2},
     "register": {"model": "rpc-affine"},
     "gcps-from-reference": {"reference_points": 24, "reference_search": 64.0},
+    "crop": {"window": "20,30,100,80"},
     "match": {"window_1": "0,0,120,120", "window_2": "0,0,120,120"},
 }
 #: Inputs that stand for one another.

@@ -206,6 +206,31 @@ class RPC:
         """
         return replace(self, samp_off=self.samp_off + sample, line_off=self.line_off + line)
 
+    def resample(self, step: tuple[float, float], first: tuple[float, float]) -> RPC:
+        """Return the RPC of an image with other pixels, whose point x lies at ``first + step * x`` of this one; exact.
+
+        Parameters
+        ----------
+        step : tuple of float
+            Sample and line from one pixel to the next, in pixels of this image; negative in a mirrored image.
+        first : tuple of float
+            Sample and line of the centre of the first pixel in this image.
+
+        Returns
+        -------
+        RPC
+            With new OFF and SCALE; the sign of a negative step goes into the numerator, as SCALE has to be positive.
+        """
+        return replace(
+            self,
+            samp_off=(self.samp_off - first[0]) / step[0],
+            line_off=(self.line_off - first[1]) / step[1],
+            samp_scale=self.samp_scale / abs(step[0]),
+            line_scale=self.line_scale / abs(step[1]),
+            samp_num=self.samp_num * np.sign(step[0]),
+            line_num=self.line_num * np.sign(step[1]),
+        )
+
     # ---- evaluation --------------------------------------------------------------------------------------------
 
     def _normalise(self, ground: np.ndarray, out: np.ndarray) -> None:

@@ -36,6 +36,10 @@
       <translation>Ein synthetischer Block mit Bildern, DGM, Passpunkten, Rauschen und allen wahren Werten</translation>
     </message>
     <message>
+      <source>A window, overview or resampling of images with the exact RPC of its pixels</source>
+      <translation>Ausschnitt, Übersicht oder neue Pixelgröße von Bildern mit dem genauen RPC ihrer Pixel</translation>
+    </message>
+    <message>
       <source>Accept</source>
       <translation>Annehmen</translation>
     </message>
@@ -248,6 +252,14 @@
       <translation>Homologe Punkte zweier Bilder oder Ausschnitte ohne RPC, durch Kontrollnetze</translation>
     </message>
     <message>
+      <source>Crop or resample</source>
+      <translation>Ausschneiden oder umrechnen</translation>
+    </message>
+    <message>
+      <source>Cropped images</source>
+      <translation>Ausgeschnittene Bilder</translation>
+    </message>
+    <message>
       <source>Cross validate</source>
       <translation>Kreuzvalidieren</translation>
     </message>
@@ -310,6 +322,10 @@
     <message>
       <source>Extent</source>
       <translation>Ausdehnung</translation>
+    </message>
+    <message>
+      <source>Factor</source>
+      <translation>Faktor</translation>
     </message>
     <message>
       <source>Fill gaps</source>
@@ -750,6 +766,10 @@
     <message>
       <source>Overlap</source>
       <translation>Überdeckung</translation>
+    </message>
+    <message>
+      <source>Overviews</source>
+      <translation>Bildpyramiden</translation>
     </message>
     <message>
       <source>Overwrite</source>

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.reasons import Level, Reason
-from ...hrsi_engine.io.rasters.images import pixel_doubt
+from ...hrsi_engine.io.rasters.images import pixel_doubt, resampling_doubt
 from ...hrsi_engine.plausibility import check_block
 from ..files.terrain import dem_surface
 from ..interface.option_groups import DemOptions, PointFiles
@@ -26,6 +26,14 @@ def input_reasons(
         if doubt := pixel_doubt(image):
             advice = "name the image as it was taken"
             return [*found, Reason("orthoimage-rpc", Level.DOUBTFUL, f"image {image.id}: {doubt}", advice, (image.id,))]
+    for image in block.images:
+        ignored = resampling_doubt(image)
+        if ignored and ignored.is_gross:
+            advice = "make the image again with 'crop', or put the RPC of its pixels into it"
+            return [
+                *found,
+                Reason("resampled-rpc", Level.DOUBTFUL, f"image {image.id}: {ignored}", advice, (image.id,)),
+            ]
     return found
 
 

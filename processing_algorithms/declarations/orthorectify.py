@@ -10,6 +10,7 @@ from ..interface.option_groups import (
     ResultFolder,
     TerrainOptions,
     WorkerOptions,
+    compression_option,
     ground_crs_option,
     images_option,
     report_option,
@@ -19,8 +20,8 @@ from ..interface.option_groups import (
 RESAMPLING_NAMES = (
     "near", "bilinear", "cubic", "cubicspline", "lanczos", "average", "rms", "mode", "max", "min", "med", "q1", "q3",
 )  # fmt: skip
-#: Formats and compressions (`io.rasters.orthoimages`).
-FORMAT_NAMES, COMPRESSION_NAMES = ("cog", "gtiff"), ("deflate", "lzw", "zstd", "none")
+#: Formats (`io.rasters.orthoimages`).
+FORMAT_NAMES = ("cog", "gtiff")
 
 
 @options(kw_only=True)
@@ -73,7 +74,7 @@ class OrthorectifyOptions:
     format: str = option(
         "cog", "Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF", choices=FORMAT_NAMES
     )
-    compression: str = option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
+    compression: str = compression_option()
     workers: WorkerOptions = nest_options(WorkerOptions)
     folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()

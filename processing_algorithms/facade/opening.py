@@ -1,5 +1,6 @@
 """Opening images, for people in Python."""
 
+import logging
 import os
 from dataclasses import replace
 from typing import Any
@@ -9,8 +10,10 @@ import numpy as np
 from ...hrsi_engine.block.block import ArrayRaster, Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.rasters.images import open_image
+from ...hrsi_engine.io.rasters.images import open_image, resampling_doubt
 from ...hrsi_engine.io.rpc_files import read_rpc
+
+_log = logging.getLogger("hrsi")
 
 
 def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
@@ -46,6 +49,8 @@ def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
             raise InputError(f"an image given as an array {source.shape} needs `rpc`, and the shape (lines, samples)")
         return Image(id or "image", camera, (source.shape[1], source.shape[0]), raster=ArrayRaster(source))
     image = source if isinstance(source, Image) else open_image(source)
+    if camera is None and (ignored := resampling_doubt(image)):
+        _log.warning(f"{image.id}: {ignored}")
     return replace(image, rpc=camera or image.rpc, id=id or image.id)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.io.rasters.images import image_id, open_image_and_source, pixel_doubt
+from ...hrsi_engine.io.rasters.images import image_id, open_image_and_source, pixel_doubt, resampling_doubt
 from ..interface.declare import Context
 
 
@@ -42,6 +42,8 @@ def open_input_images(paths: Sequence[str], context: Context, always: bool = Tru
     for image in images:
         if doubt := pixel_doubt(image):
             context.log(f"warning: {image.id}: {doubt}")
+        if ignored := resampling_doubt(image):
+            context.log(f"warning: {image.id}: {ignored}")
     return images
 
 

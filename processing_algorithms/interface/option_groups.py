@@ -19,6 +19,7 @@ POINTS = "FILE[|layername=L]"
 AUTOMATIC_TIES, NO_TIES = "auto", "none"
 #: What cameras of an earlier block are when others join them.
 FREE, OBSERVED = "free", "observed"
+COMPRESSION_NAMES = ("deflate", "lzw", "zstd", "none")
 WINDOW = "SAMPLE,LINE,SAMPLES,LINES"
 
 
@@ -50,6 +51,11 @@ def hold_out_option() -> Any:
 def band_option(help: str = "Band of the image") -> Any:
     """Return the field of a band."""
     return option(1, help, minimum=1)
+
+
+def compression_option() -> Any:
+    """Return the field of the compression of images (`io.rasters.orthoimages.COMPRESSION`)."""
+    return option("deflate", "Compression, all of them lossless", choices=COMPRESSION_NAMES, advanced=True)
 
 
 def window_option(help: str) -> Any:

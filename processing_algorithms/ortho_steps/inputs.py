@@ -201,8 +201,13 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
     ]
 
 
-def _parse_box(extent: str, crs: str) -> tuple[float, ...]:
-    """Return west, south, east, north in the orthoimages' CRS of ``W,S,E,N``, or of ``W,S,E,N [CRS]`` what holds it."""
+def parse_box(
+    extent: str, crs: str, words: str = "each, union, overlap, or ", whose: str = "the orthoimages' CRS"
+) -> tuple[float, ...]:
+    """Return west, south, east, north in a CRS of ``W,S,E,N``, or of ``W,S,E,N [CRS]`` what holds it.
+
+    Messages name the CRS as ``whose``, and ``words`` that the option takes besides a box.
+    """
     numbers, _, named = extent.strip().removesuffix("]").partition("[")
     try:
         box = tuple(float(value) for value in numbers.replace(",", " ").split())
@@ -210,8 +215,8 @@ def _parse_box(extent: str, crs: str) -> tuple[float, ...]:
         box = ()
     if len(box) != 4 or not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
         raise InputError(
-            f"`extent` {extent!r}: give each, union, overlap, or west,south,east,north in the orthoimages' CRS, or in "
-            "another one with its name behind: … [EPSG:4326]"
+            f"`extent` {extent!r}: give {words}west,south,east,north in {whose}, or in another CRS with its name "
+            "behind: … [EPSG:4326]"
         )
     if not named:
         return box
@@ -223,7 +228,7 @@ def _parse_box(extent: str, crs: str) -> tuple[float, ...]:
     xy = operations_of(crs).from_wgs84(operations_of(_parse_crs(named, "extent").to_wkt()).to_wgs84(outline))
     box = (*xy.min(axis=0).tolist(), *xy.max(axis=0).tolist())
     if not (box[0] < box[2] and box[1] < box[3]) or not all(map(math.isfinite, box)):
-        raise InputError(f"`extent` {extent!r} is no box in the orthoimages' CRS: give it in that, or another `crs`")
+        raise InputError(f"`extent` {extent!r} is no box in {whose}: give it in that")
     return box
 
 
@@ -242,7 +247,7 @@ def _make_grids(
         if box[0] >= box[2] or box[1] >= box[3]:
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
-        box = _parse_box(extent, crs)
+        box = parse_box(extent, crs)
     grid = MapGrid.from_bounds(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:

@@ -87,6 +87,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "project": lambda pixels, grid: {"IMAGES": RPCS[:1], "POINTS": GROUND},
     "localize": lambda pixels, grid: {"IMAGES": RPCS, "POINTS": MEASURED, "HEIGHT": 100.0},
     "write-rpc": lambda pixels, grid: {"IMAGES": RPCS[:1]},
+    "crop": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "FACTOR": 0.5},
     "fit-rpc": lambda pixels, grid: {"POINTS": grid},
     "simulate": lambda pixels, grid: {"SIZE": 128, "GCPS": 2, "CHECKS": 1, "TIES": 2, "PIXELS": False},
     "interest-points": lambda pixels, grid: {"IMAGES": images(pixels)[:1]},

@@ -23,6 +23,7 @@ from ..opening.item_images import item_of
 from ..opening.raster_datasets import open_raster
 from ..opening.virtual_files import virtual_status
 from ..rpc_files.find import read_rpc_file, rpc_of_dataset
+from ..rpc_files.ignored_resampling import IgnoredResampling, find_ignored_resampling
 from ..rpc_files.reading import FoundRpc
 from ..safety.content_marks import content_mark
 from .map_grid import map_grid_doubt
@@ -149,6 +150,7 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
         ), alone
     raster = GdalRaster(path)
     found = rpc_of_dataset(path, raster.dataset)
+    raster.stated_size = found.stated_size
     item = item_of(path)
     sensor = found.sensor or ("" if item is None else item.platform)
     image = Image(image_id(path), found.rpc, raster.size, path, raster, found.tile, found.height_m, sensor)
@@ -162,6 +164,14 @@ def pixel_doubt(image: Image) -> str:
         if isinstance(image.raster, GdalRaster)
         else ""
     )
+
+
+def resampling_doubt(image: Image) -> IgnoredResampling | None:
+    """Return by how much an image's RPC is off because it ignores a resampling; None where nothing shows one."""
+    raster = image.raster
+    if not isinstance(raster, GdalRaster):
+        return None
+    return find_ignored_resampling(raster.path, raster.dataset, image.rpc, raster.stated_size)
 
 
 def file_stamp(path: str) -> tuple[int, ...]:
@@ -202,6 +212,7 @@ class GdalRaster:
     def __init__(self, path: str, band: int = 1) -> None:
         self.path, self._band = str(path), band
         self.stamp = file_stamp(path)
+        self.stated_size: tuple[int, int] | None = None  #: of the image that the RPC was delivered for
         self.size: tuple[int, int] = (self.dataset.RasterXSize, self.dataset.RasterYSize)
         if not 1 <= band <= self.dataset.RasterCount:
             raise InputError(f"{path}: has {self.dataset.RasterCount} bands, band {band} is wanted: name another image")

@@ -18,11 +18,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from osgeo import gdal
 
-from ...foundation.errors import Cancelled, OutputError
+from ...foundation.errors import OutputError
 from ...foundation.json_values import json_text
 from ...foundation.progress import Progress, advance, stage
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
+from ..rpc_files.write import create_copy
 from ..safety.content_marks import content_mark
 from ..safety.leftovers import open_hidden_folder
 from ..safety.replacing import replacing
@@ -274,8 +275,9 @@ def write_orthoimage(
             plain = os.path.join(hidden, "chunks.tif")
             part = stage(progress, 0.0, CHUNKS.warped_share)
             _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
-            _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
-            _copy(plain, temporary, path, FORMATS[form.name][0], options, stage(progress, CHUNKS.warped_share, 1.0))
+            add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
+            part = stage(progress, CHUNKS.warped_share, 1.0)
+            create_copy(gdal.Open(plain), temporary, path, FORMATS[form.name][0], options, part)
     return figures
 
 
@@ -343,7 +345,7 @@ def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp)
     return int(empty.size - np.count_nonzero(empty))
 
 
-def _add_overviews(plain: str, resampling: str) -> None:
+def add_overviews(plain: str, resampling: str) -> None:
     """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
     dataset = gdal.Open(plain, gdal.GA_Update)
     factors: list[int] = []
@@ -356,23 +358,3 @@ def _add_overviews(plain: str, resampling: str) -> None:
         dataset.FlushCache()
     if messages:
         raise OutputError(f"{plain}: cannot be written ({messages[-1]})")
-
-
-def _copy(plain: str, target: str, path: str, driver: str, options: list[str], progress: Progress) -> None:
-    """Bring the chunks, with their overviews, into the wanted format; ``path`` is what errors name."""
-    cancelled = False
-
-    def tell(fraction: float, _message: str, _data: object) -> int:
-        nonlocal cancelled
-        cancelled = progress(fraction, f"writing {os.path.basename(path)}") is False
-        return 0 if cancelled else 1
-
-    copy = None
-    with gdal_messages() as messages:
-        copy = gdal.GetDriverByName(driver).CreateCopy(target, gdal.Open(plain), 0, options, callback=tell)
-        copied = copy is not None
-        del copy  # closed here, so that failures of the last writing count
-    if cancelled:
-        raise Cancelled("cancelled")
-    if messages or not copied:
-        raise OutputError(f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")

@@ -1,5 +1,6 @@
 """Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
 
+import math
 import os
 
 # Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with
@@ -99,6 +100,15 @@ def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | N
     except ValueError:
         return None
     return size if min(size) > 0 and max(size) < 2**31 else None
+
+
+def finite_number(text: str | None) -> float | None:
+    """Return a number given as text, None for what is none."""
+    try:
+        number = float(text or "")
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def siblings(path: str) -> dict[str, str]:

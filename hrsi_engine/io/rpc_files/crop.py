@@ -14,7 +14,7 @@ was moved. Where neither reading fits, the image is refused: placed at (0, 0) it
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,6 +59,16 @@ class CropPlace:
         """Return the place of a crop with the scene's pixels."""
         return cls(np.eye(2), np.array([sample, line]))
 
+    @classmethod
+    def from_corner(cls, matrix: np.ndarray, corner: np.ndarray) -> CropPlace:
+        """Return the place of a crop whose first pixel has its outer corner at ``corner``, counted from corners."""
+        return cls(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
+
+    @classmethod
+    def from_window(cls, window: tuple[float, float, float, float], size: tuple[int, int]) -> CropPlace:
+        """Return the place of a window (first sample and line, samples, lines) resampled to ``size`` pixels."""
+        return cls.from_corner(np.diag(np.array(window[2:]) / size), np.array(window[:2], dtype=np.float64))
+
     @property
     def moves(self) -> bool:
         """Whether the image is anything else than its scene's upper left part."""
@@ -98,7 +108,7 @@ def crop_place(geotransform: Geotransform | None, has_crs: bool) -> CropPlace | 
     if dy < 0.0 and y <= 0.0:  # lines upwards as negative numbers
         matrix, corner = matrix * [[1.0], [-1.0]], corner * [1.0, -1.0]
     corner = np.where(corner % 1.0 == 0.5, corner - 0.5, corner)
-    return CropPlace(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
+    return CropPlace.from_corner(matrix, corner)
 
 
 def require_place_in_scene(rpc: RPC, geotransform: Geotransform | None, has_crs: bool, size: tuple[int, int]) -> None:
@@ -171,8 +181,7 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     """
     (a, b), (c, d) = place.matrix.tolist()
     if not b and not c:
-        moved = rpc if (a, d) == (1.0, 1.0) else _scale_pixels(rpc, place)
-        return moved.shift(-place.first[0], -place.first[1]) if moved is rpc else moved
+        return rpc.resample((a, d), (float(place.first[0]), float(place.first[1])))
     corners = place.to_scene(_corners_of(np.zeros(2), np.array(size) - 1.0))
     low, high = corners.min(axis=0), corners.max(axis=0)
     area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
@@ -185,16 +194,6 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
             f"no RPC follows the crop {place} ({found.max_px:.3g} px off): put an RPC of these pixels into the image"
         )
     return found.rpc
-
-
-def _scale_pixels(rpc: RPC, place: CropPlace) -> RPC:
-    """Return the RPC in pixels of another size or direction; OFF and SCALE take it, signs go into the numerators."""
-    a, d = place.matrix[0, 0], place.matrix[1, 1]
-    return replace(
-        rpc, samp_off=(rpc.samp_off - place.first[0]) / a, line_off=(rpc.line_off - place.first[1]) / d,
-        samp_scale=rpc.samp_scale / abs(a), line_scale=rpc.line_scale / abs(d), samp_num=rpc.samp_num * np.sign(a),
-        line_num=rpc.line_num * np.sign(d),
-    )  # fmt: skip
 
 
 def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:

@@ -9,13 +9,12 @@ on the ground: it is not taken over. The RPC's HEIGHT_OFF may be a fiction (4000
 states the height of the scene's middle.
 """
 
-import math
 import os
 import re
 
 from ...foundation.errors import InputError
 from . import isd
-from .content import Element, element_text, positive_size, read_xml, siblings
+from .content import Element, element_text, finite_number, positive_size, read_xml, siblings
 from .fields import POLYNOMIALS, SCALARS, rpc_from_text, shorten, values_by_number
 from .reading import Origin, RpcReader, RpcReading
 
@@ -101,11 +100,7 @@ def _scene_height(product: Element | None) -> float | None:
     """Return the ellipsoidal height (m) of the scene's middle."""
     centre = None if product is None else next((e for area in product.iter("Dataset_Extent")
                                                 for e in area.iter("Center")), None)  # fmt: skip
-    try:
-        height = float((None if centre is None else element_text(centre, "H")) or "nan")
-    except ValueError:
-        return None
-    return height if math.isfinite(height) else None
+    return None if centre is None else finite_number(element_text(centre, "H"))
 
 
 def _first_pixel(root: Element, names: tuple[str, ...]) -> Element | None:

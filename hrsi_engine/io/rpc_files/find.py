@@ -23,7 +23,7 @@ from ..opening.datasets import metadata_of, open_dataset
 from ..opening.item_images import StacItem, item_of
 from ..opening.raster_datasets import open_raster
 from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
-from .content import read_head, siblings
+from .content import finite_number, read_head, siblings
 from .fields import STAC_NAMES, numbers_of, rpc_from_gdal, rpc_from_json
 from .reading import FoundRpc, RpcReader, RpcReading
 
@@ -38,6 +38,8 @@ RPC_READERS: dict[str, RpcReader] = {
     "geom": geom.READER,
     "rpcm-json": rpcm_json.READER,
 }
+#: Metadata of images made here, for what the vendor's files beside the original told.
+SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"
 #: Formats that win over the tag inside a GeoTIFF.
 BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
 
@@ -128,8 +130,11 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
         )
     found = sources[0][1]()
     ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
-    sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "")
-    return replace(found, ignored=ignored, size=(dataset.RasterXSize, dataset.RasterYSize), sensor=sensor)
+    told = metadata_of(dataset)
+    sensor = found.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or told.get(SENSOR_ITEM, "")
+    height_m = finite_number(told.get(HEIGHT_ITEM)) if found.height_m is None else found.height_m
+    size = (dataset.RasterXSize, dataset.RasterYSize)
+    return replace(found, ignored=ignored, size=size, sensor=sensor, height_m=height_m)
 
 
 def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
@@ -282,7 +287,9 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
         tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
         whole = not place.moves or (reading.size == size and not place.mirrored)
         if whole or not crop.is_of_full_scene(reading.rpc, place, size):
-            return FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
+            stated = None if place.moves else reading.size
+            found = FoundRpc(reading.rpc, title, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
+            return replace(found, stated_size=stated)
         moved, told = crop.crop_rpc(reading.rpc, place, size), f"{title}, moved to the crop {place}"
         return FoundRpc(moved, told, tile=tile, height_m=reading.height_m, sensor=reading.sensor)
     except InputError as error:

@@ -6,7 +6,6 @@ scale along each axis, the RPC's OFF and SCALE take it exactly; chips that are t
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -38,10 +37,7 @@ def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC,
         return rpc, ""
     axes = [_shift_and_scale(path, metadata, axis) for axis in ("COL", "ROW")]
     (sample, sample_scale), (line, line_scale) = axes
-    chip = replace(
-        rpc, samp_off=(rpc.samp_off - sample) / sample_scale, samp_scale=rpc.samp_scale / sample_scale,
-        line_off=(rpc.line_off - line) / line_scale, line_scale=rpc.line_scale / line_scale,
-    )  # fmt: skip
+    chip = rpc.resample((sample_scale, line_scale), (sample, line))
     return chip, f"ICHIPB applied: the chip begins at sample {sample:g}, line {line:g} of the full image"
 
 

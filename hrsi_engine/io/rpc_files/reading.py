@@ -77,6 +77,8 @@ class FoundRpc:
         Ellipsoidal height of the scene's middle, where the delivery states it.
     sensor : str
         What the source calls the satellite; empty where it does not say.
+    stated_size : tuple of int, optional
+        Samples and lines that the source states for the image of the RPC, where that was not moved.
     """
 
     rpc: RPC
@@ -86,6 +88,7 @@ class FoundRpc:
     tile: Tile | None = None
     height_m: float | None = None
     sensor: str = ""
+    stated_size: tuple[int, int] | None = None
 
     @property
     def summary(self) -> str:

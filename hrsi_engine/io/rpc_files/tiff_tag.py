@@ -86,11 +86,11 @@ def restore_numbers(path: str) -> bool:
     """
     directory = _require_directory(path)
     xml = _read_metadata(path, directory)
-    kept = dict(_ORIGINAL_ITEM.findall(xml)).get(_DOUBLES_ITEM)
-    if kept is None:
+    kept = dict(_ORIGINAL_ITEM.findall(xml))
+    if _DOUBLES_ITEM not in kept:
         return False
     cleaned = _LINEAGE_ITEM.sub("", _ORIGINAL_ITEM.sub("", xml))
-    numbers = None if kept == _ABSENT else _parse_original(path, kept)
+    numbers = parse_original(path, kept)
     edit_directory(
         path,
         {
@@ -146,9 +146,16 @@ def _write_item(name: str, value: str, domain: str = "") -> str:
     return f'<Item name="{name}"{where}>{escape(value)}</Item>\n'
 
 
-def _parse_original(path: str, kept: str) -> list[float]:
+def parse_original(path: str, kept: Mapping[str, str]) -> list[float] | None:
+    """Return the doubles of the original RPC from the items of its metadata domain; None where there was none.
+
+    Raises `InputError` where they are damaged.
+    """
+    text = kept.get(_DOUBLES_ITEM, _ABSENT)
+    if text == _ABSENT:
+        return None
     try:
-        numbers = [float.fromhex(text) for text in kept.split()]
+        numbers = [float.fromhex(number) for number in text.split()]
     except (ValueError, OverflowError):
         numbers = []
     if len(numbers) != COUNT:

@@ -1,7 +1,7 @@
 """Writing RPCs: each file is made under a temporary name, read again, compared, and renamed in one step."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -138,21 +138,80 @@ def write_geotiff_copy(
     with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
         notices = free_the_way(target_path, source_path, rpc, changes)
         changes.commit()
+    if not is_tiff:
+        return notices + save_geotiff(source, target_path, rpc, "GTiff", _creation_options(source), progress, lineage)
     with replacing(target_path) as temporary:
-        if is_tiff:
-            _copy_companions(source_path, target_path)
-            copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
-            notices += _set_tag(temporary, target_path, rpc, source, lineage)
-        else:
-            _create_copy(source, temporary, target_path, rpc, progress)
-            if lineage is not UNTOLD:
-                _set_tag(temporary, target_path, rpc, source, lineage)
-        written = tiff_tag.read(temporary)
-        if written is None:
-            raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
-        require_same(target_path, rpc, written.rpc)
+        _copy_companions(source_path, target_path)
+        copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
+        notices += _set_tag(temporary, target_path, rpc, source, lineage)
+        _require_tag(temporary, target_path, rpc)
     require_same(target_path, rpc, read_rpc(target_path).rpc)
     return notices
+
+
+def save_geotiff(
+    source: gdal.Dataset,
+    target_path: str,
+    rpc: RPC,
+    driver: str,
+    options: Sequence[str],
+    progress: Progress = silent,
+    lineage: Lineage = UNTOLD,
+    finish: Callable[[str], None] = lambda temporary: None,
+) -> tuple[str, ...]:
+    """Write a dataset, which may be virtual, as a GeoTIFF with an RPC; return notices for the log.
+
+    Parameters
+    ----------
+    source : gdal.Dataset
+        Pixels and metadata.
+    target_path : str
+        The file, replaced in one step.
+    rpc : RPC
+        The camera of these pixels.
+    driver, options : str and sequence of str
+        ``GTiff`` or ``COG``, and its creation options.
+    progress : Progress
+        Callback; False cancels.
+    lineage : Lineage, optional
+        What the file tells of itself.
+    finish : callable, optional
+        Called with the file under its temporary name, to add overviews.
+
+    Returns
+    -------
+    tuple of str
+        Notices for the log.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    Cancelled
+        When ``progress`` asks to stop.
+    """
+    notices: tuple[str, ...] = ()
+    # A virtual dataset brings the new RPC and metadata, so that the tags are written once
+    virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
+    virtual.SetMetadata(gdal_metadata(rpc), "RPC")
+    for name, value in lineage.items.items():
+        virtual.SetMetadataItem(name, value)
+    with replacing(target_path) as temporary:
+        create_copy(virtual, temporary, target_path, driver, options, progress)
+        finish(temporary)
+        if lineage.original is not None:
+            notices = _set_tag(temporary, target_path, rpc, gdal.Open(temporary), lineage)
+        _require_tag(temporary, target_path, rpc)
+    require_same(target_path, rpc, read_rpc(target_path).rpc)
+    return notices
+
+
+def _require_tag(temporary: str, target_path: str, rpc: RPC) -> None:
+    """Raise `OutputError` where a file has not the RPC tag that was to be written."""
+    written = tiff_tag.read(temporary)
+    if written is None:
+        raise OutputError(f"{target_path}: GDAL wrote no RPC tag: check the version of GDAL")
+    require_same(target_path, rpc, written.rpc)
 
 
 def _require_other_file(source_path: str, target_path: str) -> None:
@@ -179,20 +238,18 @@ def _copy_companions(source_path: str, target_path: str) -> None:
             file.write(pam.without_domain(f"{source_path}.aux.xml", "RPC"))
 
 
-def _create_copy(source: gdal.Dataset, temporary: str, target_path: str, rpc: RPC, progress: Progress) -> None:
-    """Let GDAL copy pixels and metadata; a virtual dataset brings the new RPC, so that the tag is written once."""
-    virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
-    virtual.SetMetadata(gdal_metadata(rpc), "RPC")
+def create_copy(
+    source: gdal.Dataset, temporary: str, target_path: str, driver: str, options: Sequence[str], progress: Progress
+) -> None:
+    """Let GDAL copy pixels and metadata to a new file; ``target_path`` is what messages name."""
     report, cancelled = _make_callback(progress, f"writing {os.path.basename(target_path)}")
     written = False
     with gdal_messages() as messages:
-        copy = gdal.GetDriverByName("GTiff").CreateCopy(
-            temporary, virtual, strict=0, options=_creation_options(source), callback=report
+        copy = gdal.GetDriverByName(driver).CreateCopy(
+            temporary, source, strict=0, options=list(options), callback=report
         )
-        if copy is not None:
-            copy.FlushCache()
-            written = True
-        del copy
+        written = copy is not None
+        del copy  # closed here, so that failures of the last writing count
     if cancelled:
         raise Cancelled(f"cancelled; {target_path} was not written")
     if not written or messages:
@@ -249,7 +306,29 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = U
     """
     _require_other_file(source_path, target_path)
     local = os.path.exists(source_path)
-    source = open_raster(os.path.abspath(source_path) if local else source_path)
+    save_vrt(open_raster(os.path.abspath(source_path) if local else source_path), target_path, rpc, lineage)
+    return ()
+
+
+def save_vrt(source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
+    """Write a dataset that was opened under its absolute path, or a virtual one of such, as a VRT with an RPC.
+
+    Parameters
+    ----------
+    source : gdal.Dataset
+        Pixels and metadata.
+    target_path : str
+        The file, replaced in one step.
+    rpc : RPC
+        The camera of these pixels.
+    lineage : Lineage, optional
+        What the file tells of itself.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
     with replacing(os.path.abspath(target_path)) as temporary:
         virtual = None
         with gdal_messages() as messages:
@@ -269,4 +348,3 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = U
         require_same(target_path, rpc, rpc_from_gdal(target_path, metadata_of(reopened, "RPC")))
         del reopened
     require_same(target_path, rpc, read_rpc(target_path).rpc)
-    return ()

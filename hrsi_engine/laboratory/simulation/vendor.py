@@ -102,13 +102,7 @@ def fit_multispectral_rpc(rpc: RPC, ratio: int) -> RPC:
         Of the larger pixels.
     """
     shift = (ratio - 1) / 2.0
-    return replace(
-        rpc,
-        samp_off=(rpc.samp_off - shift) / ratio,
-        line_off=(rpc.line_off - shift) / ratio,
-        samp_scale=rpc.samp_scale / ratio,
-        line_scale=rpc.line_scale / ratio,
-    )
+    return rpc.resample((ratio, ratio), (shift, shift))
 
 
 def make_control_grid(

@@ -88,10 +88,7 @@ def sample_terrain(image: Image, surface: HeightSurface) -> np.ndarray:
 def reduce_rpc(rpc: RPC, step: int) -> RPC:
     """Return the RPC of an image's overview, whose pixels are means of ``step`` x ``step``."""
     middle = (step - 1) / 2.0
-    return replace(
-        rpc, samp_off=(rpc.samp_off - middle) / step, line_off=(rpc.line_off - middle) / step,
-        samp_scale=rpc.samp_scale / step, line_scale=rpc.line_scale / step,
-    )  # fmt: skip
+    return rpc.resample((step, step), (middle, middle))
 
 
 def match_overviews(job: CoarseJob, first: PartResult, second: PartResult) -> PartResult:

@@ -1,0 +1,151 @@
+"""Virtual images cut from one image and put together from several, and how they are stored with their RPC."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from osgeo import gdal
+
+from ...block.block import Image
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, silent
+from ..opening.datasets import config_option, gdal_messages, metadata_of
+from ..opening.raster_datasets import open_raster
+from ..rpc_files import tiff_tag
+from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
+from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
+from ..rpc_files.write import Lineage, save_geotiff, save_vrt
+from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat, add_overviews
+
+VRT = "vrt"
+_LINEAGE = "HRSI_"
+
+
+@dataclass(frozen=True)
+class CropWindow:
+    """A window of an image and the size that it is resampled to.
+
+    Parameters
+    ----------
+    sample, line : int
+        First pixel.
+    samples, lines : int
+        Extent, in pixels of the image.
+    size : tuple of int
+        Samples and lines of the result.
+    """
+
+    sample: int
+    line: int
+    samples: int
+    lines: int
+    size: tuple[int, int]
+
+    @property
+    def bounds(self) -> tuple[int, int, int, int]:
+        """First sample and line, samples, lines."""
+        return self.sample, self.line, self.samples, self.lines
+
+    @property
+    def resampled(self) -> bool:
+        """Whether the result has other pixels than the image."""
+        return self.size != (self.samples, self.lines)
+
+
+@dataclass(frozen=True)
+class ImageStorage:
+    """How an image is stored.
+
+    Parameters
+    ----------
+    name : str
+        ``vrt``, or one of `orthoimages.FORMATS`.
+    compression : str
+        One of `orthoimages.COMPRESSION`; a VRT has none.
+    overviews : bool
+        Whether a GeoTIFF has overviews; a Cloud Optimized GeoTIFF always has.
+    threads : int
+        Threads that compress.
+    """
+
+    name: str
+    compression: str
+    overviews: bool = False
+    threads: int = 1
+
+    @property
+    def ending(self) -> str:
+        """Ending of the file's name."""
+        return ".vrt" if self.name == VRT else ".tif"
+
+
+def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
+    """Return a window of an image as a virtual dataset, with the metadata that stay true.
+
+    Overviews of the image take no part: nobody knows how they were made, and means of means lie elsewhere.
+    """
+    path = os.path.abspath(path) if os.path.exists(path) else path  # so that a VRT finds it from any folder
+    whole = source = open_raster(path)
+    if window.resampled and whole.GetRasterBand(1).GetOverviewCount():
+        source = gdal.OpenEx(path, gdal.OF_RASTER, open_options=["OVERVIEW_LEVEL=NONE"])
+    virtual = None
+    with gdal_messages() as messages:
+        virtual = gdal.Translate(
+            "", source, format="VRT", srcWin=window.bounds, width=window.size[0], height=window.size[1],
+            resampleAlg=resampling,
+        )  # fmt: skip
+    if virtual is None:
+        reason = messages[-1] if messages else "unknown reason"
+        raise InputError(f"{path}: cannot be read ({reason}): get the file again")
+    virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # the vendor's words on sensor and time
+    for number in range(1, whole.RasterCount + 1):  # without overviews GDAL forgets what the bands are called
+        virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())
+    return virtual
+
+
+def read_lineage(image: Image) -> Lineage:
+    """Return what an image tells of the refinement of its RPC, and the RPC that it had before.
+
+    What only the files beside it tell of the sensor and the height of the ground is added to that.
+    """
+    path = image.path
+    dataset = open_raster(path)
+    items = {name: text for name, text in metadata_of(dataset).items() if name.startswith(_LINEAGE)}
+    if image.sensor:
+        items[SENSOR_ITEM] = image.sensor
+    if image.stated_height_m is not None:
+        items[HEIGHT_ITEM] = f"{image.stated_height_m:g}"
+    kept = metadata_of(dataset, tiff_tag.ORIGINAL_DOMAIN)
+    numbers = tiff_tag.parse_original(path, kept)
+    if numbers is not None:
+        return Lineage(items, rpc_from_numbers(path, numbers))
+    return Lineage(items, rpc_from_gdal(path, kept) if "LINE_NUM_COEFF" in kept else None)
+
+
+def save_image(
+    source: gdal.Dataset,
+    target_path: str,
+    rpc: RPC,
+    storage: ImageStorage,
+    lineage: Lineage,
+    progress: Progress = silent,
+) -> tuple[str, ...]:
+    """Write a virtual image with its RPC, as it is or with pixels of its own; return notices for the log."""
+    if storage.name == VRT:
+        save_vrt(source, target_path, rpc, lineage)
+        return ()
+    band = source.GetRasterBand(1)
+    driver, _ = FORMATS[storage.name]
+    is_integer = not gdal.GetDataTypeName(band.DataType).endswith(("Float32", "Float64"))
+    options = OrthoFormat(storage.name, storage.compression).creation_options(is_integer, storage.threads)
+    if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # no predictor works on packed pixels
+        options = [option for option in options if not option.startswith("PREDICTOR")]
+
+    def finish(temporary: str) -> None:
+        if storage.overviews and driver == "GTiff":
+            add_overviews(temporary, "AVERAGE")
+
+    with config_option(*INTERNAL_MASK):
+        return save_geotiff(source, target_path, rpc, driver, options, progress, lineage, finish)
