@@ -1,7 +1,5 @@
 """`crop`: a window of an image, an overview or a resampled image, with the RPC of its pixels."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Virtual images cut from one image and put together from several, and how they are stored with their RPC."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ signs, the surest first, tell of that:
 * vendors centre RPCs at W / 2 - c / 2 with a whole c. Scaled by GDAL, W - 2 OFF is c r, no whole number any more.
 """
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 
