@@ -12,7 +12,6 @@ number of points.
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
+from ..foundation.workers.threads import thread_count
 from ..ground.ellipsoid import Number
 
 _SPEED = "measured for speed, 2026-11-21"
@@ -69,7 +69,7 @@ def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
     points belong to callers that have threads of their own.
     """
     many = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
-    threads = min(EVALUATION.most_threads, os.cpu_count() or 1) if many else 1
+    threads = min(EVALUATION.most_threads, thread_count()) if many else 1
     parts = chunks(count)
     if threads == 1:
         _work_through(parts, count, work)

@@ -21,12 +21,11 @@ Report = dict[str, Any]
 Log = Callable[[str], None]
 Filled = TypeVar("Filled")
 _ROOT = __name__.removesuffix(".processing_algorithms.interface.declare")
-_RASTERS = f"{_ROOT}.hrsi_engine.io.rasters.images"
-_DELIVERIES = f"{_ROOT}.hrsi_engine.io.catalogue.deliveries"
-_JSON_VALUES = f"{_ROOT}.hrsi_engine.foundation.json_values"
-_FOLDER_LOCK = f"{_ROOT}.hrsi_engine.io.safety.folder_lock"
-_LINEAGE = f"{_ROOT}.hrsi_engine.io.catalogue.lineage"
-_TRANSACTIONS = f"{_ROOT}.hrsi_engine.io.safety.transactions"
+#: Modules of the engine that a run needs, loaded when it begins.
+_WHEN_RUN = (
+    "io.rasters.images", "foundation.json_values", "io.safety.folder_lock", "io.catalogue.deliveries",
+    "io.catalogue.lineage", "io.safety.transactions", "foundation.workers.threads",
+)  # fmt: skip
 POSITIONS_CRS = "EPSG:4979"  #: of all ground positions in results: longitude, latitude, ellipsoidal height
 SCHEMA = 1  #: of reports
 
@@ -263,9 +262,9 @@ class Algorithm:
         Folders, archives and lists among the images are replaced by the images that they hold, folders of results
         among the points by their layers. All images are closed in the end: nothing stays open when the work is done.
         """
-        modules = (self.work_module, _RASTERS, _JSON_VALUES, _FOLDER_LOCK, _DELIVERIES, _LINEAGE, _TRANSACTIONS)
+        modules = (self.work_module, *(f"{_ROOT}.hrsi_engine.{name}" for name in _WHEN_RUN))
         with quitting_on_signals():
-            work, rasters, values, lock, deliveries, lineage, transactions = map(import_module, modules)
+            work, rasters, values, lock, deliveries, lineage, transactions, threads = map(import_module, modules)
         given = self.non_defaults(options)
         typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
         images = {key: deliveries.resolve_images(names, context.log) for key, names in typed.items() if names}
@@ -296,7 +295,8 @@ class Algorithm:
                     files = [path for paths in images.values() for path in paths if os.path.exists(path)]
                     for notice in transactions.recover_folders({os.path.dirname(path) or "." for path in files}):
                         context.log(notice)
-                report: Report = values.json_ready(work.run(made, context))
+                with threads.limit_threads(options.get("threads") or 0):
+                    report: Report = values.json_ready(work.run(made, context))
             return report
         finally:
             rasters.close_images()

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import ast
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
+from hrsi.hrsi_engine.foundation.progress import silent
+from hrsi.hrsi_engine.foundation.workers.threads import thread_count
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import Algorithm
+from hrsi.processing_algorithms.interface.declare import Algorithm, Context, Report
+from hrsi.processing_algorithms.interface.option_groups import Common
 from hrsi.tests.option_reads import OptionReads
-
-#: Every algorithm has `threads`, as the interface promises; these do all their work on one.
-ON_ONE_THREAD = {
-    "refine-rpc", "rpc-info", "project", "localize", "fit-rpc", "write-rpc", "measure-targets", "register",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +54,28 @@ def unread_options(options: type, reads: OptionReads) -> dict[str, str]:
 @pytest.mark.parametrize("algorithm", REGISTRY.values(), ids=lambda algorithm: algorithm.name)
 def test_every_option_is_read(algorithm: Algorithm, reads: OptionReads) -> None:
     unread = unread_options(algorithm.options, reads)
-    if algorithm.name in ON_ONE_THREAD:
-        assert unread.pop("threads", None), f"{algorithm.name} reads `threads` now: take it out of ON_ONE_THREAD"
+    unread.pop("threads", None)  # `Algorithm.execute` holds every run to it
     assert not unread, (
         f"{algorithm.name} declares options that nothing reads: {unread}. Read the field where its value has an "
         "effect, by a name whose annotation says its class, or take the option out"
     )
+
+
+def run(options: Common, context: Context) -> Report:
+    """Do the work of the next test's algorithm."""
+    blas = [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+    return {"ours": thread_count(), "blas": blas, "named": thread_count(5)}
+
+
+def test_every_run_is_held_to_its_threads() -> None:
+    assert all("threads" in algorithm.defaults() for algorithm in REGISTRY.values())
+    counting = Algorithm("count", "Count", "Tests", "Counts threads", "Counts.", Common, __name__)
+    context = Context(silent, lambda message: None)
+    free = counting.execute({"threads": 0}, context)
+    held = counting.execute({"threads": 1}, context)
+    assert free["ours"] == os.cpu_count() and max(free["blas"]) >= 1
+    assert held == {"ours": 1, "blas": [1] * len(free["blas"]), "named": 5}
+    assert counting.execute({"threads": 0}, context) == free
 
 
 def test_an_option_that_nothing_reads_is_found(reads: OptionReads) -> None:

@@ -20,7 +20,6 @@ whatever the size.
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +30,7 @@ import numpy as np
 from ...foundation.compiled_code import is_wanted
 from ...foundation.large_arrays import allocate_zeros
 from ...foundation.thresholds import threshold, thresholds
+from ...foundation.workers.threads import thread_count
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel, Structure
 from ..observations import Observations
@@ -118,7 +118,7 @@ class NormalEquations:
         if is_wanted(observations.count >= POINT_STEPS.worth_compiling):
             from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
-            self._elimination, self.threads = NumbaElimination(observations, pattern), threads or os.cpu_count() or 1
+            self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
         else:
             self._elimination, self.threads = NumpyElimination(observations, pattern), 1
         self.cameras = cameras or choose_cameras(observations, model, compiled=self._elimination.compiled)

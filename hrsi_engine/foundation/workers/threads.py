@@ -3,16 +3,32 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from importlib.util import find_spec
 from threading import Lock
 
 from ..pixel_filters import should_use_opencv
 
+_of_run = ContextVar("_of_run", default=0)
 
-def thread_count(asked: int) -> int:
-    """Return the number of threads; 0 stands for all cores."""
-    return asked or os.cpu_count() or 1
+
+def thread_count(asked: int = 0) -> int:
+    """Return the number of threads; 0 stands for those that the run may use (`limit_threads`), else all cores."""
+    return asked or _of_run.get() or os.cpu_count() or 1
+
+
+@contextmanager
+def limit_threads(count: int) -> Iterator[None]:
+    """Let a run use ``count`` threads at most, those of BLAS among them where threadpoolctl is there; 0: all cores."""
+    before = _of_run.set(count)
+    try:
+        with ExitStack() as limits:
+            if count:
+                _limit_blas(limits, count)
+            yield
+    finally:
+        _of_run.reset(before)
 
 
 class _OneThreadLimit:
@@ -41,10 +57,10 @@ class _OneThreadLimit:
                     self._limits.close()
 
 
-def _limit_blas(limits: ExitStack) -> bool:
+def _limit_blas(limits: ExitStack, count: int = 1) -> bool:
     if find_spec("threadpoolctl") is None:
         return False
-    limits.enter_context(import_module("threadpoolctl").threadpool_limits(1, user_api="blas"))
+    limits.enter_context(import_module("threadpoolctl").threadpool_limits(count, user_api="blas"))
     return True
 
 
