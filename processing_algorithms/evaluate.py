@@ -132,6 +132,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "seconds": {}, **entries,
         "best": _rank_sets(entries["sets"], judges.are_independent), "warnings": warnings,
+        "crs_operations": [use.entry() for use in block.all_operations],
     }  # fmt: skip
     tell(warnings, context)
     target = options.folder

@@ -83,7 +83,7 @@ def _look_up_only_one(crs: pyproj.CRS, target: int) -> list[pyproj.Transformer]:
 
 def _describe(operation: Any, crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> CrsOperation:
     """Return what PROJ states of a transformer or of a coordinate operation."""
-    steps = operation.operations or ()
+    steps = operation.operations or ((operation,) if hasattr(operation, "type_name") else ())  # of one step: itself
     moving = [step for step in steps if step.type_name != "Conversion"]
     ids = [known for step in moving if (known := step.to_json_dict().get("id"))]
     codes = [_AUTHORITY.sub(r"\1", known["authority"]) + f":{known['code']}" for known in ids]

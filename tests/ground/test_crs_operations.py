@@ -131,6 +131,8 @@ def test_there_and_back(code: int) -> None:
 def test_a_ballpark_operation_serves_only_where_there_is_no_real_one() -> None:
     alaska = operations_of("EPSG:26705")  # PROJ lists one operation for the mainland, and a ballpark one
     assert not any(one.is_ballpark for one in alaska.operations)
+    # What lacks its grid names it
+    assert all(one.grids for one in operations_of("EPSG:4267").unavailable if not one.is_ballpark)
     (use,) = operations_of("EPSG:2333").uses_at("gcps.csv", np.array([[116.4, 40.0]]))  # Xian 1980
     assert use.operation.is_ballpark
     assert any("PROJ knows no operation" in text for text in list_operation_warnings([use]))
@@ -298,14 +300,17 @@ def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(
     assert report["untested_by_check_points"]["ce90_m"] == pytest.approx(1.5175 * 17.0 * np.sqrt(2.0 / 3.0), rel=1e-3)
     assert "which these cannot test" in report["verdict"]["sentence"]
     assert report["images"]["image_1"]["err_bias_m"] == pytest.approx(17.0 / np.sqrt(3.0), rel=0.01)
-    # The finished GeoPackage tells the same, is adjusted again with it, and the panel keeps it
     folder = tmp_path / "Chile"
-    file, images = folder / "map" / "block.gpkg", [str(folder / f"image_{number}.tif") for number in (1, 2)]
+    images = [str(folder / f"image_{number}.tif") for number in (1, 2)]
+    given = dict(gcps=str(folder / "map_points.csv"), ground_crs="EPSG:24879", height_datum="ellipsoidal")
+    given |= dict(image_points=str(folder / "image_points.csv"), output_dir=str(tmp_path / "judged"))
+    evaluated = run("evaluate", images=images, **given)
+    assert [row["code"] for row in evaluated["crs_operations"]] == ["EPSG:6972"]
+    # The finished GeoPackage tells the same, is adjusted again with it, and the panel keeps it
+    file = folder / "map" / "block.gpkg"
     layers = gdal.OpenEx(str(file))
-    assert (
-        layers.GetLayerByName("images").GetMetadataItem("HRSI_CRS_OPERATIONS")
-        == "PSAD56 to WGS 84 (16) (EPSG:6972, 17 m)"
-    )
+    told = layers.GetLayerByName("images").GetMetadataItem("HRSI_CRS_OPERATIONS")
+    assert told == "PSAD56 to WGS 84 (16) (EPSG:6972, 17 m)"
     points = dict(gcps=f"{file}|layername=ground_points", image_points=str(file), height_datum="ellipsoidal")
     again = run("adjust", images=images, **points, model="affine", output_dir=str(tmp_path / "again"))
     for key in ("name", "code", "accuracy_m", "sigma_plan_m", "points"):
