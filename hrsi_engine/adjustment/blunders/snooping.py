@@ -137,7 +137,7 @@ class Snooping:
             squares = compute_point_squares(problem.equations, solution, everything, observations)
         decision, failed = judge_ties(
             problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
-            self.found.tie_variance, freedom, squares,
+            self.found.tie_variance, freedom, squares, solution.weight > 0.0,
         )  # fmt: skip
         judged = points[observations.point]
         before = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
