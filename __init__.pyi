@@ -1095,6 +1095,62 @@ def crop(
     """
     ...
 
+def strip(
+    images: Images,
+    *,
+    id: str | None = None,
+    format: Literal["vrt", "gtiff", "cog"] = "vrt",
+    compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
+    overviews: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Parts or tiles of one strip as one image with one RPC.
+
+    Joins the parts in which a strip was delivered (WorldView's P001, P002 …) or the tiles of a scene
+    (R1C1 …) to one image, a virtual one unless pixels of its own are asked for, and gives it one RPC.
+    Where the parts lie follows from the product or from their RPCs; where they overlap the later one is
+    on top. Tiles with one RPC have it exactly; other RPCs are fitted together, and the report states
+    how far the fit is from each part. Where that is more than 0.1 px a warning says so, and the grid
+    that the RPC was fitted to is written as a table. Refined parts give a refined strip. RPC files
+    alone whose size is known (ISD, DIMAP) give the strip's _RPC.TXT.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Parts of one strip, or tiles of one scene; RPC files alone give the RPC only.
+    id : str, optional
+        Id of the strip, which names the files; by default that of the first part and _strip.
+    format : str, optional
+        A virtual image that reads the parts, a tiled GeoTIFF, or a cloud-optimised one with overviews
+        (one of vrt, gtiff, cog; default vrt).
+    compression : str, optional
+        Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
+    overviews : bool, optional
+        Add overviews to a GeoTIFF (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def rpc_info(
     images: Images,
     *,

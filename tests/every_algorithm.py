@@ -39,6 +39,7 @@ ESPECIALLY: dict[str, dict[str, Any]] = {
     "project": {"points": "without_heights.csv"},
     "localize": {"points": "without_heights.csv"},
     "write-rpc": {"images": ["image_1.tif"]},
+    "strip": {"images": ["part_1.tif", "part_2.tif"]},
     "measure-targets": {"points": "ground_points.csv"},
 }
 #: Options that make runs short, or have the input used that is looked at.
@@ -132,6 +133,8 @@ def make_scene(folder: Path) -> None:
         dataset.GetRasterBand(1).WriteArray(grey.round())
         del dataset
         shutil.copy(folder / name, folder / "before" / name)
+    for number, line in ((1, 0), (2, 70)):
+        gdal.Translate(str(folder / f"part_{number}.tif"), str(folder / "image_1.tif"), srcWin=[0, line, 160, 90])
     grid = gdal.GetDriverByName("GTiff").Create(str(folder / "geoid.tif"), 9, 9, 1, gdal.GDT_Float32)
     grid.SetGeoTransform((1.0, 1.0, 0.0, 48.0, 0.0, -1.0))
     grid.SetProjection(osr_of(4326).ExportToWkt())

@@ -544,6 +544,10 @@
       <translation>Periode der Lageschwingung</translation>
     </message>
     <message>
+      <source>Join strip</source>
+      <translation>Streifen zusammensetzen</translation>
+    </message>
+    <message>
       <source>Kappa</source>
       <translation>Kappa</translation>
     </message>
@@ -782,6 +786,10 @@
     <message>
       <source>Partners</source>
       <translation>Partner</translation>
+    </message>
+    <message>
+      <source>Parts or tiles of one strip as one image with one RPC</source>
+      <translation>Teile oder Kacheln eines Streifens als ein Bild mit einem RPC</translation>
     </message>
     <message>
       <source>Per cell</source>

@@ -31,7 +31,7 @@ from .result import Result
 from .signatures import describe_call, function_name, signature_of
 
 #: Algorithms whose results are files for later work: those need a folder of the caller's.
-MAKES_FILES = frozenset({"orthorectify", "simulate", "crop"})
+MAKES_FILES = frozenset({"orthorectify", "simulate", "crop", "strip"})
 #: What is written into a folder that goes with the result: RPCs alone, no copies of images, no page.
 BRIEF = {"write": "sidecar", "report": False}
 #: What says how high the ground is under points in arrays.

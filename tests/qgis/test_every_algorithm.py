@@ -11,6 +11,7 @@ from typing import Any
 
 import processing
 import pytest
+from osgeo import gdal
 from qgis.core import (
     QgsApplication,
     QgsProcessingAlgRunnerTask,
@@ -70,6 +71,16 @@ def grid(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+def cut_parts(pixels: Path) -> list[str]:
+    """Return two parts of a simulated image that overlap, with their RPCs."""
+    source = images(pixels)[0]
+    size = gdal.Open(source).RasterXSize
+    for number in (0, 1):
+        window = [0, number * size // 3, size, size // 2]
+        gdal.Translate(str(pixels / f"part_{number}.tif"), source, srcWin=window)
+    return [str(pixels / f"part_{number}.tif") for number in (0, 1)]
+
+
 FILLED = {
     Kind.IMAGES: RPCS, Kind.POINTS: GROUND, Kind.RASTER: RPCS[0], Kind.FILE: GROUND,
     Kind.OUTPUT_DIR: "TEMPORARY_OUTPUT",
@@ -88,6 +99,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "localize": lambda pixels, grid: {"IMAGES": RPCS, "POINTS": MEASURED, "HEIGHT": 100.0},
     "write-rpc": lambda pixels, grid: {"IMAGES": RPCS[:1]},
     "crop": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "FACTOR": 0.5},
+    "strip": lambda pixels, grid: {"IMAGES": cut_parts(pixels)},
     "fit-rpc": lambda pixels, grid: {"POINTS": grid},
     "simulate": lambda pixels, grid: {"SIZE": 128, "GCPS": 2, "CHECKS": 1, "TIES": 2, "PIXELS": False},
     "interest-points": lambda pixels, grid: {"IMAGES": images(pixels)[:1]},

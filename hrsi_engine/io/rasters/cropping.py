@@ -1,8 +1,11 @@
 """Virtual images cut from one image and put together from several, and how they are stored with their RPC."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 
+import numpy as np
 from osgeo import gdal
 
 from ...block.block import Image
@@ -101,6 +104,51 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
     for number in range(1, whole.RasterCount + 1):  # without overviews GDAL forgets what the bands are called
         virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())
     return virtual
+
+
+def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) -> gdal.Dataset:
+    """Return images as one virtual dataset, each from its first pixel ``(n, 2)`` on, later ones over earlier ones.
+
+    Raises `InputError` where their bands differ.
+    """
+    paths = [os.path.abspath(path) if os.path.exists(path) else path for path in paths]
+    datasets = [open_raster(path) for path in paths]
+    bands = [
+        [dataset.GetRasterBand(number + 1).DataType for number in range(dataset.RasterCount)] for dataset in datasets
+    ]
+    for path, own in zip(paths, bands, strict=True):
+        if own != bands[0]:
+            raise InputError(f"{path}: its bands are not those of {paths[0]}: give parts of one image")
+    # What all say is true of the whole
+    told = set.intersection(*(set(metadata_of(dataset).items()) for dataset in datasets))
+    virtual = gdal.GetDriverByName("VRT").Create("", *size, 0)
+    virtual.SetMetadata(dict(told))
+    virtual.SetMetadata(metadata_of(datasets[0], "IMAGERY"), "IMAGERY")
+    places = list(zip(paths, datasets, first.tolist(), strict=True))
+    for number, kind in enumerate(bands[0], 1):
+        virtual.AddBand(kind)
+        band, origin = virtual.GetRasterBand(number), datasets[0].GetRasterBand(number)
+        band.SetDescription(origin.GetDescription())
+        band.SetColorInterpretation(origin.GetColorInterpretation())
+        if origin.GetNoDataValue() is not None:
+            band.SetNoDataValue(origin.GetNoDataValue())
+        _set_sources(band, str(number), places)
+    if any(dataset.GetRasterBand(1).GetMaskFlags() == gdal.GMF_PER_DATASET for dataset in datasets):
+        virtual.CreateMaskBand(gdal.GMF_PER_DATASET)
+        _set_sources(virtual.GetRasterBand(1).GetMaskBand(), "mask,1", places)
+    return virtual
+
+
+def _set_sources(band: gdal.Band, source_band: str, places: Sequence[tuple[str, gdal.Dataset, list[int]]]) -> None:
+    """Have a band of a VRT read from the datasets at their places."""
+    for number, (path, dataset, (sample, line)) in enumerate(places):
+        size = f'xSize="{dataset.RasterXSize}" ySize="{dataset.RasterYSize}"'
+        source = (
+            f'<SimpleSource><SourceFilename relativeToVRT="0">{escape(path)}</SourceFilename>'
+            f"<SourceBand>{source_band}</SourceBand>"
+            f'<SrcRect xOff="0" yOff="0" {size}/><DstRect xOff="{sample}" yOff="{line}" {size}/></SimpleSource>'
+        )
+        band.SetMetadataItem(f"source_{number}", source, "new_vrt_sources")
 
 
 def read_lineage(image: Image) -> Lineage:

@@ -1,0 +1,126 @@
+"""`strip`: parts or tiles of one strip as one image with one RPC."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.block.strips import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.io.csv_tables import write_csv
+from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
+from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.rasters.cropping import ImageStorage, join_images, read_lineage, save_image
+from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
+from ..hrsi_engine.io.safety.transactions import Transaction
+from .declarations.strip import StripOptions
+from .files.dry_run import REPORT_FILE, plan
+from .files.image_files import open_input_images
+from .files.result_folder import check_folder, tell
+from .interface.declare import Context, Report
+
+
+def run(options: StripOptions, context: Context) -> Report:
+    """Place the parts, fit the RPC of the whole, and write both."""
+    check_folder(options.folder, context)
+    parts = open_input_images(options.images, context)
+    if len(parts) < 2:
+        raise InputError("a strip is made of two parts and more: name all of them")
+    name = options.id or f"{parts[0].id}_strip"
+    require_plain_name(name, "the id")
+    places = place_parts(parts)
+    strip = fit_strip(parts, places.first)
+    with_pixels = all(part.raster is not None for part in parts)
+    threads = thread_count(options.common.threads)
+    storage = ImageStorage(options.format, options.compression, options.overviews, threads)
+    file = name + (storage.ending if with_pixels else "_RPC.TXT")
+    warnings = [*_warn_of_places(parts, places), *_warn_of_fit(parts, strip, f"{name}_grid.csv")]
+    folder = options.folder.output_dir
+    has_grid = strip.max_px.max() > STRIP.fit_px
+    if context.dry_run:
+        names = [REPORT_FILE, file, *([f"{name}_grid.csv"] if has_grid else [])]
+        return plan(context, folder, names, {"parts": len(parts)}, warnings)
+    entry: Report = {
+        "path": None, "output": os.path.join(folder, file), "samples": places.size[0], "lines": places.size[1],
+        "rpc_fit_max_px": strip.max_px.max(), "parts": _describe_parts(parts, places, strip),
+    }  # fmt: skip
+    report: Report = {**context.record, "images": {name: entry}, "warnings": warnings}
+    changes = Transaction(folder)
+    with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as staged:
+        target = str(staged / file)
+        lineage = _join_lineages(parts, places) if with_pixels else Lineage()
+        if with_pixels:
+            joined = join_images([part.path for part in parts], places.first, places.size)
+            warnings += save_image(joined, target, strip.rpc, storage, lineage, context.progress)
+        else:
+            write_rpc_text(target, strip.rpc, lineage)
+        warnings += free_the_way(os.path.join(folder, file), parts[0].path, strip.rpc, changes)
+        entry["max_difference_px"] = read_back_px(target, strip.rpc)
+        if has_grid:
+            _write_grid(staged / f"{name}_grid.csv", strip)
+        write_report_json(str(staged / REPORT_FILE), report)
+    tell(warnings, context)
+    advance(context.progress, 1.0, "done")
+    return report
+
+
+def _warn_of_places(parts: Sequence[Image], places: StripPlaces) -> list[str]:
+    """Return a word on parts whose RPCs do not place them on whole pixels."""
+    return [
+        f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
+        "the strip lies between"
+        for part, off in zip(parts, places.off_px.tolist(), strict=True) if off > STRIP.whole_px
+    ]  # fmt: skip
+
+
+def _warn_of_fit(parts: Sequence[Image], strip: StripRpc, grid_file: str) -> list[str]:
+    """Return a word where one RPC cannot hold the strip."""
+    worst = int(strip.max_px.argmax())
+    if strip.max_px[worst] <= STRIP.fit_px:
+        return []
+    return [
+        f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The grid "
+        f"of the parts' RPCs is in {grid_file}; give the parts themselves, or fewer of them, where that matters"
+    ]
+
+
+def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:
+    """Return what the strip tells of itself: what all parts tell, and the RPC before their refinement."""
+    told = [read_lineage(part) for part in parts]
+    items = dict(set.intersection(*(set(lineage.items.items()) for lineage in told)))
+    listed = zip(parts, places.first.tolist(), strict=True)
+    items["HRSI_STRIP_PARTS"] = "; ".join(f"{os.path.basename(part.path)} {x},{y}" for part, (x, y) in listed)
+    if all(lineage.original is None for lineage in told):
+        return Lineage(items)
+    before = [replace(part, rpc=one.original or part.rpc) for part, one in zip(parts, told, strict=True)]
+    return Lineage(items, fit_strip(before, places.first).rpc)
+
+
+def _describe_parts(parts: Sequence[Image], places: StripPlaces, strip: StripRpc) -> dict[str, Report]:
+    rows = zip(parts, places.first.tolist(), places.off_px, strip.max_px, strip.rms_px, strict=True)
+    return {
+        part.id: {"path": part.path, "sample": x, "line": y, "off_whole_px": off, "fit_max_px": most, "fit_rms_px": rms}
+        for part, (x, y), off, most, rms in rows
+    }
+
+
+def _write_grid(path: Path, strip: StripRpc) -> None:
+    """Write the grid of the parts' RPCs, as `fit-rpc` reads it."""
+    rows = zip(strip.ground.tolist(), strip.image.tolist(), strict=True)
+    write_csv(str(path), ("lon", "lat", "height", "sample", "line"), ((*ground, *image) for ground, image in rows))
+
+
+def summarise(report: Report) -> str:
+    """Return the strip, its parts, and the warnings."""
+    lines = []
+    for entry in report["images"].values():
+        lines.append(f"{entry['output']}: {entry['samples']} x {entry['lines']} px")
+        lines += [
+            f"{name}: from sample {part['sample']}, line {part['line']}; RPC of the strip up to "
+            f"{part['fit_max_px']:.3g} px off, RMS {part['fit_rms_px']:.2g}"
+            for name, part in entry["parts"].items()
+        ]
+    return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
