@@ -73,7 +73,12 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     frame = LocalFrame(*np.median(ground, axis=0).tolist())
     xy = frame.from_ground(np.column_stack([ground[:, :2], np.full(len(ground), frame.height_m)]))[:, :2]
-    variance = _estimate_own_variance(xy, sigma)
+    # The part of each height's variance ``(n,)`` that its neighbours do not share
+    known = np.flatnonzero(np.isfinite(sigma))
+    variance = np.zeros(len(xy))
+    if len(known):
+        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
+        variance[known] = sigma[known] ** 2 - (sigma[known][near] ** 2).min(axis=1)
     keep = _find_plausible(xy, ground[:, 2], variance)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
@@ -91,20 +96,6 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     step = cell_m / scale
     grid_nodes = GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
     return grid_nodes, int(np.sum(~keep))
-
-
-def _estimate_own_variance(xy: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
-    """Return the part of each height's variance ``(n,)`` that its neighbours do not share.
-
-    Most of what an adjustment says of a height without GCPs is how well the block's height is known. Neighbours share
-    that; the most certain of them tells how much it is at most.
-    """
-    known = np.flatnonzero(np.isfinite(sigma_m))
-    own = np.zeros(len(xy))
-    if len(known):
-        _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
-        own[known] = sigma_m[known] ** 2 - (sigma_m[known][near] ** 2).min(axis=1)
-    return own
 
 
 def _find_plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:

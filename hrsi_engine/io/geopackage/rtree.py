@@ -48,7 +48,12 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTa
     while counts[-1] > _MOST_CELLS:
         counts.append(-(-counts[-1] // _MOST_CELLS))
     first = [_ROOT + 1 + sum(counts[1 : level + 1]) for level in range(len(counts) - 1)] + [_ROOT]
-    order = _order_by_tiles(low, high)
+    # The order that puts neighbours together: vertical slices, each from bottom to top
+    count = len(low)
+    slices = int(np.ceil(np.sqrt(count / _MOST_CELLS)))
+    strip = np.zeros(count, dtype=np.uint64)
+    strip[_order_by_keys(strip, low[:, 0] + high[:, 0])] = np.arange(count, dtype=np.uint64) * slices // count
+    order = _order_by_keys(strip, low[:, 1] + high[:, 1])
     # Min x, max x, min y, max y as float32, rounded outwards, so that they hold the float64 ones, ``(n, 4)``
     single = np.empty((len(low), 4), dtype=np.float32)
     for corner, exact, wrong, towards in ((0, low, np.greater, -np.inf), (1, high, np.less, np.inf)):
@@ -100,15 +105,6 @@ def _pack_nodes(depth: int, child: np.ndarray, boxes: np.ndarray, bounds: np.nda
         content["cell"]["id"][part][used] = child[given]
         content["cell"]["bounds"][part][used] = boxes[given]
     return content.view(f"V{_NODE.itemsize}")
-
-
-def _order_by_tiles(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the order that puts neighbours together: vertical slices, each from bottom to top."""
-    count = len(low)
-    slices = int(np.ceil(np.sqrt(count / _MOST_CELLS)))
-    strip = np.zeros(count, dtype=np.uint64)
-    strip[_order_by_keys(strip, low[:, 0] + high[:, 0])] = np.arange(count, dtype=np.uint64) * slices // count
-    return _order_by_keys(strip, low[:, 1] + high[:, 1])
 
 
 def _order_by_keys(major: np.ndarray, minor: np.ndarray) -> np.ndarray:

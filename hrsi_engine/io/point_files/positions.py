@@ -134,20 +134,16 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     if not crs:
         raise InputError(f"{table.source}: names no CRS: assign one to the layer, or give `ground_crs` EPSG:…")
     if "height" in fields:
-        z = _field_heights(table, z, warnings)
+        # The heights of the field, of the geometry where the field is empty
+        height = table.columns["height"]
+        apart = np.abs(z - height)
+        if np.any(apart > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
+            warnings.append(
+                f"{table.source}: heights of the points and of the field differ by up to {np.nanmax(apart):.3f} m; "
+                f"the field is used"
+            )
+        z = np.where(np.isnan(height), z, height)
     return np.column_stack([x, y, z]), crs, warnings
-
-
-def _field_heights(table: PointTable, z: np.ndarray, warnings: list[str]) -> np.ndarray:
-    """Return the heights of the field, of the geometry where the field is empty."""
-    height = table.columns["height"]
-    apart = np.abs(z - height)
-    if np.any(apart > 0.001) and np.any(z[np.isfinite(z)] != 0.0):
-        warnings.append(
-            f"{table.source}: heights of the points and of the field differ by up to {np.nanmax(apart):.3f} m; "
-            f"the field is used"
-        )
-    return np.where(np.isnan(height), z, height)
 
 
 def _parse_numbers(table: PointTable, crs: str) -> pyproj.CRS:

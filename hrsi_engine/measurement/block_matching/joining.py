@@ -329,7 +329,11 @@ def to_image_points(
     chosen = np.zeros(len(names), dtype=bool)
     chosen[kept] = True
     height = _average_by_group(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
-    ground = _localize_tracks(matches.first[head], matches.first_xy[head], height, images)
+    first = matches.first[head]
+    ground = np.full((len(first), 3), np.nan)
+    for number in np.unique(first):
+        here = first == number
+        ground[here] = images[number].rpc.localize(matches.first_xy[head][here], height[here]).ground
     return rows.to_image_points(chosen, images), ground[chosen]
 
 
@@ -359,11 +363,3 @@ class _Measurements:
         return ImagePoints.create(
             ids, image_ids, self.xy[rows], self.sigma_px[rows], self.kind[rows], self.quality[rows], "tie points"
         )
-
-
-def _localize_tracks(first: np.ndarray, xy: np.ndarray, height: np.ndarray, images: Sequence[Image]) -> np.ndarray:
-    ground = np.full((len(first), 3), np.nan)
-    for number in np.unique(first):
-        here = first == number
-        ground[here] = images[number].rpc.localize(xy[here], height[here]).ground
-    return ground

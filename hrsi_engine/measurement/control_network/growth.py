@@ -18,7 +18,7 @@ from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 from .assignment import find_mutual_best
 from .grey_values import correlate_patches
-from .local_affine import LocalAffine, fit_local_affine
+from .local_affine import fit_local_affine
 from .network import Network
 from .polar import rotate_offset, wrap_angle
 from .tolerances import Tolerance
@@ -105,7 +105,11 @@ def _grow_once(
         return network.select(np.zeros(len(network), dtype=bool))
     around = fit_local_affine(first.xy[rows], network.first, network.second, network.matrix)
     correlation = correlate_patches(first, second, first.xy[rows[point]], second.xy[other], around.A[point])
-    fits = _fits_local_affine(around, point, second.xy[other], first.xy[rows], network, node, options, stage)
+    # Which candidates agree with the local affine map as far as the network reaches already
+    distance = np.hypot(*(first.xy[rows] - network.first[node]).T)
+    allowed = options.consistency_px + 2.0 * np.minimum(around.spread_px, options.consistency_px)
+    allowed = allowed + stage.tolerance.gradient * distance
+    fits = np.hypot(*(second.xy[other] - around.predicted[point]).T) <= allowed[point]
     alike = np.flatnonzero(fits & (correlation >= options.correlation))
     chosen = alike[find_mutual_best(point[alike], other[alike], -correlation[alike])]
     father = node[point[chosen]]
@@ -142,14 +146,3 @@ def _find_candidates(
     turn = np.abs(wrap_angle(np.arctan2(leaf[:, 1], leaf[:, 0]) - np.arctan2(here[:, 1], here[:, 0])))
     within = (stretch <= allowed[point]) & (turn * np.hypot(*here.T) <= allowed[point])
     return point[within], other[within]
-
-
-def _fits_local_affine(
-    around: LocalAffine, point: np.ndarray, place: np.ndarray, xy: np.ndarray, network: Network, node: np.ndarray,
-    options: GrowthOptions, stage: GrowthStage,
-) -> np.ndarray:  # fmt: skip
-    """Return which candidates agree with the local affine map as far as the network reaches already."""
-    distance = np.hypot(*(xy - network.first[node]).T)
-    allowed = options.consistency_px + 2.0 * np.minimum(around.spread_px, options.consistency_px)
-    allowed = allowed + stage.tolerance.gradient * distance
-    return np.hypot(*(place - around.predicted[point]).T) <= allowed[point]

@@ -212,7 +212,19 @@ def match_super_points(
     if min(len(first), len(second)) < 2:
         return SuperPointMatch(NO_MATCH, None, 0, 0.0, 0)
     sets = bound_root_pairs(first, second, tolerance, reach_px, scales, stage(progress, 0.0, 0.7))
-    best, evaluated = _find_best(sets, stage(progress, 0.7, 1.0))
+    # The best hypothesis if it is more than chance, and how many pairs of roots were evaluated
+    best: Hypothesis | None = None
+    least = compute_significant_counts(sets)
+    least_of_all, evaluated = int(least.min()), 0
+    for done, (bound, roots, scale) in enumerate(sets.iterate_roots()):
+        if bound < (least_of_all if best is None else best.count):
+            break
+        if done % 64 == 0:
+            advance(stage(progress, 0.7, 1.0), 1.0 - 1.0 / (1.0 + done / 1024.0), "control network: comparing roots")
+        wanted = max(int(least[roots[0]]), 0 if best is None else best.count)
+        if bound >= wanted:
+            evaluated += 1
+            best = _find_better(sets, roots, scale, wanted, best)
     if best is None:
         return SuperPointMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
@@ -231,23 +243,6 @@ def match_super_points(
                 runner_up = found.count
     status = AMBIGUOUS if runner_up >= SUPER_POINTS.rival_share * best.count else FOUND
     return SuperPointMatch(status, best, runner_up, compute_log10_nfa(sets, best), evaluated)
-
-
-def _find_best(sets: RootPairs, progress: Progress) -> tuple[Hypothesis | None, int]:
-    """Return the best hypothesis if it is more than chance, and how many pairs of roots were evaluated."""
-    best: Hypothesis | None = None
-    least = compute_significant_counts(sets)
-    least_of_all, evaluated = int(least.min()), 0
-    for done, (bound, roots, scale) in enumerate(sets.iterate_roots()):
-        if bound < (least_of_all if best is None else best.count):
-            break
-        if done % 64 == 0:
-            advance(progress, 1.0 - 1.0 / (1.0 + done / 1024.0), "control network: comparing roots")
-        wanted = max(int(least[roots[0]]), 0 if best is None else best.count)
-        if bound >= wanted:
-            evaluated += 1
-            best = _find_better(sets, roots, scale, wanted, best)
-    return best, evaluated
 
 
 def _find_better(

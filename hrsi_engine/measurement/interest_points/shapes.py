@@ -122,7 +122,14 @@ def fit_ellipses(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
 
 
 def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, sign: np.ndarray) -> Shapes:
-    points, normals = _place_on_ellipses(centre, Q)
+    # Points on ellipses and outward normals, ``(n, points, 2)``
+    semi_axes, azimuth = compute_axes(Q)
+    t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
+    along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
+    cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    d = np.stack([cos * along - sin * aside, sin * along + cos * aside], axis=-1)
+    normal = d @ Q
+    points, normals = centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     edges, found = _measure_edges(slopes, points, normals, sign)
     weight = found.astype(np.float64)
     for scale_px in SHAPE.robust_px:
@@ -144,17 +151,6 @@ def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: SlopeImage, s
     closed = _mean_of_rows(on_shape, SHAPE.ellipse_points)
     good = (rmse <= compute_size_tolerance(SHAPE.ellipse_tolerance, size)) & (closed >= SHAPE.closed_share)
     return Shapes(good, centre, _add_sigma_floor(covariance), size, azimuth, rmse, closed, edges, on_shape)
-
-
-def _place_on_ellipses(centre: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points on ellipses and outward normals, ``(n, points, 2)``."""
-    semi_axes, azimuth = compute_axes(Q)
-    t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
-    along, aside = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
-    cos, sin = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
-    d = np.stack([cos * along - sin * aside, sin * along + cos * aside], axis=-1)
-    normal = d @ Q
-    return centre[:, None] + d, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
 
 
 def _measure_edges(
