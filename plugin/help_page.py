@@ -32,9 +32,7 @@ def help_url(declaration: Algorithm) -> str:
 
 def help_page(declaration: Algorithm) -> str:
     """Return help, parameters with names and defaults, and command lines of an algorithm as a page of its own."""
-    examples = "".join(
-        f"<h2>On the command line</h2><pre>{escape(example)}</pre>" for example in declaration.examples[:1]
-    )
+    examples = "".join(f"<h2>On the command line</h2><pre>{escape(line)}</pre>" for line in declaration.examples[:1])
     return _PAGE.format(
         title=escape(declaration.title), help=short_help(declaration), version=VERSION, examples=examples,
         rows="".join(_row(param) for param in declaration.params),

@@ -32,9 +32,7 @@ class DESCENT:
     first_damping: float = threshold(1e-4, "", "damping after the first refused step, relative to the diagonal")
     least_damping: float = threshold(1e-10, "", "smallest damping once there was any")
     most_damping: float = threshold(1e8, "", "damping beyond which the descent is stuck")
-    raised: float = threshold(
-        4.0, "", "factor of the damping after a refused step, twice as much after every further one"
-    )
+    raised: float = threshold(4.0, "", "factor of the damping after a refused step, twice that after each further one")
     lowered: float = threshold(0.1, "", "factor of the damping after a step that did not need it")
     unimportant_share: float = threshold(0.1, "", "share of the damping in a step below which the step did not need it")
     look_ahead: int = threshold(2, "steps", "steps after one that raises the cost, before it is refused")

@@ -97,9 +97,7 @@ def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.nda
         place[number] = image.rpc.project(ground)
         size = np.array(image.known_size, dtype=np.float64)
         with np.errstate(invalid="ignore"):
-            inside = ((place[number] > LASER_TIES.margin_px) & (place[number] < size - LASER_TIES.margin_px)).all(
-                axis=1
-            )
+            inside = np.all((place[number] > LASER_TIES.margin_px) & (place[number] < size - LASER_TIES.margin_px), 1)
         steep[number, inside] = compute_view_directions(image.rpc, ground[inside])[:, 2]
     best = steep.argmax(axis=0)
     seen = np.isfinite(steep).sum(axis=0) >= 2

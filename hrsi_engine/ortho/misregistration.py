@@ -232,9 +232,7 @@ def _refine_shift(
     side = round(np.sqrt(weighted.shape[1]))
     spread = np.stack([blur(row.reshape(side, side), np.sqrt(2.0) * SHIFT.smoothing_px) for row in weighted])
     inverse = np.linalg.inv(N)
-    covariance = np.asarray(
-        inverse @ (4.0 * np.pi * SHIFT.smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse
-    )
+    covariance = np.array(inverse @ (4 * np.pi * SHIFT.smoothing_px**2 * weighted @ spread.reshape(4, -1).T) @ inverse)
     Q = covariance * variance
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:

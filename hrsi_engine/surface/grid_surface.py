@@ -150,9 +150,7 @@ class GridSurface:
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
         """As `HeightSurface.bounds`: of all tiles that touch the box."""
         (column0, row0), (column1, row1) = self._find_tile(low), self._find_tile(high)
-        ranges = [
-            self._find_range((row, column)) for row in range(row0, row1 + 1) for column in range(column0, column1 + 1)
-        ]
+        ranges = [self._find_range((i, j)) for i in range(row0, row1 + 1) for j in range(column0, column1 + 1)]
         lowest, highest = np.array(ranges).T
         if np.isnan(lowest).all():
             return np.nan, np.nan

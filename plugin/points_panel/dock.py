@@ -286,9 +286,7 @@ class PointsDock(QDockWidget):
         fit = self.session.measure(self.point(), image, (sample, line), self.ui.kind.currentText())
         self.proposals.pop(image, None)
         self._place_tie()
-        quality = (
-            tr("as clicked") if math.isnan(fit.measured.sigma) else tr("sigma {:.2f} px").format(fit.measured.sigma)
-        )
+        quality = tr("as clicked") if math.isnan(sigma := fit.measured.sigma) else tr("sigma {:.2f} px").format(sigma)
         text = fit.refusal or f"{fit.measured.sample:.2f} {fit.measured.line:.2f}, {quality}"
         view.chip.show_chip(fit.chip_svg)
         self.tell(tr("{} on {}: {}").format(self.point(), image, text), is_error=bool(fit.refusal))

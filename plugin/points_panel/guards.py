@@ -37,9 +37,7 @@ def offer_recovery(dock: PointsDock, bar: QgsMessageBar) -> None:
         item = bar.createMessage(tr("HRSI Points"), text)
         for label, action in ((tr("Recover"), _recover), (tr("Discard"), _discard)):
             button = QPushButton(label, item)
-            button.clicked.connect(
-                lambda _checked=False, do=action, of=unsaved, item=item: (do(dock, of), item.dismiss())
-            )
+            button.clicked.connect(lambda _=False, do=action, of=unsaved, item=item: (do(dock, of), item.dismiss()))
             item.layout().addWidget(button)
         bar.pushWidget(item, Qgis.MessageLevel.Warning)
 

@@ -112,9 +112,7 @@ def _draw_crosses(
     residuals_px: Sequence[tuple[float, float] | None],
 ) -> None:  # fmt: skip
     """Draw crosses on the screen, and their residuals, all at once: one by one takes long with some hundred."""
-    crosses = [QLineF(x - _ARM, y, x + _ARM, y) for x, y in places] + [
-        QLineF(x, y - _ARM, x, y + _ARM) for x, y in places
-    ]
+    crosses = [QLineF(x - i, y - j, x + i, y + j) for i, j in ((_ARM, 0.0), (0.0, _ARM)) for x, y in places]
     arrows = [
         QLineF(x, y, x + ARROW_PX * left[0], y + ARROW_PX * left[1])
         for (x, y), left in zip(places, residuals_px, strict=True)

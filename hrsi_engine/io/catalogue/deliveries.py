@@ -94,9 +94,7 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     if not images:
         names = [os.path.basename(file).lower() for file in products]
         named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
-        alone = [
-            file for file in files if os.path.basename(file).lower() not in named and not file.endswith(".aux.xml")
-        ]
+        alone = [one for one in files if os.path.basename(one).lower() not in named and not one.endswith(".aux.xml")]
         images = [*_with_rpc([file for file in alone if _is_rpc_file(file)], faults)]
     if not images:
         reason = f" ({faults[0]})" if faults else ""

@@ -28,9 +28,7 @@ from .versions import versions
 class LINEAGE:
     """How much of the inputs is read for their hashes."""
 
-    all_bytes: int = threshold(
-        2**30, "byte", "when this is read, further files are known by parts only", "some seconds"
-    )
+    all_bytes: int = threshold(2**30, "byte", "after these, further files are known by parts only", "some seconds")
     files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
 
 

@@ -52,9 +52,7 @@ class Cells:
             else:  # objects: bytes or nothing
                 self.kinds[number] = BYTES_CELL
                 lengths[:] = [_NO_BYTES if value is None else len(value) for value in column.tolist()]
-                content = np.frombuffer(
-                    b"".join(value for value in column.tolist() if value is not None), dtype=np.uint8
-                )
+                content = np.frombuffer(b"".join(one for one in column.tolist() if one is not None), dtype=np.uint8)
                 words[:] = np.cumsum(np.maximum(lengths, 0)) - lengths
             words += begin
             parts.append(content.view(np.uint8))
@@ -81,7 +79,5 @@ def _utf8(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(len(values), dtype="S1"), np.zeros(len(values), dtype=np.int32)
     points = np.ascontiguousarray(values).view(np.uint32).reshape(len(values), -1)
     ascii_only = points.max() < 128
-    content = (
-        points.astype(np.uint8).view(f"S{points.shape[1]}")[:, 0] if ascii_only else np.char.encode(values, "utf-8")
-    )
+    content = points.astype("u1").view(f"S{points.shape[1]}")[:, 0] if ascii_only else np.char.encode(values, "utf-8")
     return content, np.char.str_len(content).astype(np.int32)

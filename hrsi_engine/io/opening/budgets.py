@@ -36,9 +36,7 @@ class FILE_BUDGETS:
         256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
     )
     matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
-    report_bytes: int = threshold(
-        128 * MIB, "byte", "largest report", "a report of ten thousand images and points has some 20 MB"
-    )
+    report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: some 20 MB")
     items_bytes: int = threshold(
         256 * MIB, "byte", "largest file of STAC items",
         "an item with its RPC has some 10 kB: as many images as a block can have",
@@ -51,9 +49,7 @@ class FILE_BUDGETS:
         "a granule of GEDI has some 2e5 shots with 101 heights each",
     )  # fmt: skip
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
-    text_characters: int = threshold(
-        4096, "characters", "longest id or name of an image", "paths and signed addresses fit"
-    )
+    text_characters: int = threshold(4096, "characters", "longest id or image name", "paths and signed addresses fit")
     plain_text_characters: int = threshold(64, "characters", "names up to this length may stand in any number of rows")
     wide_text_bytes: int = threshold(
         512 * MIB, "byte", "largest column of longer texts", "NumPy gives every row the width of the longest"
@@ -80,9 +76,7 @@ class RASTER_BUDGETS:
     )
     empty_pixels: int = threshold(2 * 10**8, "px", "rasters up to this size may be empty")
     block_bytes: int = threshold(1024 * MIB, "byte", "largest block of pixels that a format gives only together")
-    cell_m: tuple[float, float] = threshold(
-        (1e-3, 1e6), "m", "shortest and longest side of a cell of a DEM or orthoimage"
-    )
+    cell_m: tuple[float, float] = threshold((1e-3, 1e6), "m", "sides that cells of DEMs and orthoimages can have")
 
 
 @thresholds
@@ -101,13 +95,9 @@ class GROUND_HEIGHTS:
 class RPC_BUDGETS:
     """Which offsets, scales and coefficients an RPC can have."""
 
-    image_px: float = threshold(
-        1e8, "px", "largest offset and scale of samples and lines, and largest sample or line of a point"
-    )
+    image_px: float = threshold(1e8, "px", "largest offset, scale, or position of a point along samples and lines")
     lat_off_deg: float = threshold(90.0, "deg", "largest latitude offset", "the pole")
-    long_off_deg: float = threshold(
-        540.0, "deg", "largest longitude offset", "longitudes count to 360 or around the date line"
-    )
+    long_off_deg: float = threshold(540.0, "deg", "largest longitude offset", "counted to 360 or around the date line")
     lat_scale_deg: float = threshold(180.0, "deg", "largest latitude scale", "from pole to pole")
     long_scale_deg: float = threshold(360.0, "deg", "largest longitude scale", "a whole turn")
     height_m: float = threshold(1e5, "m", "largest height offset and scale")

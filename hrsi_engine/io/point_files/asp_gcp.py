@@ -61,9 +61,7 @@ def _read_accuracy(lon: np.ndarray, lat: np.ndarray, geocentric: np.ndarray) -> 
         return {"sigma_xy": geocentric[:, 0], "sigma_h": geocentric[:, 2]}
     axes = east_north_up(lon, lat)
     covariance = (axes * geocentric[:, None, :] ** 2) @ axes.swapaxes(1, 2)
-    return {
-        f"cov_{'enh'[row]}{'enh'[column]}": covariance[:, row, column] for row in range(3) for column in range(row, 3)
-    }
+    return {f"cov_{'enh'[i]}{'enh'[j]}": covariance[:, i, j] for i in range(3) for j in range(i, 3)}
 
 
 def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:

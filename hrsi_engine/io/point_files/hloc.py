@@ -70,9 +70,7 @@ def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[s
 def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]]:
     """Return images' names and groups by the name that pairs have for them."""
     file = features or _features_beside(path)
-    found = {
-        name.replace("/", "-"): (name, group) for name, group in _list_groups(file) if _has_item(group, _KEYPOINTS)
-    }
+    found = {name.replace("/", "-"): (name, at) for name, at in _list_groups(file) if _has_item(at, _KEYPOINTS)}
     if not found:
         raise InputError(f"{file}: holds no features of hloc (groups with {_KEYPOINTS!r}): name another file")
     return found

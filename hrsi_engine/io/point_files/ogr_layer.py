@@ -25,9 +25,7 @@ _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
 class OGR_POINTS:
     """Which geometries of a database are points."""
 
-    point_bytes: int = threshold(
-        128, "byte", "longest geometry", "a point with the longest header that a GeoPackage has"
-    )
+    point_bytes: int = threshold(128, "byte", "longest geometry", "a point with the longest header of a GeoPackage")
 
 
 _NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)

@@ -29,9 +29,7 @@ def read(path: str, _layer: str = "") -> PointTable:
         "sample": numbers[:, 0],
         "line": numbers[:, 1],
     }
-    return PointTable(
-        path, columns, ("id", "filename", "ji"), lambda row: f"feature {row}", numbers[:, 2:], "EPSG:4979"
-    )
+    return PointTable(path, columns, ("id", "filename", "ji"), "feature {}".format, numbers[:, 2:], "EPSG:4979")
 
 
 def _read_feature(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:

@@ -39,9 +39,7 @@ class OpenImageThresholds:
         32, "files", "most files that a thread holds open",
         "a block of a thousand images must not hold a thousand files open",
     )  # fmt: skip
-    strip_pixels: int = threshold(
-        4_000_000, "px", "pixels read at once of an image read at a lower resolution", "memory"
-    )
+    strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
 
 
 OPEN_IMAGES = OpenImageThresholds()

@@ -16,9 +16,7 @@ from ..opening.raster_datasets import open_raster
 class GREY_STRETCH:
     """How grey values are stretched for a view."""
 
-    percentiles: tuple[float, float] = threshold(
-        (1.0, 99.0), "%", "percentiles of the grey values that become black and white"
-    )
+    percentiles: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values that become black and white")
 
 
 def pixel_view(path: str) -> str:

@@ -35,9 +35,7 @@ class CropThresholds:
     pixel_scales: tuple[float, float] = threshold(
         (1.0 / 32.0, 128.0), "scene px", "shortest and longest pixel of an image of a scene"
     )
-    same_end_share: float = threshold(
-        0.05, "", "share by which a scene and an image of the whole of it may differ in size"
-    )
+    same_end_share: float = threshold(0.05, "", "share by which a scene and an image of all of it may differ in size")
     first_px: float = threshold(
         2.0, "px", "of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing"
     )

@@ -42,9 +42,7 @@ def _read_camera(path: str, swir: bool) -> RpcReading:
     if not 0 <= number < len(bands):
         raise InputError(f"{path}: has {len(bands)} RPCs and does not say which is the image's: get the file again")
     entries = {element.tag.upper().replace("_", ""): element.text or "" for element in bands[number]}
-    values: dict[str, str | list[str] | None] = {
-        name: entries.get(ENMAP_NAMES[name].replace("_", "")) for name in SCALARS
-    }
+    values: dict[str, str | list[str] | None] = {key: entries.get(ENMAP_NAMES[key].replace("_", "")) for key in SCALARS}
     for name in POLYNOMIALS:
         key = ENMAP_NAMES[name].replace("_", "")
         values[name] = values_by_number(entries, key, range(1, 21)) or values_by_number(entries, key, range(1, 21), 2)
@@ -61,6 +59,4 @@ def _side_names(stem: str) -> tuple[str, ...]:
     return (f"{product}{METADATA}.xml",) if rest else ()
 
 
-READER = RpcReader(
-    "EnMAP metadata", _side_names, _recognises, read, is_product=lambda head: True, read_beside=read_beside
-)
+READER = RpcReader("EnMAP metadata", _side_names, _recognises, read, is_product=lambda _: True, read_beside=read_beside)

@@ -25,9 +25,7 @@ SCALARS = (
 POLYNOMIALS = ("line_num", "line_den", "samp_num", "samp_den")
 ERRORS = ("err_bias", "err_rand")
 #: RPC field -> its name in GDAL's RPC metadata domain.
-GDAL_NAMES = {name: name.upper() for name in (*ERRORS, *SCALARS)} | {
-    name: f"{name.upper()}_COEFF" for name in POLYNOMIALS
-}
+GDAL_NAMES = {key: key.upper() for key in (*ERRORS, *SCALARS)} | {key: f"{key.upper()}_COEFF" for key in POLYNOMIALS}
 #: RPC field -> its name in a STAC item: GDAL's names, as a field with a prefix.
 STAC_NAMES = {name: f"rpc:{title.lower()}" for name, title in GDAL_NAMES.items()}
 _PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so

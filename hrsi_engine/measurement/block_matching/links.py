@@ -103,9 +103,7 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
             break
         sound[worst] = False
         bad, good = ([t for t in some if worst not in t] for some in (bad, good))
-    return [
-        ImageLink(*pair, len(of_pair), in_closed[pair], in_open[pair], sound[pair]) for pair, of_pair in rows.items()
-    ]
+    return [ImageLink(*pair, len(own), in_closed[pair], in_open[pair], sound[pair]) for pair, own in rows.items()]
 
 
 def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[NumberPair]:

@@ -218,9 +218,7 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
 
     So the cost grows with the number of images, not with that of their pairs.
     """
-    first, second = (
-        np.array([getattr(pair, name) for pair in overlaps], dtype=np.int64) for name in ("first", "second")
-    )
+    first, second = (np.array([getattr(pair, name) for pair in overlaps], np.int64) for name in ("first", "second"))
     prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / CHOICE.angle_scale_deg)
     image, row = np.r_[first, second], np.tile(np.arange(len(overlaps)), 2)
     order = np.lexsort((-prior[row], image))

@@ -92,9 +92,7 @@ def _linearise_transfer(
         return transfer(first.rpc, second.rpc, here + (dx, dy), height + dh)
 
     steps = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    slope = [
-        np.nanmean(transfer_offset(*step) - transfer_offset(*(-part for part in step)), axis=0) / 2.0 for step in steps
-    ]
+    slope = [np.nanmean(transfer_offset(*step) - transfer_offset(*np.negative(step)), axis=0) / 2.0 for step in steps]
     return np.column_stack(slope[:2]), slope[2]
 
 

@@ -302,9 +302,7 @@ class TieSearch:
                 continue
             xy = good.first_xy[own][row[wanted]]
             height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
-            windows = tuple(
-                cell.own[0] for cells in plan.plan_cells(job.first, self.options.cells, 0) for cell in cells
-            )
+            windows = tuple(cell.own[0] for row in plan.plan_cells(job.first, self.options.cells, 0) for cell in row)
             partner = Partner(second, job.second, estimate.geometry)
             options = replace(
                 choose_match_options(self.options, job.first), largest_sigma_px=TIE_SEARCH.completed_sigma_px

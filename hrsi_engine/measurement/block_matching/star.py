@@ -152,9 +152,7 @@ def _complete_partner(
 ) -> TileMatches:  # fmt: skip
     """Return a partner's matches with those added that the others' heights lead to."""
     own = found[index]
-    others = [
-        _transfer_heights(own, matches) for number, matches in enumerate(found) if number != index and len(matches)
-    ]
+    others = [_transfer_heights(own, matches) for k, matches in enumerate(found) if k != index and len(matches)]
     if not others:
         return own
     xy, height = (np.concatenate(part) for part in zip(*others, strict=True))

@@ -196,9 +196,7 @@ def _match_at_scale(
     """Match two windows whose scale is known, or lies in a range."""
     known = vote.scales
     usual = float(np.sqrt(known[0] * known[1]))
-    reductions = [
-        max(ratio, 1.0) if ratio >= CONTROL_NETWORK.reduction_ratio else 1.0 for ratio in (1.0 / usual, usual)
-    ]
+    reductions = [max(r, 1.0) if r >= CONTROL_NETWORK.reduction_ratio else 1.0 for r in (1.0 / usual, usual)]
     views = [
         _open_window(raster, window, options, reduction, stage(progress, 0.15 * k, 0.15 * (k + 1)))
         for k, (raster, window, reduction) in enumerate(zip((first, second), areas, reductions, strict=True))

@@ -100,9 +100,7 @@ def pair_leaves(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPair
     allowed = tolerance.limit_px(first.distance_px)
     i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
     turn = wrap_angle(second.angle_rad[j] - first.angle_rad[i])
-    return LeafPairs(
-        i, j, turn, tolerance.limit_rad(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
-    )  # fmt: skip
+    return LeafPairs(i, j, turn, tolerance.limit_rad(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2)
 
 
 def find_correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:

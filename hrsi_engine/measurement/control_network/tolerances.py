@@ -19,9 +19,7 @@ NETWORK_PAIRS = "real pairs, 2026-11-21 and 22 (docs/matching.md)"
 class NETWORK:
     """How exactly leaves lie where a network puts them, and which ancestors give its direction."""
 
-    radius_share: float = threshold(
-        0.5, "", "base tolerance, by the radius of a local maximum", "thesis section 3.3.4: 2 px or less"
-    )
+    radius_share: float = threshold(0.5, "", "base tolerance by a maximum's radius", "thesis 3.3.4: 2 px or less")
     shortest_arm_px: float = threshold(20.0, "px", "nearer ancestors give no direction (0.5 px is a degree)")
     ancestors: int = threshold(8, "generations", "how far back a direction is taken from")
     smoothing_px: float = threshold(0.7, "px", "standard deviation of the Gaussian before least-squares matching")

@@ -61,6 +61,8 @@ class BLOBS:
 #: Log odds of detection in another view: constant, logarithm of radius / 4 px and its square, unevenness, dark.
 CHANCE_TERMS = (0.82, 0.42, -0.94, -0.45, -0.82)
 
+#: Where the inside and the surroundings are sampled: at a share of the outline's radii, and so far beyond.
+_INSIDE_OUTSIDE = ((0.5, 0.0), (1.0, BLOBS.surroundings_px))
 _DIRECTION = np.exp(2j * np.pi * np.arange(BLOBS.rays) / BLOBS.rays)
 
 
@@ -96,9 +98,7 @@ class Blobs(NamedTuple):
 
     def grey_contrast(self, grey: np.ndarray) -> np.ndarray:
         """Return grey values inside - outside, ``(n,)``."""
-        inside, outside = (
-            _sample_ring(grey, self.xy, self.radii, *at) for at in ((0.5, 0.0), (1.0, BLOBS.surroundings_px))
-        )
+        inside, outside = (_sample_ring(grey, self.xy, self.radii, *at) for at in _INSIDE_OUTSIDE)
         return inside - outside
 
     def select(self, keep: np.ndarray) -> Blobs:
@@ -122,14 +122,14 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
         xy, radius, sign, radii = centre[keep], size[keep], sign[keep], radii[keep]
     if not len(xy):
         return Blobs(np.empty((0, 2)), np.empty(0), np.empty((0, BLOBS.rays)), np.empty(0), np.empty(0))
-    inside, outside = (_sample_ring(z, xy, radii, *at) for at in ((0.5, 0.0), (1.0, BLOBS.surroundings_px)))
+    inside, outside = (_sample_ring(z, xy, radii, *at) for at in _INSIDE_OUTSIDE)
     contrast = sign * (inside - outside)
     clear = np.flatnonzero(contrast >= BLOBS.least_contrast)
     xy, radii, sign = xy[clear], radii[clear], sign[clear]
     for _ in range(BLOBS.centre_rounds):
         xy = _compute_grey_centres(z, xy, radii, inside[clear], outside[clear])
     # The blob about the moved centre must have contrast as well, and lie on usable pixels
-    moved_in, moved_out = (_sample_ring(z, xy, radii, *at) for at in ((0.5, 0.0), (1.0, BLOBS.surroundings_px)))
+    moved_in, moved_out = (_sample_ring(z, xy, radii, *at) for at in _INSIDE_OUTSIDE)
     contrast = sign * (moved_in - moved_out)
     keep = (contrast >= BLOBS.moved_contrast) & _is_usable(usable, xy, radii)
     xy, radii, sign, contrast = xy[keep], radii[keep], sign[keep], contrast[keep]

@@ -60,9 +60,7 @@ def compute_epipolar_miss(
         slope = (above - below) / (2.0 * EPIPOLAR.height_step_m)
         stretch = np.linalg.norm(slope, axis=1)
         distinct = stretch > EPIPOLAR.least_stretch
-        direction = np.where(
-            distinct[:, None], slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None], (1.0, 0.0)
-        )
+        direction = np.where(distinct[:, None], slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None], (1, 0))
         miss = second_xy - 0.5 * (above + below)
         along = np.einsum("ni,ni->n", miss, direction)
         across = direction[:, 0] * miss[:, 1] - direction[:, 1] * miss[:, 0]

@@ -92,9 +92,7 @@ class TileFrame:
         """The second tile in this frame: origin ``(-pad, -pad)``, step 1, both counted in pixels of the first tile."""
         rows, columns = (length + 2 * self.pad_px for length in self.first.pixels.shape)
         count = [max(2, -(-(length - 1) // TILE_MATCH.node_px) + 1) for length in (columns, rows)]
-        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), axis=-1).reshape(
-            -1, 2
-        )
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * float(TILE_MATCH.node_px) for n in count)), -1).reshape(-1, 2)
         positions = self.predict(nodes - self.pad_px).reshape(count[1], count[0], 2).astype(np.float32)
         if not np.isfinite(positions).all():
             positions = np.full_like(positions, NOWHERE_PX)
