@@ -34,14 +34,10 @@ class ArrayFilters:
     @staticmethod
     def erode(mask: np.ndarray, side: int, outside: bool) -> np.ndarray:
         if mask.all():  # as most masks are
-            half = side // 2
-            return (
-                np.pad(mask[half : mask.shape[0] - half, half : mask.shape[1] - half], half)[
-                    : mask.shape[0], : mask.shape[1]
-                ]
-                if not outside
-                else mask.copy()
-            )
+            (rows, columns), half = mask.shape, 0 if outside else side // 2
+            eroded = np.zeros_like(mask)
+            eroded[half : rows - half, half : columns - half] = True
+            return eroded
         return ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant", cval=int(outside)).view(bool)
 
     @staticmethod

@@ -137,9 +137,8 @@ def _divide_into_jobs(images: Sequence[Image], given: ImagePoints) -> Iterator[E
     keys, job = np.unique(np.column_stack([number[head[rows]], cell]), axis=0, return_inverse=True)
     for index, (first, column, row) in enumerate(keys.tolist()):
         here = rows[job.ravel() == index]
-        window = ImageWindow(
-            column * EXTERNAL.window_px, row * EXTERNAL.window_px, EXTERNAL.window_px, EXTERNAL.window_px
-        )
+        side = EXTERNAL.window_px
+        window = ImageWindow(column * side, row * side, side, side)
         pairs = tuple(
             ExternalPair(second, images[second], given.xy[head[own]], given.xy[own])
             for second in np.unique(number[here]).tolist()

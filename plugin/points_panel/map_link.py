@@ -58,12 +58,9 @@ class MapLink:
         self._mark.setIconSize(18)
         self._mark.setPenWidth(2)
         of_map = self.canvas.mapSettings().destinationCrs()
-        place = (
-            point_session.operations_of(of_map.toWkt()).from_wgs84(np.array([lonlat]))[0]
-            if of_map.isValid()
-            else lonlat
-        )
-        self._mark.setCenter(QgsPointXY(*map(float, place)))
+        if of_map.isValid():
+            lonlat = point_session.operations_of(of_map.toWkt()).from_wgs84(np.array([lonlat]))[0]
+        self._mark.setCenter(QgsPointXY(*map(float, lonlat)))
 
 
 def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
@@ -71,7 +68,6 @@ def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
     of_map = canvas.mapSettings().destinationCrs()
     if not of_map.isValid():
         return point.x(), point.y()
-    lon, lat, _ = (
-        point_session.operations_of(of_map.toWkt()).to_wgs84(np.array([[point.x(), point.y(), 0.0]]))[0].tolist()
-    )
+    place = np.array([[point.x(), point.y(), 0.0]])
+    lon, lat, _ = point_session.operations_of(of_map.toWkt()).to_wgs84(place)[0].tolist()
     return lon, lat

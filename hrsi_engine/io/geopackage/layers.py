@@ -76,11 +76,8 @@ class Layer:
     @property
     def description(self) -> str:
         """What the layer holds, as its class of rows says; empty for other columns."""
-        return (
-            (type(self.fields).__doc__ or "").partition("\n")[0].rstrip(".")
-            if isinstance(self.fields, LayerRows)
-            else ""
-        )
+        text = type(self.fields).__doc__ if isinstance(self.fields, LayerRows) else ""
+        return (text or "").partition("\n")[0].rstrip(".")
 
     @cached_property
     def boxes(self) -> np.ndarray:

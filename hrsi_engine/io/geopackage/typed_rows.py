@@ -148,10 +148,6 @@ class LayerRows(Mapping[str, Column]):
         """Return these rows and others behind them, without a copy of the numbers."""
         return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
 
-    def with_columns(self, **changed: Column) -> Self:
-        """Return the same rows with other values in some columns."""
-        return type(self)(**{**self, **changed})
-
 
 def _get_declarations(base: type) -> Mapping[str, DeclaredColumn]:
     return base.declared if issubclass(base, LayerRows) else {}

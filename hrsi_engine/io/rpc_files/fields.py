@@ -55,12 +55,10 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         found = 0 if texts is None else len(texts)
         if texts is None or isinstance(texts, str) or found != 20:
             raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
-        plain = all(map(_PLAIN_NUMBER.fullmatch, texts))  # nearly always: then no text needs a look of its own
-        numbers[field] = np.array(
-            [*map(float, texts)]
-            if plain
-            else [_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, start=1)]
-        )
+        if all(map(_PLAIN_NUMBER.fullmatch, texts)):  # nearly always: then no text needs a look of its own
+            numbers[field] = np.array([*map(float, texts)])
+        else:
+            numbers[field] = np.array([_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, 1)])
     for field in ERRORS:
         numbers[field] = _parse_optional(where, names[field], values.get(field))
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]

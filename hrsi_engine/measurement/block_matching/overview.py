@@ -106,13 +106,11 @@ def detect_features(tile: ImageTile, most: int) -> PartResult:
 
 def _detect_in_part(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return tile positions, strengths and descriptors of the features of one part of an overview."""
-    left, top = max(column - OVERVIEW.border_px, 0), max(row - OVERVIEW.border_px, 0)
-    place = np.s_[
-        top : row + OVERVIEW.tile_px + OVERVIEW.border_px, left : column + OVERVIEW.tile_px + OVERVIEW.border_px
-    ]
+    side, border = OVERVIEW.tile_px, OVERVIEW.border_px
+    left, top = max(column - border, 0), max(row - border, 0)
+    place = np.s_[top : row + side + border, left : column + side + border]
     found = detect_sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
     xy = found.xy + (left, top)
-    own = (
-        (xy >= (column - 0.5, row - 0.5)) & (xy < (column + OVERVIEW.tile_px - 0.5, row + OVERVIEW.tile_px - 0.5))
-    ).all(axis=1)
+    begin = np.array([column, row]) - 0.5
+    own = ((xy >= begin) & (xy < begin + side)).all(axis=1)
     return xy[own], found.strength[own], found.descriptors[own]

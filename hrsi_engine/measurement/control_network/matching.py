@@ -44,15 +44,10 @@ def choose_tolerance(options: ControlNetworkOptions, slope_deg: float | None = N
 
 def make_growth_options(options: ControlNetworkOptions) -> GrowthOptions:
     """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
-    gentle, steep = (
-        choose_tolerance(options),
-        choose_tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg)),
-    )
-    stages = (
-        GrowthStage(gentle, CONTROL_NETWORK.near_px),
-        GrowthStage(steep, CONTROL_NETWORK.near_px),
-        GrowthStage(steep, CONTROL_NETWORK.far_px),
-    )
+    gentle = choose_tolerance(options)
+    steep = choose_tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg))
+    near, far = CONTROL_NETWORK.near_px, CONTROL_NETWORK.far_px
+    stages = GrowthStage(gentle, near), GrowthStage(steep, near), GrowthStage(steep, far)
     return GrowthOptions(stages, options.correlation, options.consistency_px)
 
 
@@ -177,11 +172,8 @@ def match_windows(
             vote = equal
     again = _match_at_scale(first, second, options, vote, areas, stage(progress, 0.5, 1.0))
     # Where features give no scale, an ambiguous match at one of those tried is no statement on the windows
-    return (
-        again
-        if again.status == FOUND or vote.scales not in (SCALE.unknown_scales, CONTROL_NETWORK.equal_scales)
-        else found
-    )
+    is_voted = vote.scales not in (SCALE.unknown_scales, CONTROL_NETWORK.equal_scales)
+    return again if again.status == FOUND or is_voted else found
 
 
 def _votes_equal(vote: FeatureVote) -> bool:

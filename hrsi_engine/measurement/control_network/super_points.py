@@ -123,10 +123,8 @@ def bound_support(pairs: LeafPairs, least: int) -> np.ndarray:
     high = np.ceil((pairs.turn_rad + pairs.allowed_rad) / _SECTOR_RAD).astype(int)
     width = np.minimum(high - low, SUPER_POINTS.sectors)
     low %= SUPER_POINTS.sectors
-    change = np.bincount(low, minlength=2 * SUPER_POINTS.sectors + 1) - np.bincount(
-        low + width, minlength=2 * SUPER_POINTS.sectors + 1
-    )
-    votes = change.cumsum()[: 2 * SUPER_POINTS.sectors].reshape(2, SUPER_POINTS.sectors).sum(axis=0)
+    begun, ended = (np.bincount(edge, minlength=2 * SUPER_POINTS.sectors + 1) for edge in (low, low + width))
+    votes = (begun - ended).cumsum()[:-1].reshape(2, SUPER_POINTS.sectors).sum(axis=0)
     agreeing_pairs = votes[np.floor(pairs.turn_rad / _SECTOR_RAD).astype(int) % SUPER_POINTS.sectors]
     rows = np.flatnonzero(agreeing_pairs >= least)
     if not len(rows):
@@ -226,10 +224,8 @@ def match_super_points(
     if best is None:
         return SuperPointMatch(NO_MATCH, None, 0, 0.0, evaluated)
     # The most correspondences of another hypothesis, 0 where none has nearly as many or all are chance
-    runner_up, least = (
-        0,
-        np.maximum(compute_significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count))),
-    )
+    runner_up = 0
+    least = np.maximum(compute_significant_counts(sets), int(np.ceil(SUPER_POINTS.rival_share * best.count)))
     for bound, roots, scale in sets.iterate_roots():
         if bound <= runner_up or bound < least.min():
             break

@@ -96,15 +96,9 @@ def find_corner_peaks(
     tensor = compute_structure_tensor(normalise(window, statistics))
     strength = strength_of(tensor, options)
     strength[~mask_usable_surroundings(window.usable, CORNER_DETECTION.support_px)] = 0.0
-    inner = strength[
-        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
-        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
-    ].copy()
-    strength[:] = 0.0  # at the edges of the image the filters used its mirror image
-    strength[
-        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
-        CORNER_DETECTION.support_px : -CORNER_DETECTION.support_px,
-    ] = inner
+    # At the edges of the image the filters used its mirror image
+    edge = CORNER_DETECTION.support_px
+    strength = np.pad(strength[edge:-edge, edge:-edge], edge)
     rows, columns = np.nonzero(find_local_maxima(strength, options.radius_px))
     offset = compute_peak_offsets(strength, rows, columns)
     xy = np.column_stack([columns, rows]) + offset + window.origin

@@ -101,14 +101,11 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
     for factor in np.unique(scale).tolist():
         here = scale == factor
         level = slopes.reduce(factor)
-        at, steep, clear = find_edges_along(
-            level, points[here], normals[here], sign[here], OUTLINE_SAMPLING.normal_reach_px
-        )
+        along = normals[here], sign[here]
+        at, steep, clear = find_edges_along(level, points[here], *along, OUTLINE_SAMPLING.normal_reach_px)
         at = (at + 0.5) * factor - 0.5
         if factor > 1:
-            at, steep, fine = find_edges_along(
-                slopes, at, normals[here], sign[here], OUTLINE_SAMPLING.fine_reach * factor
-            )
+            at, steep, fine = find_edges_along(slopes, at, *along, OUTLINE_SAMPLING.fine_reach * factor)
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)

@@ -51,21 +51,17 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(known)) if len(known) else 0.0
-    return ImageStatistics(
-        saturation, noise, max(LOCAL_STATISTICS.noise_floor * noise, LOCAL_STATISTICS.contrast_floor * typical, 1e-6)
-    )
+    floor = max(LOCAL_STATISTICS.noise_floor * noise, LOCAL_STATISTICS.contrast_floor * typical, 1e-6)
+    return ImageStatistics(saturation, noise, floor)
 
 
 def choose_sample_areas(region: Area) -> list[Area]:
     """Return sample areas spread over a region; all of it where it is small."""
-    lefts = _choose_starts(region.left, region.right)
-    tops = _choose_starts(region.top, region.bottom)
+    side = LOCAL_STATISTICS.sample_px
     return [
-        Area(
-            x, y, min(x + LOCAL_STATISTICS.sample_px, region.right), min(y + LOCAL_STATISTICS.sample_px, region.bottom)
-        )
-        for y in tops
-        for x in lefts
+        Area(x, y, min(x + side, region.right), min(y + side, region.bottom))
+        for y in _choose_starts(region.top, region.bottom)
+        for x in _choose_starts(region.left, region.right)
     ]
 
 

@@ -232,9 +232,7 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
     search = read_patch(task.image.pixels, corner, (window, window), task.step)
     if not search.valid.any():
         return None
-    inner = np.s_[
-        REFERENCE_MATCHES.border : -REFERENCE_MATCHES.border, REFERENCE_MATCHES.border : -REFERENCE_MATCHES.border
-    ]
+    inner = (slice(REFERENCE_MATCHES.border, -REFERENCE_MATCHES.border),) * 2
     surface = correlate_orientations(
         compute_orientation_field(template.grey, template.valid)[inner],
         compute_orientation_field(search.grey, search.valid)[inner],

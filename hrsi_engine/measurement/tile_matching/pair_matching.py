@@ -234,9 +234,8 @@ def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
     middle = np.median(along, axis=1)[:, None] * direction + np.median(across, axis=1)[:, None] * normal
     spread = along[:, -2] - along[:, 1] if count > 3 else along[:, -1] - along[:, 0]
     length = TILE_MATCH.spread * spread + TILE_MATCH.slope * distance[:, -1] + options.reach_px[0]
-    return _Prediction(
-        middle, np.column_stack([np.minimum(length, options.reach_px[1]), np.full(len(rows), options.across_px)])
-    )
+    reach = np.minimum(length, options.reach_px[1])
+    return _Prediction(middle, np.column_stack([reach, np.full(len(rows), options.across_px)]))
 
 
 def _match_points(
@@ -246,9 +245,8 @@ def _match_points(
     frame, options, points = task.frame, task.options, task.points[rows]
     half = max(window // 2 - TILE_MATCH.search_margin_px, 4)
     pad = frame.pad_px
-    sought = search_windows(
-        *task.searched, points, points + expected.shift + pad, task.direction[rows], expected.reach, half
-    )
+    around = points + expected.shift + pad
+    sought = search_windows(*task.searched, points, around, task.direction[rows], expected.reach, half)
     clear = sought.inside & (sought.correlation > options.min_correlation)
     hits = np.flatnonzero(clear & (sought.rival < options.largest_rival * sought.correlation))
     start = frame.predict(sought.xy[hits] - pad)
@@ -258,9 +256,8 @@ def _match_points(
     band, images = MATCHING_BANDS[name], task.images(name)
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
     own = band.sigma_factor * fine.sigma_px
-    kept = np.flatnonzero(
-        (fine.status == DONE) & (fine.correlation > options.min_correlation) & (own < options.largest_sigma_px)
-    )
+    alike = (fine.status == DONE) & (fine.correlation > options.min_correlation)
+    kept = np.flatnonzero(alike & (own < options.largest_sigma_px))
     smaller = _make_lsm_options(task, int(window * TILE_MATCH.inner))
     inner = match_patches(*images, points[hits[kept]], fine.xy[kept], fine.affine[kept], smaller)
     change = np.where(inner.status == DONE, np.linalg.norm(inner.xy - fine.xy[kept], axis=1), np.inf)
