@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.block.pointing import POINTING
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.refinement.image_space import ImagePolynomial, add_drift_parameters
-from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED
+from hrsi.hrsi_engine.refinement.model import select_priors
 
 
 class Dense(NamedTuple):
@@ -32,10 +32,13 @@ class Dense(NamedTuple):
 
 def dense_solution(block, model, controlled=True, drift=POINTING.least_drift):
     """Solve the same problem with one dense design matrix over all unknowns, the cameras' drift among them."""
-    priors = CONTROLLED if controlled else UNCONTROLLED
     camera = add_drift_parameters(model) if drift and isinstance(model, ImagePolynomial) else model
     p, q, count, total = len(model.parameters), len(camera.parameters), len(block.images), len(block.points)
-    sigma = [np.r_[model.prior_sigmas(image, priors), np.full(q - p, drift)] for image in block.images]
+    priors = [select_priors(image, controlled) for image in block.images]  # 7 m without GCPs, once 5 px (issue 37)
+    sigma = [
+        np.r_[model.prior_sigmas(*of_image), np.full(q - p, drift)]
+        for of_image in zip(block.images, priors, strict=True)
+    ]
     prior = np.concatenate(sigma)
     values, ground, start = np.zeros((count, q)), *_start(block)
     own = linalg.block_diag(np.diag(prior**2), *_surveys(block))

@@ -10,8 +10,15 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.pointing import POINTING, PUBLISHED, compute_gsd_m, estimate_pointing, find_sensor
-from hrsi.hrsi_engine.refinement.model import UNCONTROLLED, estimate_priors, select_priors
+from hrsi.hrsi_engine.block.pointing import (
+    POINTING,
+    PUBLISHED,
+    SIGMAS_OF_CE90,
+    compute_gsd_m,
+    estimate_pointing,
+    find_sensor,
+)
+from hrsi.hrsi_engine.refinement.model import UNCONTROLLED_DRIFT, estimate_priors, select_priors
 
 NAMES = {
     "QB02": "QuickBird", "WV01": "WorldView-1", "WV02": "WorldView-2", "WV03_VNIR": "WorldView-3", "GE01": "GeoEye-1",
@@ -77,11 +84,16 @@ def test_the_change_along_a_strip_is_the_published_one():
 
 def test_an_unknown_sensor_has_the_general_default():
     found = estimate_pointing(image())
-    assert found.sigma_m is None
+    median = np.median([entry.ce90_m for entry in PUBLISHED])
+    # in metres on the ground (issue 37): 5 px of the file were twice the metres at half the resolution
+    assert found.sigma_m == POINTING.unknown_m == pytest.approx(median / SIGMAS_OF_CE90, abs=0.1)
     assert found.drift == POINTING.least_drift
     assert "unknown sensor" in found.reason
-    assert estimate_priors(image()).shift_px == UNCONTROLLED.shift_px
-    assert select_priors(image(), controlled=False) == UNCONTROLLED
+    assert estimate_priors(image()).shift_px == pytest.approx(POINTING.unknown_m / compute_gsd_m(image()))
+    assert select_priors(image(), controlled=False).drift == UNCONTROLLED_DRIFT
+    rpc = sample_rpc(1)
+    half = Image("A", replace(rpc, samp_scale=rpc.samp_scale / 2.0, line_scale=rpc.line_scale / 2.0), (4000, 4000))
+    assert estimate_priors(half).shift_px == pytest.approx(0.5 * estimate_priors(image()).shift_px, rel=1e-3)
 
 
 def test_real_products_are_told_by_their_metadata(real_data):

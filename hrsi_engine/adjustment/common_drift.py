@@ -114,6 +114,14 @@ class CommonDrift:
         share = np.einsum("ij,jk,ki->i", rest, ahead[:, :-1], rest)
         return (rest @ ahead[:, -1]) ** 2, np.clip(rest.diagonal() - weight * share, 0.0, 1.0)
 
+    def reorder(self, order: np.ndarray) -> CommonDrift:
+        """Return the same of cameras whose parameters stand in another order."""
+        number = np.zeros(self.free.shape, dtype=np.int64)
+        number[self.free] = np.arange(len(self.basis))
+        free = self.free[:, order]
+        rows = number[:, order][free]
+        return replace(self, free=free, believed=self.believed[rows], basis=self.basis[rows])
+
     # ---- the prior in the loop (`gauss_newton`, as `joint_prior`) ----------------------------------------------------
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:

@@ -50,13 +50,16 @@ def compute_drift_gain(problem: Problem, loop: GaussNewton, solution: Solution) 
 
 
 def _solve_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
-    p = len(problem.model.parameters)
-    if p == squares.shape[1]:
-        return None
-    prior = loop.prior_weight[:, :p]
+    p, q = len(problem.model.parameters), squares.shape[1]
+    return None if p == q else compute_gain(squares, loop.prior_weight, np.arange(p), np.arange(p, q))
+
+
+def compute_gain(squares: np.ndarray, prior_weight: np.ndarray, own: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return what a model's ``own`` parameters take over of the ``rest`` of a camera's (indices)."""
+    prior = prior_weight[:, own]
     held = np.isinf(prior)
-    own = squares[:, :p, :p] + np.where(held, 1.0, prior)[:, :, None] * np.eye(p)
-    return np.where(held[:, :, None], 0.0, np.linalg.solve(own, squares[:, :p, p:]))
+    normal = squares[:, own[:, None], own] + np.where(held, 1.0, prior)[:, :, None] * np.eye(len(own))
+    return np.where(held[:, :, None], 0.0, np.linalg.solve(normal, squares[:, own[:, None], rest]))
 
 
 def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
@@ -64,7 +67,7 @@ def compute_drift_squares(problem: Problem, solution: Solution) -> np.ndarray:
     camera = problem.camera
     if camera is problem.model or not isinstance(camera, ImagePolynomial):
         return np.zeros((len(solution.state.values), len(camera.parameters), len(camera.parameters)))
-    squares = _sum_squares(problem, camera, solution)
+    squares = sum_squares(problem, camera, solution)
     if problem.earlier is not None:
         np.add.at(squares, problem.earlier.camera, problem.earlier.known.squares)
     return squares
@@ -78,7 +81,7 @@ def absorb_drift(estimated: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
     return estimated[:, :p] + np.einsum("cij,cj->ci", gain, estimated[:, p:])
 
 
-def _sum_squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> np.ndarray:
+def sum_squares(problem: Problem, camera: ImagePolynomial, solution: Solution) -> np.ndarray:
     """Return the weighted squares ``(cameras, q, q)`` of the derivatives by all parameters, at the measurements."""
     observations, size = problem.observations, len(camera.parameters)
     weight = solution.weight * solution.weighting.contributes[observations.point]

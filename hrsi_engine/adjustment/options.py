@@ -136,7 +136,7 @@ class AdjustOptions:
     sigma_shift_px: float | None = option(
         None,
         "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS, what is "
-        "published of the sensor, or 5 px",
+        "published of the sensor, or 7 m on the ground",
         name="sigma-shift",
         minimum=1e-9,
         unit="px",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
+from ..block.pointing import estimate_pointing
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
@@ -390,10 +390,7 @@ def _judge_plan(problem: Problem, solution: Solution, precise: Precision) -> Pla
     if held is None:
         return None
     # How well the block lies in plan by its RPCs: with a part of its own for each image
-    pointing = [
-        estimate_pointing(image).sigma_m or POINTING.unknown_px * compute_gsd_m(image)
-        for image in problem.observations.images
-    ]
+    pointing = [estimate_pointing(image).sigma_m for image in problem.observations.images]
     over = held.places.over_rpcs or problem.observations.surveyed.any()
     rpcs_m = np.inf if over else float(np.sqrt(1.0 / np.sum(np.array(pointing) ** -2.0)))
     return held.summarise_places(

@@ -17,7 +17,7 @@ from scipy.sparse import csgraph
 
 from ..block.block import Block, group_tiles
 from ..block.imaging_geometry import compute_view_directions
-from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
+from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows, finite_rows
 from ..refinement.image_space import ImagePolynomial, add_drift_parameters
@@ -140,8 +140,7 @@ class Problem:
             rpc = image.rpc
             up = compute_view_directions(rpc, np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))[0]
             lean = np.array([[1.0, 0.0, -up[0] / up[2]], [0.0, 1.0, -up[1] / up[2]]])
-            sigma_m = estimate_pointing(image).sigma_m or POINTING.unknown_px * compute_gsd_m(image)
-            normal += lean.T @ lean / sigma_m**2
+            normal += lean.T @ lean / estimate_pointing(image).sigma_m ** 2
         # of the images of the block, a point is on some
         normal *= float(np.median(rays[ties])) / len(observations.images)
         variance = float(np.linalg.inv(normal + np.eye(3) * FREE_POINT_SIGMA_M**-2)[2, 2])

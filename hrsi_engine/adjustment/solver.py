@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..block.block import Block
 from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, advance, silent, stage
 from ..foundation.workers.threads import one_thread_calls
+from ..refinement.selection import NESTED_MODELS
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
+from .delivered_model import DELIVERY, deliver_as, find_judging_gcps, predict_left_out
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import assemble_adjustment
@@ -100,6 +104,8 @@ class Adjuster(Snooping):
                 precise = compute_precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
             self.judge_tie_variance(self.solution)
+        if self.problem.choice is not None:
+            precise = self.choose_delivered_model(precise)
         self.collect_warnings()
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
@@ -109,6 +115,29 @@ class Adjuster(Snooping):
             self.found.cross_validation = validated
         self.sigmas.report_to(self.found)
         return assemble_adjustment(self.problem, self.loop, self.found, self.solution, precise)
+
+    def choose_delivered_model(self, precise: Precision) -> Precision:
+        """Judge the model that a rule chose by leave-one-out of the GCPs; deliver a simpler one that predicts as well.
+
+        Of models nested in each other only where the drift was estimated, from which all of them follow.
+        """
+        problem, choice = self.problem, self.problem.choice
+        gcps = find_judging_gcps(problem, self.solution, self.survey_weight)
+        if choice is None or precise.cameras is None or len(gcps) < DELIVERY.fewest_gcps:
+            return precise
+        control = self.compute_control(self.solution, gcps)
+        self.loop.system.factorise(self.solution.normals.blocks, self.loop.prior_weight)
+        found = predict_left_out(problem, self.loop, self.solution, control)
+        name, reason = choice.model, choice.reason
+        if self.sigmas.drifts and choice.model in NESTED_MODELS:
+            name, reason = found.choose_model()
+            reason = f"the images' drift is estimated from the block as a variance component; {reason}"
+        choice = replace(choice, model=name, reason=reason, delivered=found.rmse_px)
+        if name != problem.model.name:
+            now = deliver_as(name, problem, self.loop, self.solution, precise)
+            problem, self.loop, self.solution, precise = now
+        self.problem = replace(problem, choice=choice)
+        return precise
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------
 

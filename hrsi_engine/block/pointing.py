@@ -2,7 +2,8 @@
 
 **Pointing.** ERR_BIAS of an RPC is the standard deviation of each horizontal coordinate. Where it is missing, the
 sensor is recognised by the names in its files, and its published accuracy without ground control is used
-(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. An unknown sensor points to `POINTING.unknown_px`.
+(`PUBLISHED`); CE90 is 2.146 standard deviations of a coordinate. Of an unknown sensor
+the median of what is published is taken, `POINTING.unknown_m`: on the ground, as a file may have any resolution.
 
 **Drift.** ERR_RAND is the standard deviation of the error's variation within an image: for a linear change by d from
 end to end it is d / sqrt(12). Where it is not given, the change follows from the pointing error. Published are both for
@@ -36,7 +37,10 @@ SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 class POINTING:
     """A priori accuracy of sensors of which nothing is stated, and how it changes over an image."""
 
-    unknown_px: float = threshold(5.0, "px", "standard deviation of the pointing of an unknown sensor")
+    unknown_m: float = threshold(
+        7.0, "m", "standard deviation of the pointing of an unknown sensor",
+        "median of the published CE90s, 15 m (`PUBLISHED`)",
+    )  # fmt: skip
     strip_share: float = threshold(0.65, "", "pointing error's change over a strip, relative", "Smiley 2009, QuickBird")
     strip_m: float = threshold(100e3, "m", "length of such a strip: what these satellites take in one go")
     smooth_m: float = threshold(7e3, "m", "length below which the change grows with time itself: a second of flight")
@@ -113,12 +117,12 @@ _TOLD_BY_ANY = re.compile("|".join(entry.told_by for entry in PUBLISHED))
 class Pointing:
     """A priori pointing accuracy of an image.
 
-    sigma_m : standard deviation of each horizontal coordinate in m; None where only `POINTING.unknown_px` can be said
+    sigma_m : standard deviation of each horizontal coordinate in m
     drift : standard deviation of its change across the image, px per px
     reason : its origin, for messages
     """
 
-    sigma_m: float | None
+    sigma_m: float
     drift: float
     reason: str
 
@@ -135,7 +139,7 @@ def estimate_pointing(image: Image) -> Pointing:
     """Return the pointing accuracy of an image: from its RPC, from publications of its sensor, or the default."""
     published = find_sensor(image.sensor, os.path.basename(image.path), image.id)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
-    reasons, sigma_m, drift = [published.title if published else "unknown sensor"], None, POINTING.least_drift
+    reasons, drift = [published.title if published else "unknown sensor"], POINTING.least_drift
     if stated:
         sigma_m = stated
         reasons.append(f"ERR_BIAS {stated:.3g} m")
@@ -143,8 +147,9 @@ def estimate_pointing(image: Image) -> Pointing:
         sigma_m = published.ce90_m / SIGMAS_OF_CE90
         reasons.append(f"CE90 {published.ce90_m:g} m ({published.source})")
     else:
-        reasons.append(f"{POINTING.unknown_px:g} px assumed for its pointing")
-    if sigma_m is not None:
+        sigma_m = POINTING.unknown_m
+        reasons.append(f"{sigma_m:g} m assumed for its pointing")
+    if stated or published:
         length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * compute_gsd_m(image)
         if varying:
             drift = np.sqrt(12.0) * varying / length_m

@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import POINTING, compute_gsd_m, estimate_pointing
+from ..block.pointing import compute_gsd_m, estimate_pointing
 from ..camera.rpc import RPC
 
 
@@ -151,13 +151,12 @@ LOOSE_ORIENTATION = Orientation(2000.0, 0.2, 2.0, 2e-4)
 #: the worst accuracy of orbits, because attitude corrects the same but for its change across the image, which ties
 #: would fit to the images' drift (Hobart with one GCP, generic-shift: height RMSE 5.7 m with 2 km, 1.7 m with 20 m).
 CONTROLLED = Priors(shift_px=100.0, drift=1e-3, orientation=replace(LOOSE_ORIENTATION, position_m=20.0))
-#: Without GCPs the priors determine the block's position, so they must match the errors of the RPCs: the accuracy of
-#: the sensor (`block.pointing`), or this where it is unknown.
-UNCONTROLLED = Priors(shift_px=POINTING.unknown_px, drift=1e-4)
+#: Smallest prior of a drift that a model follows without GCPs, px/px; where sigmas are tested its size is estimated.
+UNCONTROLLED_DRIFT = 1e-4
 
 
 def select_priors(image: Image, controlled: bool) -> Priors:
-    """Return the priors of an image; without GCPs from the accuracy of its sensor.
+    """Return the priors of an image; without GCPs from the accuracy of its sensor, which then determines the datum.
 
     Parameters
     ----------
@@ -174,7 +173,7 @@ def select_priors(image: Image, controlled: bool) -> Priors:
     if controlled:
         return CONTROLLED
     believed = estimate_priors(image)
-    return replace(believed, drift=max(believed.drift, UNCONTROLLED.drift))
+    return replace(believed, drift=max(believed.drift, UNCONTROLLED_DRIFT))
 
 
 def estimate_priors(image: Image) -> Priors:
@@ -191,8 +190,7 @@ def estimate_priors(image: Image) -> Priors:
         Standard deviations of its shift and of its change across the image.
     """
     pointing = estimate_pointing(image)
-    shift_px = POINTING.unknown_px if pointing.sigma_m is None else pointing.sigma_m / compute_gsd_m(image)
-    return Priors(shift_px, pointing.drift)
+    return Priors(pointing.sigma_m / compute_gsd_m(image), pointing.drift)
 
 
 Linearise = Callable[[np.ndarray, np.ndarray], Equations]

@@ -89,6 +89,8 @@ class ModelChoice:
 
     scores : RMS leave-one-out prediction error of each candidate (px, 2D), None where it could not be judged
     drift_unknown : the GCPs show no drift; the adjustment estimates its size from the sensor's prior on
+    delivered : RMS leave-one-out prediction error (px, 2D) by the adjustment of the block with its priors, of the model
+        delivered and of those nested in it
     """
 
     model: str
@@ -97,6 +99,7 @@ class ModelChoice:
     suspects: tuple[SuspectGcp, ...] = ()
     warnings: tuple[str, ...] = ()
     drift_unknown: bool = False
+    delivered: Mapping[str, float] = field(default_factory=dict)
 
 
 Controls = Sequence[tuple[Image, Control]]
@@ -175,7 +178,7 @@ def choose_by_number(controls: Controls) -> ModelChoice:
     errors = {name: _predict_if_redundant(name, clean, 1).squared for name in (*GENERIC_CANDIDATES[:-1], most)}
     if errors[most] is None:
         return ModelChoice(most, reason, {}, suspects, warnings)
-    model, said = _select_simplest(errors)
+    model, said = select_simplest(errors)
     return ModelChoice(model, f"{reason}; {said}", _compute_scores(errors), suspects, warnings)
 
 
@@ -195,7 +198,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
     if all(squared is None for squared in errors.values()):
         reason = f"{_count_gcps(count)} on an image: too few to support more than a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
-    model, reason = _select_simplest(errors)
+    model, reason = select_simplest(errors)
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
     sigmas = found[model].sigmas
@@ -271,14 +274,19 @@ def _predict_by_leave_one_out(name: str, controls: Controls) -> Prediction:
     return Prediction(np.concatenate(errors), "", float(np.sqrt(np.mean(np.concatenate(in_sigmas) ** 2))))
 
 
-def _select_simplest(errors: Mapping[str, np.ndarray | None]) -> tuple[str, str]:
-    """Return the simplest model that predicts as well as the best one, and the reason as text."""
+def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: float | None = None) -> tuple[str, str]:
+    """Return the simplest model that predicts as well as the best one, and the reason as text.
+
+    ``errors`` are squared errors by model, the simplest first. As well is what is not significantly worse, or within so
+    many ``standard_errors`` of the difference.
+    """
     judged = {name: e for name, e in errors.items() if e is not None}
     best = min(judged, key=lambda name: float(np.mean(judged[name])))
     for name, squared in judged.items():
         excess = squared - judged[best]
         standard_error = float(np.std(excess, ddof=1) / np.sqrt(len(excess))) if len(excess) > 1 else 0.0
-        allowed = standard_error * float(-special.stdtrit(max(len(excess) - 1, 1), SELECTION.significance))
+        quantile = float(-special.stdtrit(max(len(excess) - 1, 1), SELECTION.significance))
+        allowed = standard_error * (quantile if standard_errors is None else standard_errors)
         if float(np.mean(excess)) <= allowed:
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
             said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"

@@ -29,5 +29,9 @@ def choice_entry(rule: str, choice: ModelChoice) -> dict[str, Any]:
         "model": choice.model,
         "reason": choice.reason,
         "prediction_rmse_px": dict(choice.scores),
+        "leave_one_out": {
+            name: {"block_px": choice.delivered.get(name), "single_images_px": choice.scores.get(name)}
+            for name in dict.fromkeys([*choice.delivered, *choice.scores])
+        },
         "suspects": [suspect._asdict() for suspect in choice.suspects],
     }

@@ -32,7 +32,8 @@ def test_equals_dense_least_squares(name):
 
 def test_without_gcps_equals_dense_least_squares():
     block, _, _ = blocks.block(gcps=0, checks=0, ties=40, bias_px=2.0)
-    result = adjust(block, AdjustOptions(test_sigmas=False, model="shift"))
+    # priors of 7 m, once 5 px, leave the position so open that a default pass ends 2e-3 px away
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="shift", tolerance=1e-12))
     dense = dense_solution(block, MODELS["shift"], controlled=False)
     np.testing.assert_allclose(result.values, dense.values, atol=1e-3)
     # the RPCs' error terms hold the block, whatever sigma0 says of the image points

@@ -9,11 +9,12 @@ import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.block.pointing import POINTING
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS, Priors
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
-from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED, select_priors
+from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED_DRIFT, select_priors
 from hrsi.hrsi_engine.refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
@@ -135,7 +136,9 @@ def test_refined_rpc_keeps_the_vendors_accuracy_terms(model, image):
 def test_priors_come_from_the_rpcs_own_accuracy_only_without_control(image):
     stated = replace(image, rpc=replace(image.rpc, err_bias=4.0))
     assert select_priors(stated, controlled=True) == CONTROLLED
-    assert select_priors(image, controlled=False) == UNCONTROLLED
+    # of an unknown sensor in metres on the ground, where it was 5 px of the file (issue 37)
+    assert select_priors(image, controlled=False).shift_px == pytest.approx(POINTING.unknown_m, rel=0.01)  # GSD is 1 m
+    assert select_priors(image, controlled=False).drift == UNCONTROLLED_DRIFT
     assert select_priors(stated, controlled=False).shift_px == pytest.approx(4.0, rel=0.01)  # GSD is 1 m
 
 

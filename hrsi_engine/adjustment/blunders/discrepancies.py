@@ -20,7 +20,7 @@ All are in units of the observations' own standard deviations here (sqrt(P) on t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -51,6 +51,7 @@ class Discrepancies:
     row : (k,) its measurement, -1 for a survey; axis : (k,) its coordinate
     u, s : (k,) and (k, k), see the module's docstring
     sigma : (k,) standard deviations, m or px
+    by_unknown : (k, unknowns) derivatives by the cameras' parameters, the points following, weighted; of all only
     """
 
     points: np.ndarray
@@ -61,6 +62,7 @@ class Discrepancies:
     u: np.ndarray
     s: np.ndarray
     sigma: np.ndarray
+    by_unknown: sparse.csr_matrix = field(default_factory=lambda: sparse.csr_matrix((0, 0)))
 
     def test_subset(self, chosen: np.ndarray) -> tuple[float, int]:
         """Return by how much the squares fall without some observations (indices), and how many dimensions that has."""
@@ -142,7 +144,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
     given = solution.weight  # of all image points, computed each time that it is asked for
-    derivatives = _compute_derivatives(problem, solution, points)
+    derivatives = compute_derivatives(problem, solution, points)
     surveys, miss = (
         priors.build_weight_matrices(points, observed=True),
         priors.compute_misclosures_m(solution.state.ground[points], points),
@@ -188,13 +190,14 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
         ):  # fmt: skip
             column.append(values)
     point, kind, row, axis, u, sigma = (np.concatenate(column) for column in columns)
-    s = system.project_cofactors(_stack_by_unknown(by_cameras, unknowns, loop.prior_weight.size))
+    by_unknown = _stack_by_unknown(by_cameras, unknowns, loop.prior_weight.size)
+    s = system.project_cofactors(by_unknown)
     np.negative(s, out=s)
     begin = 0
     for block in own:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
-    return Discrepancies(points, point, kind, row, axis, u, s, sigma)
+    return Discrepancies(points, point, kind, row, axis, u, s, sigma, by_unknown)
 
 
 def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:
@@ -205,7 +208,7 @@ def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], coun
     return sparse.csr_matrix((values, columns, np.r_[0, np.cumsum(starts)]), shape=(len(starts), count))
 
 
-def _compute_derivatives(
+def compute_derivatives(
     problem: Problem, solution: Solution, points: np.ndarray
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return the derivatives by the camera's values (k, 2, p) and by the position (k, 2, 3) of each point's rows."""

@@ -1,0 +1,149 @@
+"""Which model is delivered: the simplest that predicts the GCPs as well as the best one does, as the block stands.
+
+A shift, a shift with a drift along the lines and an affine correction are nested, and where the drifts' sizes are
+estimated with the block (`drift_prior`) all three are of the same estimate: they differ in what of the drift is
+delivered (`delivery`). So one adjustment judges them all, each with the priors that it has. Leave-one-out: with u and S
+of the GCPs (`blunders.discrepancies`), and M the weighted derivatives of the observations by the cameras, a GCP without
+a say (its image points E left out; the survey says where it is) is predicted with errors d by cameras x_E::
+
+    d = S_EE^-1 u_E        x_E = x - Q M_E' S_EE^-1 u_E
+
+to which comes, for a model that delivers a part of the drift only, the rest of it at the image point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..foundation.large_arrays import any_of_rows
+from ..foundation.thresholds import threshold, thresholds
+from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
+from ..refinement.selection import DRIFTING, NESTED_MODELS, select_simplest
+from .blunders.discrepancies import Discrepancies, compute_derivatives
+from .delivery import compute_gain, sum_squares
+from .equations import NormalEquations, choose_camera_system
+from .gauss_newton import GaussNewton, Solution
+from .problem import Problem
+from .statistics.precision import Precision
+
+
+@thresholds
+class DELIVERY:
+    """When a simpler model than the one that was estimated may be delivered."""
+
+    fewest_gcps: int = threshold(3, "GCPs", "that judge models by leave-one-out")
+    most_left: float = threshold(
+        0.05, "", "sum of squares of the drift that a model leaves, over that of all residuals, which ties show"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutPredictions:
+    """Squared leave-one-out errors of GCPs in px², mean over the images of each, by model ``(g,)``."""
+
+    squared: Mapping[str, np.ndarray]
+    too_simple: tuple[str, ...] = ()
+
+    @property
+    def rmse_px(self) -> dict[str, float]:
+        """RMS errors (2D) by model."""
+        return {name: float(np.sqrt(np.mean(squared))) for name, squared in self.squared.items()}
+
+    def choose_model(self) -> tuple[str, str]:
+        """Return the simplest model within one standard error of the best, and the reason."""
+        judged = {name: squared for name, squared in self.squared.items() if name not in self.too_simple}
+        return select_simplest(judged, standard_errors=1.0)
+
+
+def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
+    """Return the GCPs that hold a solution and whose surveys ``(m, 3)`` say where they are on every image."""
+    known = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
+    measured = np.add.reduceat(solution.weight > 0.0, problem.observations.first[:-1], dtype=np.int64) > 0
+    return np.flatnonzero(known & measured & any_of_rows(survey_weight > 0.0))
+
+
+def predict_left_out(
+    problem: Problem, loop: GaussNewton, solution: Solution, control: Discrepancies
+) -> LeftOutPredictions:
+    """Return the leave-one-out predictions of the GCPs of ``control`` by the model, and by those nested in it.
+
+    Its factors are those in the system of the loop.
+    """
+    gcps, values = len(control.points), solution.state.values
+    errors, change = [], np.zeros((values.size, gcps))
+    for gcp in range(gcps):
+        out = control.find_measurements([gcp])
+        normal = control.invert_subset(out) @ control.u[out]
+        errors.append((control.sigma[out] * normal).reshape(-1, 2))
+        change[:, gcp] = control.by_unknown[out].T @ normal
+    camera, asked = problem.camera, problem.model.name
+    if not isinstance(camera, ImagePolynomial):
+        return LeftOutPredictions({asked: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])})
+    without = values[:, :, None] - loop.system.solve(change.reshape(*values.shape, gcps))
+    squares, derivatives = (
+        sum_squares(problem, camera, solution),
+        compute_derivatives(problem, solution, control.points),
+    )
+    # the drift that a model leaves shows in ties, too
+    tie = ~problem.observations.located[problem.observations.point]
+    by_ties = replace(solution, factor=solution.factor * tie)
+    tie_squares = sum_squares(problem, camera, by_ties)
+    most_left = DELIVERY.most_left * float(
+        (by_ties.weight * by_ties.weighting.contributes[problem.observations.point])
+        @ np.sum(solution.normals.residual**2, axis=1)
+    )
+    squared, too_simple = {}, []
+    for name in NESTED_MODELS if asked in NESTED_MODELS else (asked,):
+        own = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
+        rest = np.setdiff1d(np.arange(len(camera.parameters)), own)
+        left = np.zeros((*values.shape, len(rest)))  # of the drift, in the parameters of the camera
+        left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
+        drift = np.einsum("cpr,cr->cp", left, values[:, rest])
+        if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > most_left:
+            too_simple.append(name)
+        of_model = []
+        for gcp, point in enumerate(control.points.tolist()):
+            cameras = problem.observations.camera[np.unique(control.row[control.find_measurements([gcp])])]
+            drift = np.einsum("kpr,kr->kp", left[cameras], without[cameras][:, rest, gcp])
+            error = errors[gcp] + np.einsum("kcp,kp->kc", derivatives[point][0], drift)
+            of_model.append(np.mean(np.sum(error**2, axis=1)))
+        squared[name] = np.array(of_model)
+    return LeftOutPredictions(squared, tuple(too_simple))
+
+
+def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndarray:
+    """Return where parameters are among those of a camera, by their names, an appended drift's or not."""
+    place = [name.removeprefix("drift_") for name in of_camera]
+    return np.array([place.index(name.removeprefix("drift_")) for name in names], dtype=np.int64)
+
+
+def deliver_as(
+    name: str, problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision
+) -> tuple[Problem, GaussNewton, Solution, Precision]:
+    """Return the same estimate with another of the nested models in the place of the one that was asked for."""
+    model = IMAGE_SPACE[name]
+    camera = add_drift_parameters(model) if name != DRIFTING else model
+    order = locate_parameters(camera.parameters, problem.camera.parameters)
+    now = replace(
+        problem, model=model, camera=camera,
+        equations=NormalEquations(problem.observations, camera, problem.pattern, problem.options.threads),
+        prior_weight=problem.prior_weight[:, order], guessed=problem.guessed[order],
+        usual_drift=problem.usual_drift[:, order],
+        start=problem.start._replace(values=problem.start.values[:, order]),
+        common=tuple(one.reorder(order) for one in problem.common),
+    )  # fmt: skip
+    again = copy(loop)
+    again.equations, again.system = now.equations, choose_camera_system(now.pattern)
+    again.set_prior_weight(loop.prior_weight[:, order], [one.reorder(order) for one in loop.common])
+    blocks, right = solution.normals.blocks[:, order[:, None], order], solution.normals.right[:, order]
+    normals = replace(solution.normals, blocks=blocks, right=right)
+    state = solution.state._replace(values=solution.state.values[:, order])
+    cameras = None if precise.cameras is None else precise.cameras[:, order[:, None], order]
+    return (
+        now, again, replace(solution, state=state, normals=normals),
+        replace(precise, parameters=precise.parameters[:, order], cameras=cameras),
+    )  # fmt: skip
