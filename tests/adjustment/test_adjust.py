@@ -34,8 +34,8 @@ def test_without_gcps_equals_dense_least_squares():
     block, _, _ = blocks.block(gcps=0, checks=0, ties=40, bias_px=2.0)
     result = adjust(block, AdjustOptions(test_sigmas=False, model="shift"))
     dense = dense_solution(block, MODELS["shift"], controlled=False)
-    # The weak priors of the points stand elsewhere in the dense solution, and pull as the square of the images' own: 7 m,
-    # 5 px and 1e-3 before issue 37
+    # The weak priors of the points stand elsewhere in the dense solution, and pull as the square of the images' own:
+    # these are 7 m, and were 5 px before issue 37
     np.testing.assert_allclose(result.values, dense.values, atol=1e-3 * (7.0 / 5.0) ** 2)
     # the RPCs' error terms hold the block, whatever sigma0 says of the image points
     np.testing.assert_allclose(result.values_sigma, np.sqrt(dense.values_cofactor), rtol=1e-4)
