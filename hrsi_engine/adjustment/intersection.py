@@ -83,6 +83,15 @@ def intersect_points(
     )
 
 
+def compute_intersection_cofactors(
+    observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
+) -> np.ndarray:
+    """Return the cofactors ``(m, 3, 3)`` m² of such positions: what the image points' sigmas make of them."""
+    priors, nobody = PointPriors.from_surveys(observations, ground), np.zeros(len(ground), dtype=bool)
+    weight, state = 1.0 / observations.sigma_px**2, State(values, ground)
+    return form_point_equations(observations, model).form_normals(state, weight, priors, nobody).inverse
+
+
 def compute_image_residuals(
     observations: Observations, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import list_ids
-from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m
+from .area_accuracy import describe_parts, predict_without_surveys
 from .delivery import CameraDelivery, deliver_cameras
 from .gauss_newton import GaussNewton, Solution
 from .joint_prior import JointCameras
@@ -32,6 +32,7 @@ from .result import (
 )
 from .statistics.precision import Precision, compute_deletion_tests
 from .statistics.shared_shifts import propagate_shifts
+from .weak_geometry import RAY_GEOMETRY
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 
@@ -42,6 +43,8 @@ class ResultWarningThresholds:
 
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
     many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
+    parallel: float = threshold(0.01, "", "share of a part's points on nearly parallel rays")
+    of_prediction: float = threshold(4.0, "observations", "what predicted errors count for against leave-one-out ones")
     from_prior: float = threshold(0.5, "", "share of a parameter from its prior: above, it is not determined")
 
 
@@ -56,7 +59,8 @@ WHAT_STANDS_OUT = {
 class RoundFindings:
     """What the rounds of an adjustment found.
 
-    Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more.
+    Verdicts (n,), values of the tests that failed (n,), the tie points' variance factor, findings and more;
+    ``left_out_surveys`` are the normalised squares and degrees of freedom of the GCPs' leave-one-out errors.
     """
 
     decision: np.ndarray
@@ -69,6 +73,7 @@ class RoundFindings:
     sigma_px: np.ndarray | None = None
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     cross_validation: CrossValidation | None = None
+    left_out_surveys: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -96,9 +101,16 @@ def assemble_adjustment(
     part_of_image = _number_parts(problem)
     factor = _choose_variance_factors(problem, sums.sigma0)[part_of_image]
     alike = _count_points_alike(problem, loop)
-    covariance = _compute_covariance(problem, solution, precise, cameras, factor, alike)
+    of_points = _scale_cofactors(problem, solution, precise, cameras, factor, alike)
+    left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
+    covariance = np.where((placed & ~left_out)[:, None, None], of_points(precise.points), np.nan)
+    others = np.where(np.isnan(covariance), np.nan, of_points(predict_without_surveys(problem, solution, precise)))
     factor = factor * alike
-    covariance = _expand_rows(len(block.points), points, np.where(placed[:, None, None], covariance, np.nan))
+    squares, freedom = found.left_out_surveys
+    stated = RESULT_WARNINGS.of_prediction
+    widened = np.sqrt(max((stated + squares / max(sums.sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
+    parts = describe_parts(problem, solution, precise, others, prior_share, widened)
+    covariance = _expand_rows(len(block.points), points, covariance)
     shifts = _propagate_operation_shifts(problem, loop, solution)
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
@@ -125,13 +137,14 @@ def assemble_adjustment(
         solves=loop.solves,
         findings=tuple(found.findings),
         variance_components=found.components,
-        parts=_describe_parts(problem, part_of_image, ground_sigma, prior_share),
+        parts=parts,
         cross_validation=found.cross_validation,
         warnings=(
             *(*problem.warnings, *found.warnings),
             *_warn_of_weak_parameters(problem, loop, prior_share),
             *_warn_of_heights(heights),
             *_warn_of_plan(plan),
+            *_warn_of_parallel_rays(parts),
         ),
         heights=heights,
         plan=plan,
@@ -139,7 +152,7 @@ def assemble_adjustment(
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,
         tests=found.tests,
-        survey_factors=found.survey_factors,
+        survey_factors=tuple(max(sums.sigma0, 1.0) * factor for factor in found.survey_factors),
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
         operation_shifts_m=shifts,
@@ -224,28 +237,24 @@ def _describe_measurements(
     }
 
 
-def _compute_covariance(
-    problem: Problem,
-    solution: Solution,
-    precise: Precision,
-    cameras: CameraDelivery,
-    factor: np.ndarray,
+def _scale_cofactors(
+    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray,
     alike: np.ndarray,
-) -> np.ndarray:
-    """Return the covariances ``(m, 3, 3)`` of the delivered positions.
+) -> Callable[[np.ndarray], np.ndarray]:  # fmt: skip
+    """Return what makes covariances ``(m, 3, 3)`` of delivered positions from the points' cofactors.
 
     ``factor (images,)`` is that of the cofactors of each image's points, ``alike (images,)`` what the share of the
-    cameras in them has beside it.
+    cameras in them has beside it. All covariances of points come from here.
     """
     observations = problem.observations
     image = observations.image[observations.first[:-1]]
-    covariance = factor[image, None, None] * precise.points
+    of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
     by_cameras = np.flatnonzero(alike[image] > 1.0)
     of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
-    covariance[by_cameras] += ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
+    beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
-    covariance += without_drift[:, :, None] * without_drift[:, None, :]
-    return np.asarray(covariance)
+    beside += without_drift[:, :, None] * without_drift[:, None, :]
+    return lambda cofactors: np.asarray(of_point * cofactors + beside)
 
 
 def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
@@ -320,28 +329,6 @@ def _number_parts(problem: Problem) -> np.ndarray:
     for number, part in enumerate(problem.parts):
         part_of_image[part.images] = number
     return part_of_image
-
-
-def _describe_parts(
-    problem: Problem, part_of_image: np.ndarray, ground_sigma: np.ndarray, prior_share: np.ndarray
-) -> tuple[DatumPart, ...]:
-    """Return what holds each part of the block, and the mean sigmas of its points."""
-    observations = problem.observations
-    sigma = ground_sigma[observations.points]
-    known = np.flatnonzero(finite_rows(sigma))
-    of_point = part_of_image[observations.image[observations.first[:-1][known]]]
-    counts = np.maximum(np.bincount(of_point, minlength=len(problem.parts)), 1)
-    sums = [np.bincount(of_point, sigma[known, axis] ** 2, minlength=len(problem.parts)) for axis in range(3)]
-    mean = np.sqrt(np.array(sums).T / counts[:, None])
-    mean[np.bincount(of_point, minlength=len(problem.parts)) == 0] = np.nan
-    return tuple(
-        DatumPart(
-            tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
-            float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
-            (float(east), float(north), float(height)),
-        )
-        for part, (east, north, height) in zip(problem.parts, mean, strict=True)
-    )  # fmt: skip
 
 
 def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: np.ndarray) -> list[str]:
@@ -430,6 +417,17 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
             "changed ground, wrong matches, or heights of the DEM"
         )
     return warnings
+
+
+def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
+    """Name the points on nearly parallel rays that the predicted accuracy leaves out, where they are many."""
+    return [
+        f"the rays of {len(part.parallel)} of {part.points + len(part.parallel)} points converge by less than "
+        f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain, and the predicted accuracy does not "
+        f"contain them: {list_ids(part.parallel)}"
+        for part in parts
+        if part.points and len(part.parallel) > RESULT_WARNINGS.parallel * (part.points + len(part.parallel))
+    ]
 
 
 def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:

@@ -98,10 +98,15 @@ class ModelTest:
 
 @dataclass(frozen=True)
 class DatumPart:
-    """Images connected by common points: what holds them, and how well their position is known.
+    """Images connected by common points: what holds them, and the accuracy of the ground that they measure.
 
     by_priors : how many of the parameters come from priors, in all
-    sigma_m : mean standard deviation of the points' positions, east, north, up
+    sigma_m : root mean square of the standard deviations over the area, east, north, up; NaN where none is predicted
+    ce90_m, le90_m : what 90 % of the errors over the area stay within, of the points that are not surveyed (GCPs as the
+        others predict them); no height where no point is seen by two images
+    points : how many points that is taken from; parallel : ids of those left out, as their rays are nearly parallel
+    leave_one_out : by how much the GCPs' leave-one-out errors exceed what is predicted of them, 1 or more; the figures
+        above contain it
     """
 
     images: tuple[str, ...]
@@ -109,6 +114,11 @@ class DatumPart:
     ties: int
     by_priors: float
     sigma_m: tuple[float, float, float]
+    ce90_m: float | None = None
+    le90_m: float | None = None
+    points: int = 0
+    parallel: tuple[str, ...] = ()
+    leave_one_out: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -311,7 +321,7 @@ class Adjustment:
         Standard deviations of the measurements as adjusted; None: as they were given.
     survey_factors : tuple of float
         Of the surveys' standard deviations as predicted for other points: horizontal, height, correlated ones;
-        estimated ones with the uncertainty of their estimate.
+        estimated ones with the uncertainty of their estimate, all with a sigma0 above 1.
     choice : ModelChoice or None
         Why the model is what it is, where a rule chose it.
     joint : JointCameras or None
@@ -372,11 +382,17 @@ class Adjustment:
         """Standard deviations of the measurements as adjusted ``(measurements,)``: given, or estimated."""
         return self.block.measurements.sigma_px if self.estimated_sigma_px is None else self.estimated_sigma_px
 
+    @property
+    def unit_sigma(self) -> float:
+        """By how much all sigmas are too small: sigma0, but not below 1 where luck may have made it so."""
+        return max(self.sigma0, 1.0)
+
     def survey_covariance_m2(self, points: np.ndarray) -> np.ndarray:
         """Return the covariances ``(k, 3, 3)`` of some points' surveys as adjusted: given, or estimated.
 
-        What was estimated of the GCPs' sigmas holds for the points whose sigmas were stated like theirs: those are of
-        one survey. Check points with other sigmas keep them. What is not surveyed has an infinite variance.
+        What was estimated of the GCPs' sigmas, and a sigma0 above 1 that is left, hold for the points whose sigmas were
+        stated like theirs: those are of one survey. Check points with other sigmas keep them. What is not surveyed has
+        an infinite variance.
 
         Parameters
         ----------

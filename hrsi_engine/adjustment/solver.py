@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..block.block import Block
+from ..block.block import Block, Role
 from ..foundation.errors import SolveError
 from ..foundation.progress import Progress, advance, silent, stage
 from ..foundation.workers.threads import one_thread_calls
@@ -107,6 +107,8 @@ class Adjuster(Snooping):
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
         self.collect_warnings()
+        if not (self.problem.block.points.role == Role.CHECK).any():
+            self.found.left_out_surveys = self.leave_out_each_survey(self.solution)
         if options.cross_validate:
             # a loop of its own: the history and the factors of the adjustment stay as they are
             loop = self.problem.loop()

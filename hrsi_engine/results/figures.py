@@ -107,8 +107,7 @@ def _part_entry(part: DatumPart) -> dict[str, Any]:
     entry["images"] = list(part.images[: OUTLIER.most_listed])
     entry["image_count"] = len(part.images)
     sigma = entry.pop("sigma_m")
-    east, north, height = sigma
-    entry |= errors_90(east, north, height)
+    entry["parallel_points"], entry["parallel"] = len(part.parallel), list(part.parallel[: OUTLIER.most_listed])
     return entry | {
         f"sigma_{axis}_m": value if np.isfinite(value) else None
         for axis, value in zip(("east", "north", "height"), sigma, strict=True)

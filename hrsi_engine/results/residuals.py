@@ -1,14 +1,17 @@
 """What an adjustment left over: residuals of points and measurements, before and after, and their summaries.
 
 Ground residuals are survey - computed in metres east, north and up; image residuals observed - computed in px.
-Where a known point was measured on two images, its computed position is the adjusted one; where on one only, it is the
-point on that image's ray at the known height, and the height residual does not exist.
+The computed position of a known point, GCP or check point, is where its rays meet by the delivered cameras: the survey
+has no part in it. (The adjusted position of a GCP is held by its survey, and the difference to it would tell little but
+the survey's sigma.) Where it was measured on one image only, it is the point on that image's ray at the known height,
+and the height residual does not exist.
 
 Every residual has the standard deviation by which it is judged (`results.outliers`). Of what took part in the estimate,
-tie points and GCPs, that is the sigma of the observation itself: their residuals are smaller still. Check points took
-no part, so the sigma of their residual is that of the prediction and of the survey together. All are enlarged by a
-sigma0 above 1. Residuals are those of the cameras that are delivered; where these are known not to follow a drift that
-was estimated, what it does to a residual is part of its sigma.
+tie points and GCPs, that is the sigma of the observations themselves, of a GCP those of its survey and of its image
+points together: their residuals are smaller still. Check points took no part, so the sigma of their residual is that of
+the prediction and of the survey together. All are enlarged by a sigma0 above 1. Residuals are those of the cameras that
+are delivered; where these are known not to follow a drift that was estimated, what it does to a residual is part of its
+sigma.
 """
 
 from __future__ import annotations
@@ -18,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment.intersection import compute_image_residuals, intersect_points
-from ..adjustment.observations import select_points
-from ..adjustment.result import Adjustment
+from ..adjustment.intersection import compute_image_residuals, compute_intersection_cofactors, intersect_points
+from ..adjustment.observations import Observations, select_points
+from ..adjustment.result import Adjustment, Decision
 from ..block.block import Block, Role
 from ..block.columns import group_by_number
 from ..foundation.large_arrays import finite_rows
@@ -86,6 +89,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
         Of measurements in pixels, of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
+    kept = block.with_measurements((result.decision == int(Decision.KEPT)) | ~_is_control(block)[rows.point])
     at_known = survey_residuals_px(block, result.model, result.values)
     # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
     known = np.flatnonzero(block.known)
@@ -93,8 +97,8 @@ def compute_residuals(result: Adjustment) -> Residuals:
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
     there = surveyed[rows.point] & finite_rows(at_known)
     drift = result.residual_px - result.judged_residual_px
-    sigma_px = np.hypot(unit_sigma(result) * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
-    sigma_m = _ground_sigmas(result)
+    sigma_px = np.hypot(result.unit_sigma * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
+    sigma_m = _ground_sigmas(result, kept)
     single = block.rays_per_point() == 1
     for here, covariance, by_ground in _survey_covariances(result, at_known, there):
         sigma_px[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
@@ -103,7 +107,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
         on_ground = outwards @ covariance[alone] @ outwards.swapaxes(1, 2)
         sigma_m[rows.point[here[alone]], :2] = np.sqrt(on_ground.diagonal(axis1=1, axis2=2))
     return Residuals(
-        ground_m=ground_residuals_m(block, result.model, result.values, result.ground),
+        ground_m=ground_residuals_m(kept, result.model, result.values, result.ground),
         ground_sigma_m=sigma_m,
         measured_px=np.where(there[:, None], at_known, result.residual_px),
         measured_sigma_px=sigma_px,
@@ -116,11 +120,6 @@ def compute_residuals(result: Adjustment) -> Residuals:
 def measurement_sigma_px(result: Adjustment) -> np.ndarray:
     """Return the standard deviation of each image measurement, in sample as in line, ``(n,)`` px."""
     return result.sigma_px
-
-
-def unit_sigma(result: Adjustment) -> float:
-    """Return by how much all given sigmas are too small: sigma0, but not below 1 where luck may have made it so."""
-    return max(result.sigma0, 1.0)
 
 
 def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -178,7 +177,7 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
     values : (images, p) ndarray
         Its parameters.
     ground : (points, 3) ndarray
-        Adjusted positions.
+        Adjusted positions; those of GCPs are where the intersection of their rays begins.
 
     Returns
     -------
@@ -186,6 +185,9 @@ def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray,
         East, north, up in metres.
     """
     computed = np.where(block.known[:, None], ground, np.nan)
+    control = _select_control(block, ground)
+    if control is not None:
+        computed[control.points] = intersect_points(control, model, values, ground[control.points])
     single = block.known & (block.rays_per_point() == 1)
     computed[single] = _on_single_rays(block, model, values, single)[single]
     residual = np.full_like(computed, np.nan)
@@ -211,7 +213,7 @@ def _survey_covariances(
     with the survey's covariance S, the parameters' Q, and the drift d that the delivered camera is known not to follow.
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
-    sigma, check = unit_sigma(result) * measurement_sigma_px(result), block.points.role == Role.CHECK
+    sigma, check = result.unit_sigma * measurement_sigma_px(result), block.points.role == Role.CHECK
     by_images = np.flatnonzero(chosen)
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
     for first in range(0, len(by_images), RESIDUAL.known_at_once):
@@ -222,22 +224,36 @@ def _survey_covariances(
         projected = project_to_images(cameras.model, images, which, cameras.values[seen], ground)
         drift = rows.xy[here] - projected - at_known[here]
         covariance = sigma[here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
-        survey = unit_sigma(result) ** 2 * result.survey_covariance_m2(points)
+        survey = result.survey_covariance_m2(points)
         covariance += at.by_ground @ survey @ at.by_ground.swapaxes(1, 2)
         predicted = at.by_values @ cameras.covariance[rows.image[here]] @ at.by_values.swapaxes(1, 2)
         covariance += np.where(check[points, None, None], predicted, 0.0)
         yield here, covariance, at.by_ground
 
 
-def _ground_sigmas(result: Adjustment) -> np.ndarray:
+def _is_control(block: Block) -> np.ndarray:
+    return block.points.role == Role.GCP
+
+
+def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
+    """Return the image points of the GCPs that were measured on two images or more, None without any."""
+    several = _is_control(block) & (block.rays_per_point() >= 2) & finite_rows(ground)
+    return select_points(block, several) if several.any() else None
+
+
+def _ground_sigmas(result: Adjustment, kept: Block) -> np.ndarray:
     """Return the sigmas of survey - computed ``(points, 3)`` of what was measured on two images or more, else NaN."""
     block = result.block
-    known = np.flatnonzero(block.known & (block.rays_per_point() >= 2))
-    covariance = unit_sigma(result) ** 2 * result.survey_covariance_m2(known)
-    check = block.points.role[known] == Role.CHECK
-    covariance[check] += result.covariance_to_surveys_m2(known[check])
-    sigma = np.full((len(block.points), 3), np.nan)
-    sigma[known] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    known = np.flatnonzero(block.known & (kept.rays_per_point() >= 2))
+    covariance = np.full((len(block.points), 3, 3), np.nan)
+    covariance[known] = result.survey_covariance_m2(known)
+    check = known[block.points.role[known] == Role.CHECK]
+    covariance[check] += result.covariance_to_surveys_m2(check)
+    control = _select_control(kept, result.ground)
+    if control is not None:
+        cofactors = compute_intersection_cofactors(control, result.model, result.values, result.ground[control.points])
+        covariance[control.points] += result.unit_sigma**2 * cofactors
+    sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
     sigma[np.isinf(sigma)] = np.nan  # not surveyed
     return sigma
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.refinement.model import RefinementModel
 from ...hrsi_engine.results.outliers import compute_statistic, is_outlier
-from ...hrsi_engine.results.residuals import ground_residuals_m, residuals_at_px, unit_sigma
+from ...hrsi_engine.results.residuals import ground_residuals_m, residuals_at_px
 from .adjusted import AdjustmentView, ListedMeasurements, reasons_by_point, suspicion
 from .history import Key
 
@@ -51,7 +51,7 @@ class CurrentView:
 def update_view(adjusted: AdjustmentView, edited: Collection[str], now: Block) -> CurrentView:
     """Return an adjusted block with some points as they are ``now``, a block of these alone."""
     new, watched, model = adjusted.follower.follow(edited, now), adjusted.watched, adjusted.model
-    own = unit_sigma(adjusted.result) * now.measurements.sigma_px
+    own = adjusted.result.unit_sigma * now.measurements.sigma_px
     sigma_now = np.maximum(own[:, None], watched.typical_px[now.measurements.image])
     left = _residuals(watched.block, model, new.values, new.ground)
     left_now = _residuals(now, model, new.values, new.edited_ground)

@@ -199,19 +199,14 @@ def test_warm_start_needs_fewer_passes():
 
 
 def test_predicted_accuracy_and_ellipses():
-    from hrsi.hrsi_engine.adjustment.statistics.precision import (
-        error_ellipses,
-        external_reliability,
-        minimal_detectable_error,
-        predict_accuracy,
-    )
+    from hrsi.hrsi_engine.adjustment.statistics.precision import compute_semi_axes, predict_accuracy
 
     rotation = np.radians(30.0)
     axes = np.array([[np.sin(rotation), np.cos(rotation)], [np.cos(rotation), -np.sin(rotation)]])
     covariance = np.zeros((1, 3, 3))
     covariance[0, :2, :2] = axes.T @ np.diag([9.0, 1.0]) @ axes
-    ellipse = error_ellipses(covariance)
-    assert (ellipse.major_m[0], ellipse.minor_m[0], ellipse.azimuth_deg[0]) == pytest.approx((3.0, 1.0, 30.0))
+    major, minor = compute_semi_axes(covariance)
+    assert (major[0], minor[0]) == pytest.approx((3.0, 1.0))
     rng = np.random.default_rng(1)
     sample = rng.normal(size=(400_000, 2))
     predicted = predict_accuracy(np.eye(3)[None], np.zeros((1, 3, 3)))
@@ -220,8 +215,21 @@ def test_predicted_accuracy_and_ellipses():
     # a survey adds its own variance; a coordinate without survey is not compared
     partly = predict_accuracy(np.eye(3)[None], np.diag([3.0, 0.0, np.inf])[None])
     assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
-    assert minimal_detectable_error(np.array([0.25]), np.array([0.3]))[0] == pytest.approx(4.13 * 0.6)
-    assert external_reliability(np.array([0.5]))[0] == pytest.approx(4.13)
+
+
+def test_predicted_ce90_is_the_quantile_of_all_points():
+    """Points with different ellipses, by a Monte Carlo of their errors; one that is not determined moves nothing."""
+    from hrsi.hrsi_engine.adjustment.statistics.precision import predict_accuracy
+
+    rng = np.random.default_rng(2)
+    factor = rng.normal(size=(200, 3, 3)) * rng.uniform(0.1, 2.0, (200, 1, 1))
+    covariance = factor @ factor.swapaxes(1, 2)
+    error = (factor[:, None] @ rng.normal(size=(200, 2000, 3, 1)))[..., 0]
+    predicted = predict_accuracy(covariance, np.zeros_like(covariance))
+    assert predicted["ce90_m"] == pytest.approx(np.quantile(np.hypot(error[..., 0], error[..., 1]), 0.9), rel=0.01)
+    assert predicted["le90_m"] == pytest.approx(np.quantile(np.abs(error[..., 2]), 0.9), rel=0.01)
+    more = np.concatenate([covariance, 1e9 * np.eye(3)[None]])
+    assert predict_accuracy(more, np.zeros_like(more))["ce90_m"] == pytest.approx(predicted["ce90_m"], rel=0.05)
 
 
 def test_redundancy_numbers_sum_to_the_redundancy():

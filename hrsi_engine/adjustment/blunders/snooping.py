@@ -26,7 +26,7 @@ from ..problem import Problem, find_determinable_points
 from ..result import Decision, Finding
 from .consensus import find_agreeing_measurements
 from .control import find_suspect_gcps
-from .discrepancies import Discrepancies, compute_discrepancies
+from .discrepancies import IMAGE, Discrepancies, compute_discrepancies
 from .findings import describe_suspect, leave_out
 from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 
@@ -197,6 +197,19 @@ class Snooping:
             part = stage(progress, number / SNOOPING.control_rounds, (number + 1) / SNOOPING.control_rounds)
             solution = self.judge_ties_again(self.solve(solution, part), part)
         return solution
+
+    def leave_out_each_survey(self, solution: Solution) -> tuple[float, float]:
+        """Return the squares of survey - prediction of the GCPs, over what is predicted, and their degrees of freedom.
+
+        Each is predicted by all observations but its own survey, without another solution.
+        """
+        gcps = self._find_testable_gcps(solution)
+        if len(gcps) < 2 or not isinstance(self.loop.system, DirectSystem):
+            return 0.0, 0.0
+        control = self.compute_control(solution, gcps)
+        surveys = [np.flatnonzero((control.point == gcp) & (control.kind != IMAGE)) for gcp in range(len(gcps))]
+        tests = [control.test_subset(chosen) for chosen in surveys]
+        return sum(test for test, _ in tests), float(sum(dimensions for _, dimensions in tests))
 
     def compute_control(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return the discrepancies of some GCPs at a solution; those that were computed last are kept."""

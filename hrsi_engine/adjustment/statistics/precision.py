@@ -7,19 +7,26 @@ points. A point's cofactor follows from its own block and the images that see it
 
 The cofactor of a residual is that of the observation less that of what was computed for it; their ratio is the
 redundancy number r, the share of an error that shows in its own residual (Baarda 1968).
+
+The CE90 of many points is the radius r that 90 % of their horizontal errors stay within. Each point has its own error
+ellipse, with semi-axes a and b (one sigma), so that it is the quantile of a mixture, not a mean: a few points with huge
+ellipses are among the other 10 %::
+
+    sum_i w_i mean_phi exp(-r² / (2 (a_i² cos² phi + b_i² sin² phi))) = 0.1
+
+The LE90 likewise, from the heights' standard deviations.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import optimize, special
 
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import GaussNewton, Solution
-
-#: Non-centrality of Baarda's test: an error this many sigmas large is found with 80 % at 0.1 % false alarms.
-NON_CENTRALITY = 4.13
 
 
 @thresholds
@@ -31,6 +38,9 @@ class ReliabilityThresholds:
 
 RELIABILITY = ReliabilityThresholds()
 
+AREA_CELLS = 20  # along each side of what a block measures
+LEAST_SIGMA_M = 1e-6  # of a position: what is known without error has a CE90 all the same
+DIRECTIONS = 16  # of a half circle, over which an error ellipse is integrated; 1e-4 of a CE90
 #: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
 CIRCLE_90, LINE_90 = 1.5175, 1.6449
 
@@ -101,49 +111,58 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
     return total
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorEllipse:
-    """Horizontal error ellipses (one sigma): semi-axes (m) and the azimuth of the longer one, degrees from north."""
-
-    major_m: np.ndarray
-    minor_m: np.ndarray
-    azimuth_deg: np.ndarray
-
-
-def error_ellipses(covariance_m2: np.ndarray) -> ErrorEllipse:
-    """Return the ellipses of covariances ``(m, 3, 3)`` or ``(m, 2, 2)``, east and north first."""
-    east, north, mixed = covariance_m2[:, 0, 0], covariance_m2[:, 1, 1], covariance_m2[:, 0, 1]
-    middle, half = 0.5 * (east + north), np.hypot(0.5 * (east - north), mixed)
-    azimuth = np.degrees(0.5 * np.arctan2(2.0 * mixed, north - east)) % 180.0
-    return ErrorEllipse(np.sqrt(middle + half), np.sqrt(np.maximum(middle - half, 0.0)), azimuth)
-
-
-def minimal_detectable_error(redundancy: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return the internal reliability: the smallest error that the test finds with 80 % (Baarda)."""
-    with np.errstate(divide="ignore"):
-        return NON_CENTRALITY * sigma / np.sqrt(np.maximum(redundancy, 0.0))
-
-
-def external_reliability(redundancy: np.ndarray) -> np.ndarray:
-    """Return the external reliability: the most an undetected error moves any unknown, in that unknown's sigmas."""
-    with np.errstate(divide="ignore"):
-        return NON_CENTRALITY * np.sqrt(np.maximum(1.0 - redundancy, 0.0) / np.maximum(redundancy, 0.0))
-
-
-def predict_accuracy(covariance_m2: np.ndarray, survey_m2: np.ndarray) -> dict[str, float | None]:
+def predict_accuracy(
+    covariance_m2: np.ndarray, survey_m2: np.ndarray, weight: np.ndarray | None = None
+) -> dict[str, float | None]:
     """Return the RMSE, CE90 and LE90 to expect at points with covariances ``(k, 3, 3)`` of position and survey.
 
-    Coordinates that were not surveyed (an infinite variance) are not compared.
+    Coordinates that were not surveyed (an infinite variance) or not determined (NaN) are not compared. Points count by
+    their ``weight (k,)``, all alike without.
     """
-    known = np.isfinite(covariance_m2).all(axis=(1, 2))
-    if not known.any():
-        return {"rmse_east_m": None, "rmse_north_m": None, "rmse_height_m": None, "ce90_m": None, "le90_m": None}
-    variance = (covariance_m2[known] + survey_m2[known]).diagonal(axis1=1, axis2=2)
+    covariance = covariance_m2 + survey_m2
+    variance = covariance.diagonal(axis1=1, axis2=2)
     compared = np.isfinite(variance)
+    share = compared * (np.ones(len(variance)) if weight is None else weight)[:, None]
+    plan, height = np.flatnonzero(compared[:, :2].all(axis=1)), np.flatnonzero(compared[:, 2])
     with np.errstate(invalid="ignore"):
-        rmse = np.sqrt(np.where(compared, variance, 0.0).sum(axis=0) / compared.sum(axis=0))
-    east, north, height = (float(value) if np.isfinite(value) else None for value in rmse)
-    return {"rmse_east_m": east, "rmse_north_m": north, "rmse_height_m": height, **errors_90(east, north, height)}
+        rmse = np.sqrt(np.where(compared, variance * share, 0.0).sum(axis=0) / share.sum(axis=0))
+    names = ("rmse_east_m", "rmse_north_m", "rmse_height_m")
+    found = {name: float(value) if np.isfinite(value) else None for name, value in zip(names, rmse, strict=True)}
+    directions = (np.arange(DIRECTIONS) + 0.5) * (np.pi / DIRECTIONS)
+    major, minor = np.maximum(compute_semi_axes(covariance[plan]), LEAST_SIGMA_M)
+    along = np.hypot(major[:, None] * np.cos(directions), minor[:, None] * np.sin(directions))
+    sigma = np.maximum(np.sqrt(variance[height, 2]), LEAST_SIGMA_M)
+    return found | {
+        "ce90_m": _find_quantile_90(lambda r: np.exp(-0.5 * (r / along) ** 2).mean(axis=1), major, share[plan, 0]),
+        "le90_m": _find_quantile_90(lambda r: special.erfc(r / sigma / np.sqrt(2.0)), sigma, share[height, 2]),
+    }
+
+
+def _find_quantile_90(beyond: Callable[[float], np.ndarray], sigma: np.ndarray, weight: np.ndarray) -> float | None:
+    """Return what 90 % of the errors of points stay within, None without any.
+
+    ``beyond`` returns the probability ``(k,)`` of each point's error to exceed a length, ``sigma (k,)`` its largest
+    standard deviation.
+    """
+    if not len(sigma):
+        return None
+    low, high = np.log(0.1 * sigma.min()), np.log(10.0 * sigma.max())
+    return float(np.exp(optimize.brentq(lambda r: np.average(beyond(np.exp(r)), weights=weight) - 0.1, low, high)))
+
+
+def weigh_by_area(ground: np.ndarray) -> np.ndarray:
+    """Return by how much of the area each point ``(k, 3)`` stands for: those of one cell share it, ``(k,)``."""
+    low, high = ground[:, :2].min(axis=0, initial=np.inf), ground[:, :2].max(axis=0, initial=-np.inf)
+    share = (ground[:, :2] - low) / np.maximum(high - low, 1e-12)
+    cell = np.minimum((share * AREA_CELLS).astype(np.int64), AREA_CELLS - 1) @ [1, AREA_CELLS]
+    return np.asarray(1.0 / np.bincount(cell)[cell])
+
+
+def compute_semi_axes(covariance_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the semi-axes (m, one sigma) of the horizontal error ellipses of covariances ``(k, 3, 3)``."""
+    east, north, mixed = covariance_m2[:, 0, 0], covariance_m2[:, 1, 1], covariance_m2[:, 0, 1]
+    middle, half = 0.5 * (east + north), np.hypot(0.5 * (east - north), mixed)
+    return np.sqrt(middle + half), np.sqrt(np.maximum(middle - half, 0.0))
 
 
 def errors_90(east_m: float | None, north_m: float | None, height_m: float | None) -> dict[str, float | None]:

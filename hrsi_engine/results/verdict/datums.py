@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from ...adjustment.statistics.precision import errors_90
 from ...foundation.reasons import Level, Reason
 from ...ground.geoids import GEOID
 from ...ground.operation_uses import advise_grids, describe_missing_grid, describe_substitute
@@ -44,13 +41,9 @@ def find_substituted_geoids(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
-    """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
-    variance = evidence.result.ground_covariance_m2.diagonal(axis1=1, axis2=2)
-    known = variance[np.isfinite(variance).all(axis=1)]
-    if not len(known):
-        return {"ce90_m": None, "le90_m": None}
-    east, north, height = np.sqrt(known.mean(axis=0)).tolist()
-    return errors_90(east, north, height)
+    """Return the CE90 and LE90 of the block's largest part without the errors of coordinate operations."""
+    parts = evidence.result.parts
+    return {"ce90_m": parts[0].ce90_m, "le90_m": parts[0].le90_m} if parts else {"ce90_m": None, "le90_m": None}
 
 
 #: Every check of the coordinate operations.

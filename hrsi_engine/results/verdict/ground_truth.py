@@ -18,7 +18,7 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ..residuals import by_image, unit_sigma
+from ..residuals import by_image
 from .evidence import Evidence
 from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
@@ -58,7 +58,7 @@ def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
 
 def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
-    stated = left.measured_sigma_px / unit_sigma(result)
+    stated = left.measured_sigma_px / result.unit_sigma
     in_sigmas = left.measured_px / np.hypot(stated, evidence.camera_px)
     out = [finding.id for finding in result.findings if finding.left_out]
     takes_part = evidence.is_role(role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]

@@ -1,0 +1,103 @@
+"""Accuracy of the ground that each part of a block measures: its headline where there are no check points.
+
+The figures are those of points that nobody surveyed, over the area (`precision.predict_accuracy`): of tie and check
+points where there are any. Of a part that has nothing but GCPs they are what everything but its own survey says of each
+GCP. With the cofactors Q of its adjusted position and the weights P of its survey these are exactly
+
+    (Q^-1 - P)^-1
+
+A GCP on one image keeps its surveyed height there, and predicts no height. Points on nearly parallel rays are counted
+and left out: how well they are known says nothing of the area.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..foundation.large_arrays import finite_rows
+from .equations.states import FREE_POINT_SIGMA_M
+from .gauss_newton import Solution
+from .problem import Problem
+from .result import DatumPart
+from .statistics.precision import Precision, predict_accuracy, weigh_by_area
+from .weak_geometry import RAY_GEOMETRY
+
+MOST_POINTS = 4000  # of a part that its accuracy is taken from
+
+
+def describe_parts(
+    problem: Problem, solution: Solution, precise: Precision, covariance: np.ndarray, prior_share: np.ndarray,
+    leave_one_out: float,
+) -> tuple[DatumPart, ...]:  # fmt: skip
+    """Return what holds each part of the block and the accuracy that it predicts.
+
+    ``covariance (m, 3, 3)`` are those of all points by everything but their own surveys (`predict_without_surveys`),
+    ``leave_one_out`` by how much the GCPs' leave-one-out errors exceed them.
+    """
+    observations = problem.observations
+    known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
+    parallel = known & _find_parallel_rays(problem, solution, precise)
+    first_image, located = observations.image[observations.first[:-1]], observations.located
+    ids, parts = problem.block.points.ids[observations.points], []
+    for part in problem.parts:
+        here = known & np.isin(first_image, part.images)
+        candidates = here & ~located if (here & ~located).any() else here
+        left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
+        chosen = np.flatnonzero(candidates & ~left_out)
+        used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen
+        widened = leave_one_out if part.gcps else 1.0
+        area = predict_accuracy(
+            widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weigh_by_area(solution.state.ground[used])
+        )
+        sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
+        east, north, height = (np.nan if value is None else value for value in sigma)
+        parts.append(
+            DatumPart(
+                tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
+                float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
+                (east, north, height), area["ce90_m"], area["le90_m"], len(chosen),
+                tuple(ids[left_out].tolist()), widened,
+            )
+        )  # fmt: skip
+    return tuple(parts)
+
+
+def predict_without_surveys(problem: Problem, solution: Solution, precise: Precision) -> np.ndarray:
+    """Return the cofactors ``(m, 3, 3)`` of all points by everything but their own surveys, NaN where there are none.
+
+    Nothing is predicted of the height of a GCP on a single ray.
+    """
+    observations = problem.observations
+    gcps = np.flatnonzero(observations.surveyed)
+    rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)[gcps]
+    cofactors = precise.points.copy()
+    cofactors[gcps] = _remove_surveys(solution, precise.points[gcps], gcps, rays < 2)
+    single = gcps[rays < 2]
+    cofactors[single, 2] = cofactors[single, :, 2] = np.nan
+    return cofactors
+
+
+def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray, keep_height: np.ndarray) -> np.ndarray:
+    """Return the cofactors ``(g, 3, 3)`` of GCPs without their own surveys, or with their surveyed height alone."""
+    survey = solution.weighting.points.build_weight_matrices(gcps, observed=True)
+    survey[keep_height, 2] = survey[keep_height, :, 2] = 0.0
+    known = finite_rows(cofactors.reshape(-1, 9))
+    normal = np.linalg.inv(np.where(known[:, None, None], cofactors, np.eye(3))) - survey
+    normal[:, range(3), range(3)] += FREE_POINT_SIGMA_M**-2
+    return np.asarray(np.where(known[:, None, None], np.linalg.inv(normal), np.nan))
+
+
+def _find_parallel_rays(problem: Problem, solution: Solution, precise: Precision) -> np.ndarray:
+    """Return which points ``(m,)`` have error ellipsoids as long as those of rays that hardly converge.
+
+    Two rays that converge by an angle g leave an ellipsoid whose longest semi-axis is 2 / tan g times the shortest.
+    What else holds a point, a DEM or a laser height, makes it shorter.
+    """
+    observations = problem.observations
+    by_rays = solution.normals.inverse.copy()
+    gcps = np.flatnonzero(observations.surveyed)
+    single = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) < 2
+    by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
+    longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
+    squares = np.linalg.eigvalsh(np.nan_to_num(by_rays))
+    return np.asarray(~single & (squares[:, 2] > longest**2 * squares[:, 0]))
