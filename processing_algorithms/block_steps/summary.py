@@ -31,6 +31,7 @@ def summarise(report: Report) -> str:
     lines = [
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
         f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
+        *_explain_redundancy(report["redundancy"]),
         "",
         f"{'points':<16}{'number':>7}"
         + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
@@ -61,6 +62,12 @@ def summarise(report: Report) -> str:
     lines += [f"warning: {text}" for text in report["warnings"]]
     lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]
     return "\n".join([*lines, *verdict_lines(report["verdict"])])
+
+
+def _explain_redundancy(redundancy: float) -> list[str]:
+    if redundancy == round(redundancy):
+        return []
+    return [f"redundancy {redundancy:.1f}: a parameter with a prior counts by the share that follows from observations"]
 
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:

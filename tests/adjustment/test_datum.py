@@ -217,6 +217,65 @@ def test_predicted_accuracy_and_ellipses():
     assert (partly["rmse_east_m"], partly["rmse_north_m"], partly["rmse_height_m"]) == (2.0, 1.0, None)
 
 
+def test_gcps_without_ties_predict_by_everything_but_their_own_survey():
+    """The cofactors without its own survey are those of an adjustment in which its survey has no weight."""
+    block, _, _ = blocks.block(gcps=6, checks=0, ties=0, noise_m=0.02)
+    given = AdjustOptions(test_sigmas=False, reject_sigma=0.0, model="shift", sigma_drift=0.0)
+    part = adjust(block, given).parts[0]
+    sigmas = []
+    for point in range(6):
+        role = block.points.role.copy()
+        role[point] = int(Role.TIE)
+        result = adjust(replace(block, points=replace(block.points, role=role)), given)
+        sigmas.append(result.ground_sigma_m[point] / max(result.sigma0, 1.0))
+    full = adjust(block, given)
+    expected = max(full.sigma0, 1.0) * part.leave_one_out * np.sqrt(np.mean(np.square(sigmas), axis=0))
+    np.testing.assert_allclose(part.sigma_m, expected, rtol=0.01)
+    assert part.points == 6 and part.sigma_m[2] > 1.2 * full.ground_sigma_m[:, 2].mean()
+
+
+def test_one_image_with_gcps_predicts_no_height():
+    block, _, _ = blocks.block(gcps=8, checks=0, ties=0, count=1)
+    part = adjust(block, AdjustOptions(model="shift")).parts[0]
+    assert part.ce90_m > 0.0 and part.le90_m is None
+
+
+def test_points_on_parallel_rays_are_named_and_not_in_the_accuracy():
+    """Sixty ties on three images, thirty more on two that look alike: the headline is that of the sixty."""
+    images = [
+        Image(f"n{k}", blocks.oblique_rpc(tilt, 0.0, 0.5, 500.0), (1001, 1001))
+        for k, tilt in enumerate((0.1, 0.118, -0.2))
+    ]
+    rng = np.random.default_rng(1)
+    truth = images[0].rpc.localize(rng.uniform(200.0, 800.0, (90, 2)), 200.0 + rng.normal(0.0, 3.0, 90)).ground
+    ids = [f"P{k:03d}" for k in range(90)]
+    rows = [
+        ImagePoints.create(ids[:seen], [image.id] * seen, image.rpc.project(truth[:seen]) + noise, 0.1)
+        for image, seen in zip(images, (90, 90, 60), strict=True)
+        for noise in [rng.normal(0.0, 0.1, (seen, 2))]
+    ]
+    result = adjust(assemble(images, [], rows))
+    few = adjust(assemble(images, [], [one.select(np.arange(60)) for one in rows]))
+    part = result.parts[0]
+    assert (part.points, sorted(part.parallel)) == (60, ids[60:])
+    assert part.le90_m == pytest.approx(few.parts[0].le90_m, rel=0.05)
+    assert any("30 of 90 points converge by less than 3 degrees" in text for text in result.warnings)
+
+
+def test_a_gcp_left_out_has_no_sigma():
+    block, _, _ = blocks.block(gcps=12, checks=0, ties=60, noise_m=0.05, seed=3)
+    right = adjust(block)
+    moved = block.points.ground.copy()
+    moved[2, 2] += 300.0
+    moved[2, 0] += 2e-3
+    rows = block.measurements
+    alone = (rows.point != 2) | (rows.image == 0)
+    result = adjust(replace(block, points=replace(block.points, ground=moved)).with_measurements(alone))
+    assert any(finding.left_out and finding.id == block.points.ids[2] for finding in result.findings)
+    assert np.isnan(result.ground_sigma_m[2]).all() and np.isnan(result.ground_covariance_m2[2]).all()
+    assert result.parts[0].ce90_m == pytest.approx(right.parts[0].ce90_m, rel=0.1)
+
+
 def test_predicted_ce90_is_the_quantile_of_all_points():
     """Points with different ellipses, by a Monte Carlo of their errors; one that is not determined moves nothing."""
     from hrsi.hrsi_engine.adjustment.statistics.precision import predict_accuracy
