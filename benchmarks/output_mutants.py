@@ -69,8 +69,7 @@ MUTANTS = (
     ),
     Mutant(
         "sigma0 dropped from the points' covariances", "adjustment/outcome.py",
-        "factor[observations.image[observations.first[:-1]], None, None] * precise.points", "1.0 * precise.points",
-        TRUTH,
+        "of_point * cofactors + by_drift", "cofactors + by_drift", TRUTH,
     ),
     Mutant(
         "sigma0 dropped from the parameters of single images", "refinement/estimate.py",
@@ -107,7 +106,7 @@ MUTANTS = (
         "self.test_group(other)[0] >= 2.0 * best", "tests/adjustment/test_rival_gcps.py",
     ),
     Mutant(
-        "sigma0 dropped from what residuals are judged by", "results/residuals.py", "return max(result.sigma0, 1.0)",
+        "sigma0 dropped from what residuals are judged by", "adjustment/result.py", "return max(self.sigma0, 1.0)",
         "return 1.0", TRUTH,
     ),
     Mutant(
