@@ -109,9 +109,13 @@ def assemble_adjustment(
     squares, freedom = found.left_out_surveys
     stated = RESULT_WARNINGS.of_prediction
     widened = np.sqrt(max((stated + squares / max(sums.sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
+    covariance, shifts = (
+        _expand_rows(len(block.points), points, covariance),
+        _propagate_operation_shifts(problem, loop, solution),
+    )
+    if shifts is not None:
+        others += shifts[points] @ shifts[points].swapaxes(1, 2)
     parts = describe_parts(problem, solution, precise, others, prior_share, widened)
-    covariance = _expand_rows(len(block.points), points, covariance)
-    shifts = _propagate_operation_shifts(problem, loop, solution)
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
+from ...adjustment.area_accuracy import MOST_POINTS
+from ...adjustment.statistics.precision import predict_accuracy
 from ...foundation.reasons import Level, Reason
 from ...ground.geoids import GEOID
 from ...ground.operation_uses import advise_grids, describe_missing_grid, describe_substitute
@@ -15,7 +19,7 @@ def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
     accuracy = _predict_without_operations(evidence)
     for use in evidence.result.block.all_operations:
         text = describe_missing_grid(use)
-        limits = [value for value in accuracy.values() if value is not None]
+        limits = [accuracy[key] for key in ("ce90_m", "le90_m") if accuracy[key] is not None]
         if text and not use.loss_m <= min(limits, default=0.0):
             yield Reason("datum-grid-missing", Level.DOUBTFUL, text, advise_grids(use))
 
@@ -41,9 +45,10 @@ def find_substituted_geoids(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _predict_without_operations(evidence: Evidence) -> dict[str, float | None]:
-    """Return the CE90 and LE90 of the block's largest part without the errors of coordinate operations."""
-    parts = evidence.result.parts
-    return {"ce90_m": parts[0].ce90_m, "le90_m": parts[0].le90_m} if parts else {"ce90_m": None, "le90_m": None}
+    """Return the CE90 and LE90 of the block's points without the errors of coordinate operations."""
+    covariance = evidence.result.ground_covariance_m2
+    covariance = covariance[:: -(-len(covariance) // MOST_POINTS) or 1]
+    return predict_accuracy(covariance, np.zeros_like(covariance))
 
 
 #: Every check of the coordinate operations.
