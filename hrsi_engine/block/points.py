@@ -6,14 +6,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m
-from ..ground.operation_uses import OperationUse
+from ..ground.operation_uses import OperationUse, read_entry
 from .columns import Columns
 
 
@@ -65,7 +65,7 @@ _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
     "tie": Role.TIE, "off": Role.OFF, "held_out": Role.HELD_OUT, "held-out": Role.HELD_OUT,
 }  # fmt: skip
-POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points: `GroundPoints.describe_operations`
+POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points: `describe_operations`
 UNSET = -1  #: role column of `GroundPoints`: the file says nothing
 
 
@@ -156,51 +156,6 @@ class GroundPoints(Columns):
                     error[operation == number, axis] = sigma_m
         return np.stack([*columns.values()], axis=2) if columns else np.zeros((len(operation), 3, 0))
 
-    def describe_operations(self) -> str:
-        """Return the operations that are not exact as they stand in a report, each with the ids of its points.
-
-        Returns
-        -------
-        str
-            JSON; empty without any of them.
-        """
-        found = [
-            {**use.entry(), "ids": self.ids[self.operation == number].tolist()}
-            for number, use in enumerate(self.operations)
-            if use.operation.accuracy_m != 0.0 and (self.operation == number).any()
-        ]
-        return json.dumps(found) if found else ""
-
-    def with_operations(self, described: str) -> Self:
-        """Return the points with the operations of `describe_operations`, told by their ids.
-
-        Parameters
-        ----------
-        described : str
-            JSON.
-
-        Returns
-        -------
-        GroundPoints
-            A copy.
-
-        Raises
-        ------
-        InputError
-            It is no such text.
-        """
-        operation, uses = np.full(len(self), -1), list[OperationUse]()
-        try:
-            for number, entry in enumerate(json.loads(described)):
-                here = np.isin(self.ids, [str(name) for name in entry["ids"]])
-                operation[here] = number
-                uses.append(OperationUse.of_entry(entry, int(here.sum())))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(
-                f"{self.source}: its list of coordinate operations is damaged ({error!r}): get the file again"
-            ) from None
-        return replace(self, operation=operation, operations=tuple(uses))
-
     @classmethod
     def create(
         cls,
@@ -245,6 +200,31 @@ def join_covariances(tables: Sequence[GroundPoints]) -> np.ndarray | None:
         return None
     nothing = [np.full((len(t), 3, 3), np.nan) if t.covariance_m2 is None else t.covariance_m2 for t in tables]
     return np.concatenate(nothing)
+
+
+def describe_operations(points: GroundPoints) -> str:
+    """Return as JSON the operations that are not exact, as reports have them, with ids; empty without any."""
+    found = [
+        {**use.entry(), "ids": points.ids[points.operation == number].tolist()}
+        for number, use in enumerate(points.operations)
+        if use.operation.accuracy_m != 0.0 and (points.operation == number).any()
+    ]
+    return json.dumps(found) if found else ""
+
+
+def with_operations(points: GroundPoints, described: str) -> GroundPoints:
+    """Return points with the operations of `describe_operations`; raise `InputError` where it is no such text."""
+    operation, uses = np.full(len(points), -1), list[OperationUse]()
+    try:
+        for number, entry in enumerate(json.loads(described)):
+            here = np.isin(points.ids, [str(name) for name in entry["ids"]])
+            operation[here] = number
+            uses.append(read_entry(entry, int(here.sum())))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise InputError(
+            f"{points.source}: its list of coordinate operations is damaged ({error!r}): get the file again"
+        ) from None
+    return replace(points, operation=operation, operations=tuple(uses))
 
 
 def join_operations(tables: Sequence[GroundPoints]) -> tuple[np.ndarray, tuple[OperationUse, ...]]:

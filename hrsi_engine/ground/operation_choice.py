@@ -23,23 +23,11 @@ def choose_operations(
     areas: Sequence[Sequence[Rectangle]],
     without: Mapping[int, np.ndarray],
 ) -> np.ndarray:
-    """Return the number of the operation for each point by PROJ's rule, -1 where none is left.
+    """Return the number of the operation for each point ``(n,)`` by PROJ's rule, -1 where none is left.
 
-    Parameters
-    ----------
-    xy : (n, 2) or (n, 3) ndarray
-        Coordinates of the kind of the ``areas``.
-    operations : sequence of CrsOperation
-        In PROJ's order.
-    areas : sequence of sequence of Rectangle
-        Where each can be used.
-    without : mapping of int to (n,) ndarray
-        Masks of the points for which an operation is out.
-
-    Returns
-    -------
-    (n,) ndarray of int
-        Numbers of operations; of stride 0 where one is chosen for all points.
+    ``xy (n, 2 or 3)`` and the ``areas`` where each of the ``operations`` can be used are in the same coordinates;
+    ``without`` are masks ``(n,)`` of the points for which an operation is out. Where one is chosen for all points, the
+    stride is 0.
     """
     if len(areas) == 1 and not without:
         return np.broadcast_to(0, len(xy))
@@ -89,18 +77,6 @@ def find_rectangles(flat: pyproj.CRS, areas: Sequence[Rectangle]) -> list[tuple[
     """Return areas of use (west, south, east, north) as rectangles in a CRS; none where it cannot show an area.
 
     As PROJ does it: by `EDGE_NODES` nodes along each side, on the CRS's ellipsoid, without a datum.
-
-    Parameters
-    ----------
-    flat : pyproj.CRS
-        Without heights.
-    areas : sequence of Rectangle
-        In degrees.
-
-    Returns
-    -------
-    list of tuple of Rectangle
-        One or two for each area.
     """
     everywhere = (-np.inf, -np.inf, np.inf, np.inf)
     if flat.is_geocentric or flat.ellipsoid is None:

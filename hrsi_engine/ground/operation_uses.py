@@ -127,46 +127,6 @@ class OperationUse(NamedTuple):
         """Whether another geoid stands in for the one that is meant."""
         return self.geoid is not None and bool(self.geoid.stands_for)
 
-    @classmethod
-    def of_entry(cls, entry: Mapping[str, Any], points: int) -> OperationUse:
-        """Return the use of an operation that `entry` told of, by so many points.
-
-        Parameters
-        ----------
-        entry : mapping
-            A row of ``crs_operations``.
-        points : int
-            Their number.
-
-        Returns
-        -------
-        OperationUse
-            Its area of use is the world, and it has no numbers of its CRS.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            It is no such row.
-        """
-
-        sigma_m = float(entry["sigma_plan_m"]), float(entry["sigma_height_m"])
-        accuracy_m = None if entry["accuracy_m"] is None else float(entry["accuracy_m"])
-        loss_m = float("nan") if entry["loss_m"] is None else float(entry["loss_m"])
-        if not np.isfinite([*sigma_m, accuracy_m or 0.0]).all() or min(sigma_m) < 0.0:
-            raise ValueError("accuracies")
-        grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
-        made = CrsOperation(
-            str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m, grids, str(entry["area"] or ""), WORLD,
-            bool(entry["ballpark"]), is_null=False,
-        )  # fmt: skip
-        best_m = None if accuracy_m is None else accuracy_m - loss_m
-        better = made._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
-        geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
-        return cls(
-            str(entry["source"]), str(entry["crs"]), 0, made, points, better if entry["missing_operation"] else None,
-            loss_m, geoid if entry["geoid"] else None, (), bool(entry["plate_fixed_as_wgs84"]),
-        )  # fmt: skip
-
     def entry(self) -> dict[str, Any]:
         """Return it as a row of the report's ``crs_operations``.
 
@@ -187,6 +147,30 @@ class OperationUse(NamedTuple):
             "geoid": None if self.geoid is None else self.geoid.name,
             "geoid_stands_for": self.geoid.stands_for if self.geoid is not None and self.geoid.stands_for else None,
         }  # fmt: skip
+
+
+def read_entry(entry: Mapping[str, Any], points: int) -> OperationUse:
+    """Return the use of an operation by so many points that `OperationUse.entry` told of.
+
+    Raises `KeyError`, `TypeError` or `ValueError` for what is no such entry.
+    """
+    sigma_m = float(entry["sigma_plan_m"]), float(entry["sigma_height_m"])
+    accuracy_m = None if entry["accuracy_m"] is None else float(entry["accuracy_m"])
+    loss_m = float("nan") if entry["loss_m"] is None else float(entry["loss_m"])
+    if not np.isfinite([*sigma_m, accuracy_m or 0.0]).all() or min(sigma_m) < 0.0:
+        raise ValueError("accuracies")
+    grids, missing = (tuple((entry[name] or "").split(", ")) for name in ("grid", "missing_grid"))
+    made = CrsOperation(
+        str(entry["name"]), str(entry["code"] or ""), accuracy_m, sigma_m, grids, str(entry["area"] or ""), WORLD,
+        bool(entry["ballpark"]), is_null=False,
+    )  # fmt: skip
+    best_m = None if accuracy_m is None else accuracy_m - loss_m
+    better = made._replace(name=str(entry["missing_operation"]), accuracy_m=best_m, grids=missing)
+    geoid = Geoid(str(entry["geoid"]), "", str(entry["geoid_stands_for"] or ""))
+    return OperationUse(
+        str(entry["source"]), str(entry["crs"]), 0, made, points, better if entry["missing_operation"] else None,
+        loss_m, geoid if entry["geoid"] else None, (), bool(entry["plate_fixed_as_wgs84"]),
+    )  # fmt: skip
 
 
 def with_geoid(flat: CrsOperation, geoid: Geoid) -> CrsOperation:
@@ -219,18 +203,7 @@ def largest_sigma_m(uses: Iterable[OperationUse]) -> tuple[float, float]:
 
 
 def describe_missing_grid(use: OperationUse) -> str:
-    """Return what a better operation lacks, in one sentence; empty where nothing is lost.
-
-    Parameters
-    ----------
-    use : OperationUse
-        What was used instead.
-
-    Returns
-    -------
-    str
-        With the loss in metres.
-    """
+    """Return what a better operation lacks, and the loss in metres, in one sentence; empty where nothing is lost."""
     better = use.better
     if better is None or use.loss_m < OPERATIONS.least_loss_m:
         return ""
@@ -244,18 +217,7 @@ def describe_missing_grid(use: OperationUse) -> str:
 
 
 def describe_substitute(use: OperationUse) -> str:
-    """Return which geoid stands in for which, in one sentence; empty where none does.
-
-    Parameters
-    ----------
-    use : OperationUse
-        With the geoid that was used.
-
-    Returns
-    -------
-    str
-        With its standard deviation.
-    """
+    """Return which geoid stands in for which, and its standard deviation, in one sentence; empty where none does."""
     if use.geoid is None or not use.geoid.stands_for:
         return ""
     return (
@@ -265,36 +227,14 @@ def describe_substitute(use: OperationUse) -> str:
 
 
 def advise_grids(use: OperationUse) -> str:
-    """Return how to get the grids that are missing.
-
-    Parameters
-    ----------
-    use : OperationUse
-        Some grid is missing.
-
-    Returns
-    -------
-    str
-        Commands.
-    """
+    """Return how to get the grids that are missing."""
     if use.is_substituted:
         return how_to_get_grids(", ".join(use.geoid_grids)) if use.geoid_grids else how_to_get_grids()
     return how_to_get_grids("" if use.better is None else ", ".join(use.better.grids), is_geoid=False)
 
 
 def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
-    """Return what a user should know of operations: grids and geoids that are missing, plates, ballpark operations.
-
-    Parameters
-    ----------
-    uses : sequence of OperationUse
-        What converted the inputs.
-
-    Returns
-    -------
-    list of str
-        Warnings.
-    """
+    """Return what a user should know of operations: grids and geoids that are missing, plates, ballpark operations."""
     told = []
     for use in uses:
         for text in (describe_missing_grid(use), describe_substitute(use)):
@@ -313,15 +253,7 @@ def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
 
 
 def require_strict_datums(uses: Iterable[OperationUse], strict_datum: bool) -> None:
-    """Raise `InputError` for a geoid or a grid that is missing, where ``strict_datum`` allows no replacement.
-
-    Parameters
-    ----------
-    uses : iterable of OperationUse
-        What converted the inputs.
-    strict_datum : bool
-        Whether the best operation has to be at hand.
-    """
+    """Raise `InputError` for a geoid or a grid that is missing, where ``strict_datum`` allows no replacement."""
     for use in uses if strict_datum else ():
         text = describe_substitute(use) or describe_missing_grid(use)
         if text:

@@ -76,21 +76,9 @@ def is_realisation_of_itrs(crs: pyproj.CRS) -> bool:
 
 @lru_cache(maxsize=64)
 def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMotion | None:
-    """Return the motion of a geodetic CRS's plate, None where PROJ has no time-dependent operation.
+    """Return the motion of a geodetic CRS's plate to ITRF2014 in a year; heights take part where ``is_3d``.
 
-    Parameters
-    ----------
-    geodetic_wkt : str
-        The geodetic CRS, of longitude and latitude or with heights.
-    epoch : float
-        Year.
-    is_3d : bool
-        Whether heights take part.
-
-    Returns
-    -------
-    PlateMotion or None
-        To ITRF2014.
+    None where PROJ has no time-dependent operation.
     """
     geodetic = pyproj.CRS.from_wkt(geodetic_wkt)
     if is_realisation_of_itrs(geodetic):

@@ -44,17 +44,7 @@ class Candidate(NamedTuple):
 def list_operations(crs: pyproj.CRS, flat: Sequence[CrsOperation]) -> tuple[list[Candidate], tuple[CrsOperation, ...]]:
     """Return the operations of a CRS in PROJ's order: those that can be used here, and those that lack a grid.
 
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Any.
-    flat : sequence of CrsOperation
-        The operations of the horizontal part of a compound CRS.
-
-    Returns
-    -------
-    tuple of list of Candidate and tuple of CrsOperation
-        To WGS84, x (east) first.
+    ``flat`` are the operations of the horizontal part of a compound CRS.
     """
     target = WGS84_3D if has_heights(crs) else WGS84
     missing: list[Any] = []

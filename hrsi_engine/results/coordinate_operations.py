@@ -14,33 +14,14 @@ from ..ground.operation_uses import OperationUse
 
 
 def operation_entries(uses: Iterable[OperationUse]) -> list[dict[str, Any]]:
-    """Return the report's ``crs_operations``.
-
-    Parameters
-    ----------
-    uses : iterable of OperationUse
-        What converted the inputs.
-
-    Returns
-    -------
-    list of dict
-        One row a source and operation, ready for JSON.
-    """
+    """Return the report's ``crs_operations``: one row a source and operation, ready for JSON."""
     return [use.entry() for use in uses]
 
 
 def find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
-    """Return the CE90 and LE90 of what check points cannot test: errors of operations that they share with the GCPs.
+    """Return what check points cannot test: ``ce90_m`` and ``le90_m`` of the operations that they share with the GCPs.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-
-    Returns
-    -------
-    dict or None
-        ``ce90_m`` and ``le90_m``; None without check points or such errors.
+    None without check points or such errors.
     """
     check = np.flatnonzero(result.block.points.role == Role.CHECK)
     if result.operation_shifts_m is None or not len(check):
@@ -52,21 +33,9 @@ def find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None
 
 
 def add_untested_error(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
-    """Return a figure of check points with what they cannot test; None where it was not measured.
+    """Return a figure of check points (``ce90_m`` or ``le90_m``, the key) with what they cannot test.
 
-    Parameters
-    ----------
-    measured : float or None
-        ``ce90_m`` or ``le90_m`` of the check points.
-    untested : dict or None
-        As `find_untested_accuracy` returns it.
-    key : str
-        Which of the two.
-
-    Returns
-    -------
-    float or None
-        Metres.
+    None where it was not measured.
     """
     if measured is None or untested is None:
         return measured

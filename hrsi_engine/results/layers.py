@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.points import POINT_OPERATIONS, GroundPoints
+from ..block.points import POINT_OPERATIONS, GroundPoints, describe_operations
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
 from ..io.geopackage.layer_words import PickedColumn, StackedColumn
@@ -66,7 +66,7 @@ def residuals_epsg(result: Adjustment) -> int:
 
 def name_point_operations(points: GroundPoints) -> dict[str, str]:
     """Return the metadata by which a layer of ground points tells what brought the surveys to WGS84."""
-    described = points.describe_operations()
+    described = describe_operations(points)
     return {POINT_OPERATIONS: described} if described else {}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...hrsi_engine.block.footprints import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
-from ...hrsi_engine.ground.operation_uses import OperationUse
+from ...hrsi_engine.ground.operation_uses import read_entry
 from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.results.layers import name_point_operations
@@ -21,7 +21,7 @@ def ground_points(session: PointSession, names: Collection[str] | None = None) -
     points = [point for point in session.points.values() if names is None or point.id in names]
     operations = list(dict.fromkeys(point.operation for point in points if point.operation))
     number = np.array([operations.index(one.operation) if one.operation else -1 for one in points], dtype=np.int16)
-    uses = [OperationUse.of_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations)]
+    uses = [read_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations)]
     table = GroundPoints.create(
         [point.id for point in points],
         np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),

@@ -322,6 +322,12 @@ def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(
     kept = tmp_path / "panel.gpkg"
     point_session.save(point_session.open_block(str(file)), str(kept))
     session = point_session.open_block(str(kept))
+    for damaged in ("[1]", '[{"ids": []}]', "{", "[" * 100_000):
+        layers = gdal.OpenEx(str(kept), gdal.OF_VECTOR | gdal.OF_UPDATE)
+        layers.GetLayerByName("ground_points").SetMetadataItem("HRSI_POINT_OPERATIONS", damaged)
+        del layers
+        with pytest.raises(InputError, match="its list of coordinate operations is damaged"):
+            read_points(f"{kept}|layername=ground_points")
     assert {json.loads(point.operation)["code"] for point in session.points.values()} == {"EPSG:6972"}
     block_of_panel = ground_points(session)
     assert block_of_panel.operations[0].operation.sigma_m[0] == pytest.approx(17.0 / np.sqrt(3.0), abs=1e-4)

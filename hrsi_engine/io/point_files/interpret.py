@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...block.names import NameColumn, find_unique_ids
-from ...block.points import UNSET, GroundPoints, ImagePoints, Role, are_apart
+from ...block.points import UNSET, GroundPoints, ImagePoints, Role, are_apart, with_operations
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import any_of_rows
 from ..opening.budgets import RPC_BUDGETS, require_heights
@@ -188,7 +188,7 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
         table.columns["id"], ground, role, sigma, table.source, covariance, placed.operation, placed.operations
     )
     points = points.select(order)
-    return points.with_operations(table.operations) if table.operations and not placed.operations else points, warnings
+    return with_operations(points, table.operations) if table.operations and not placed.operations else points, warnings
 
 
 def _require_same_position(

@@ -17,7 +17,7 @@ class PointTable:
     geometry : (n, 3) x, y, z in ``crs``, NaN where missing; None where the file has no geometry
     crs : anything PROJ reads; empty where the file says nothing
     pairwise : matches of two images; the same point may stand in other files under another id
-    operations : of HRSI's own layers, what brought the surveys to WGS84 (`GroundPoints.describe_operations`)
+    operations : of HRSI's own layers, what brought the surveys to WGS84 (`block.points.describe_operations`)
     """
 
     source: str
