@@ -456,16 +456,15 @@ def _require_solvable(
         observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
     if observed >= unknowns:
         return
+    simpler = "choose a simpler `model`, or " if model.least_points > 1 else ""
     poor = np.flatnonzero(free & (2 * per_camera < p))
     if len(poor):
         image = observations.images[int(np.flatnonzero(observations.camera_of_image == poor[0])[0])]
         raise SolveError(
             f"image {image.id}: {2 * per_camera[poor[0]]} observations for the {p} parameters of model {model.name}: "
-            "choose a simpler `model` or measure more points on it"
+            f"{simpler}measure more points on it"
         )
-    raise SolveError(
-        f"{observed} observations for {unknowns} unknowns: choose a simpler `model`, or add GCPs or tie points"
-    )
+    raise SolveError(f"{observed} observations for {unknowns} unknowns: {simpler}add GCPs or tie points")
 
 
 def count_observations(observations: Observations, contributes: np.ndarray, parameters: int) -> tuple[int, int]:

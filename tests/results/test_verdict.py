@@ -219,6 +219,17 @@ def test_small_field_is_a_note_and_no_reason():
     assert any("affine" in note for note in describe_residual_fields(evidence))
 
 
+def test_no_advice_names_what_is_done_already():
+    """The affine drift that a tight prior holds down is not removed by the model affine; a shift has no simpler one."""
+    block = simulated_blocks.block(gcps=300, checks=0, ties=0, drift=2e-4, count=1, noise_px=0.1, seed=8)[0]
+    (note,) = describe_residual_fields(evidence_of(block, replace(SNOOPING, model="affine", sigma_drift=1e-7)))
+    assert "the model affine has its terms" in note and "would remove" not in note
+    stopped = replace(SNOOPING, max_iterations=1, test_sigmas=False)
+    for model, simpler in (("shift", False), ("affine", True)):
+        reason = reasons_of(sound(drift=1e-3, bias_px=300.0), replace(stopped, model=model)).get("not-converged")
+        assert reason is None or ("fewer parameters" in reason.advice) == simpler
+
+
 def test_stopped_iterations():
     block = sound(drift=1e-3)
     assert reasons_of(block, AdjustOptions(model="affine", max_iterations=1, test_sigmas=False)).keys() >= {

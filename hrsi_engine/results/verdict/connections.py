@@ -170,7 +170,8 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
             "extrapolation", Level.DOUBTFUL,
             f"the points of image {list_ids(ids)} do not determine its corners: the standard deviation of the model "
             f"{result.model.name} is {np.nanmax(beyond):.2g} px there ({worst})",
-            "measure GCPs or find ties towards the corners, or choose a model of fewer parameters (shift)",
+            "measure GCPs or find ties towards the corners"
+            + (", or choose a model of fewer parameters (shift)" if evidence.can_be_simpler else ""),
             images=ids,
         )  # fmt: skip
 

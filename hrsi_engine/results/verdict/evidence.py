@@ -13,7 +13,7 @@ from ...block.block import Role
 from ...foundation.thresholds import threshold, thresholds
 from ...refinement.model import RefitRPC
 from ..residuals import Residuals
-from .fields import ResidualField, find_residual_fields
+from .fields import NESTED, ResidualField, find_residual_fields
 from .significance import SOUND_BLOCKS
 
 
@@ -75,6 +75,16 @@ class Evidence:
     def camera_px(self) -> float:
         """Standard deviation of the cameras' unmodelled errors in sample and in line, fields included, px."""
         return float(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)))
+
+    @property
+    def can_be_simpler(self) -> bool:
+        """Whether there are models of fewer parameters than the one that was adjusted."""
+        return self.result.model.least_points > 1
+
+    def is_followed(self, field: ResidualField) -> bool:
+        """Return whether the model that was adjusted has all terms of the one that would remove a field."""
+        name = self.result.model.name
+        return name in NESTED and NESTED.index(field.model) <= NESTED.index(name)
 
     def is_role(self, role: Role) -> np.ndarray:
         """Return which measurements are of points of a role.

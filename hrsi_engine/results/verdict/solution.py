@@ -53,7 +53,8 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     distance = f": another step would move the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
         "not-converged", level, f"the adjustment {result.status}{distance}",
-        "look for wrong points and wrong images first; then choose a model of fewer parameters",
+        "look for wrong points and wrong images first"
+        + ("; then choose a model of fewer parameters" if evidence.can_be_simpler else ""),
     )  # fmt: skip
 
 
@@ -180,7 +181,9 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
             yield Reason(
                 "rpc-unlike-model", level,
                 f"the refined RPC of image {list_ids(ids)} differs from its model by up to {fit[images].max():.2g} px",
-                "choose a model of fewer parameters: an RPC cannot follow this correction",
+                "choose a model of fewer parameters: an RPC cannot follow this correction"
+                if evidence.can_be_simpler
+                else "look for wrong points: an RPC cannot follow this correction",
                 images=ids,
             )  # fmt: skip
 

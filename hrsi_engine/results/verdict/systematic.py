@@ -16,9 +16,13 @@ def describe_residual_fields(evidence: Evidence) -> list[str]:
     if not fields:
         return []
     worst = fields[0]
+    if evidence.is_followed(worst):
+        remedy = f"the model {evidence.result.model.name} has its terms, but a priori standard deviations hold them"
+    else:
+        remedy = f"the model {worst.model} would remove it"
     return [
         f"the residuals of image {list_ids(field.image for field in fields)} are not random: up to {worst.rms_px:.2g} "
-        f"px ({worst.image}) follow a polynomial of the position; the model {worst.model} would remove it"
+        f"px ({worst.image}) follow a polynomial of the position; {remedy}"
     ]
 
 
@@ -32,7 +36,7 @@ def find_large_fields(evidence: Evidence) -> Iterator[Reason]:
             f"the residuals of image {list_ids(field.image for field in fields)} have a systematic field: "
             f"{worst.rms_px:.2g} px of {worst.all_px:.2g} px in {worst.image} follow a polynomial of the position",
             "look for wrong points: the model would follow this field if they let it"
-            if worst.model == evidence.result.model.name
+            if evidence.is_followed(worst)
             else f"choose the model {worst.model}, which removes it; look for wrong points if it does not",
             images=tuple(field.image for field in fields),
         )  # fmt: skip
