@@ -120,9 +120,8 @@ class FirstSteps(QDialog):
 
     def _open(self) -> None:
         images = [str(self.folder / f"image_{number}.tif") for number in range(1, IMAGES + 1)]
-        session = point_session.new_session(
-            images, str(self.folder / "ground_points.csv"), str(self.folder / "image_points.csv")
-        )
+        points = (str(self.folder / f"{kind}_points.csv") for kind in ("ground", "image"))
+        session = point_session.new_session(images, *points)
         self.missing = next(key for key in session.measured if session.points.get(key[0], None) is not None
                             and session.points[key[0]].role == "gcp")  # fmt: skip
         del session.measured[self.missing]  # before anybody has edited anything

@@ -171,17 +171,9 @@ def _images(param: Param) -> QgsProcessingParameterDefinition:
     return made
 
 
-def _raster(param: Param) -> QgsProcessingParameterDefinition:
-    return RasterParameter(**_common(param))
-
-
 def _points(param: Param) -> QgsProcessingParameterDefinition:
     optional = {"optional": not (param.required or param.piped)}  # a blank choice in the dialog stands for the default
     return _with_words(PointsParameter(types=[VECTOR], **_common(param) | optional), param)
-
-
-def _file(param: Param) -> QgsProcessingParameterDefinition:
-    return FileParameter(**_common(param))
 
 
 def _text(param: Param) -> QgsProcessingParameterDefinition:
@@ -197,14 +189,15 @@ def _with_words(made: QgsProcessingParameterDefinition, param: Param) -> QgsProc
     return made
 
 
-def _crs(param: Param) -> QgsProcessingParameterDefinition:
-    return QgsProcessingParameterCrs(**_common(param))
-
-
 def _extent(param: Param) -> QgsProcessingParameterDefinition:
     made = ExtentParameter(**_common(param))
     made.setMetadata(EXTENT_WIDGET | {"words": list(param.words)})
     return made
+
+
+def _plain(made: Callable[..., QgsProcessingParameterDefinition]) -> Callable[[Param], Any]:
+    """Return what makes a parameter of a class of QGIS that needs no more than every parameter has."""
+    return lambda param: made(**_common(param))
 
 
 def _choice(param: Param) -> QgsProcessingParameterDefinition:
@@ -218,10 +211,6 @@ def _number(number_type: Any) -> Callable[[Param], QgsProcessingParameterDefinit
         return QgsProcessingParameterNumber(type=number_type, **given, **_common(param))
 
     return make
-
-
-def _folder(param: Param) -> QgsProcessingParameterDefinition:
-    return QgsProcessingParameterFolderDestination(**_common(param))
 
 
 def _read_points(param: Param, reading: Reading) -> str:
@@ -261,10 +250,12 @@ def _reader(method: str) -> Callable[[Param, Reading], Any]:
 
 BINDINGS: dict[Kind, Binding] = {
     Kind.IMAGES: Binding(_images, lambda param, reading: raster_sources(reading.raw(param), reading.context)),
-    Kind.RASTER: Binding(_raster, lambda param, reading: raster_source(reading.raw(param), reading.context)),
+    Kind.RASTER: Binding(
+        _plain(RasterParameter), lambda param, reading: raster_source(reading.raw(param), reading.context)
+    ),
     Kind.POINTS: Binding(_points, _read_points),
-    Kind.FILE: Binding(_file, _reader("parameterAsFile")),
-    Kind.CRS: Binding(_crs, _read_crs),
+    Kind.FILE: Binding(_plain(FileParameter), _reader("parameterAsFile")),
+    Kind.CRS: Binding(_plain(QgsProcessingParameterCrs), _read_crs),
     Kind.EXTENT: Binding(_extent, _read_extent),
     Kind.TEXT: Binding(_text, _reader("parameterAsString")),
     Kind.IDS: Binding(_text, _read_ids),
@@ -273,7 +264,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
     Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
     Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),
-    Kind.FLAG: Binding(lambda param: QgsProcessingParameterBoolean(**_common(param)), _reader("parameterAsBool")),
+    Kind.FLAG: Binding(_plain(QgsProcessingParameterBoolean), _reader("parameterAsBool")),
     Kind.FOLDERS: Binding(_text, _reader("parameterAsString")),
-    Kind.OUTPUT_DIR: Binding(_folder, _reader("parameterAsFileOutput")),
+    Kind.OUTPUT_DIR: Binding(_plain(QgsProcessingParameterFolderDestination), _reader("parameterAsFileOutput")),
 }

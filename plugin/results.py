@@ -60,9 +60,8 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
     files = {REPORT: folder / "report.json", REPORT_HTML: folder / "report.html"}
     layers = {layer_name(source).upper(): source for source in _list_layers(declaration, options)}
     verdict = {VERDICT: report["verdict"]["level"]} if "verdict" in report else {}
-    return {"OUTPUT_DIR": str(folder), **layers, **verdict, **made} | {
-        name: str(path) for name, path in files.items() if path.exists()
-    }
+    written = {name: str(path) for name, path in files.items() if path.exists()}
+    return {"OUTPUT_DIR": str(folder), **layers, **verdict, **made} | written
 
 
 def drop_unlistable_outputs(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:

@@ -56,9 +56,8 @@ def draw_pair(first: PictureSide, second: PictureSide) -> str:
     width, height = sizes[0][0] + PICTURES_GAP + sizes[1][0], max(size[1] for size in sizes)
     # The rows of some correspondences spread over the window: the first one of every cell
     cell = np.floor((first.points - first.origin) / (max(first.grey.shape) / LABEL_CELLS)).astype(int)
-    number_points = (
-        np.sort(np.unique(cell, axis=0, return_index=True)[1])[:NUMBERED_PAIRS] if len(cell) else np.empty(0, dtype=int)
-    )
+    heads = np.unique(cell, axis=0, return_index=True)[1] if len(cell) else np.empty(0, dtype=int)
+    number_points = np.sort(heads)[:NUMBERED_PAIRS]
     # A colour for each point: the hue runs with the sample, the lightness with the line
     share = (first.points - first.origin) / np.maximum(np.array(first.grey.shape[::-1]), 1)
     rgb = [colorsys.hls_to_rgb(0.85 * float(x), 0.4 + 0.3 * float(y), 1.0) for x, y in np.clip(share, 0.0, 1.0)]

@@ -129,9 +129,8 @@ def descend(
             damping = needed = growth * damping if damping else needed
             growth *= 2.0
             if damping > DESCENT.most_damping:
-                return Descent(
-                    best, False, f"no step lowers the cost, {_distance_text(promised, variance(best))}", number
-                )
+                said = f"no step lowers the cost, {_distance_text(promised, variance(best))}"
+                return Descent(best, False, said, number)
     raise AssertionError("a descent has one step at least")
 
 

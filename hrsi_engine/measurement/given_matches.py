@@ -174,11 +174,9 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
 
 def _select_consistent(reference: Image, pair: ExternalPair) -> ExternalPair:
     """Return the matches of a pair that are consistent with the geometry of its RPCs."""
-    start = float(np.mean(reference.rpc.height_range))
-    found = check_rpc_consistency(
-        reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px
-    )
-    return replace(pair, first_xy=pair.first_xy[found.good], second_xy=pair.second_xy[found.good])
+    start, rpcs = float(np.mean(reference.rpc.height_range)), (reference.rpc, pair.image.rpc)
+    good = check_rpc_consistency(*rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px).good
+    return replace(pair, first_xy=pair.first_xy[good], second_xy=pair.second_xy[good])
 
 
 def _estimate_geometry(reference: Image, pair: ExternalPair) -> TilePairGeometry:

@@ -261,13 +261,10 @@ class PointsDock(QDockWidget):
         for name, row in self.session.on_image(image).items():
             measured = (row.measured.sample, row.measured.line) if row.measured else None
             residual = None if math.isnan(row.residual_px[0]) else row.residual_px
-            is_off = self.session.points[name].role == "off"
-            is_chosen = name == self.point()
-            found = self.proposals.get(image) if is_chosen else None
+            states = bool(row.suspicion), self.session.points[name].role == "off", name == self.point()
+            found = self.proposals.get(image) if name == self.point() else None
             proposed = found.xy if found is not None else None
-            markers.append(
-                Marker(name, row.predicted, measured, residual, bool(row.suspicion), is_off, is_chosen, proposed)
-            )
+            markers.append(Marker(name, row.predicted, measured, residual, *states, proposed))
         return markers
 
     # ---- what the user does ------------------------------------------------------------------------------------

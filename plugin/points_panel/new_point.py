@@ -54,9 +54,8 @@ class NewPointDialog(QDialog):
         if not self.dem.currentData():
             return
         try:
-            self.height.setValue(
-                point_session.dem_height(self.dem.currentData(), self.datum.currentText(), self._lonlat)
-            )
+            dem, datum = self.dem.currentData(), self.datum.currentText()
+            self.height.setValue(point_session.dem_height(dem, datum, self._lonlat))
             self.height.setToolTip("")
         except HrsiError as error:
             self.height.setToolTip(str(error))
@@ -68,9 +67,8 @@ class NewPointDialog(QDialog):
             for name, field in (("sigma_xy", self.sigma_xy), ("sigma_h", self.sigma_h))
             if field.value()
         }
-        return SurveyPoint(
-            self.name.text().strip(), *self._lonlat, self.height.value(), self.role.currentText(), **sigmas
-        )
+        name, role = self.name.text().strip(), self.role.currentText()
+        return SurveyPoint(name, *self._lonlat, self.height.value(), role, **sigmas)
 
 
 def _metres() -> QDoubleSpinBox:

@@ -27,35 +27,24 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
     "height": ("height", "h", "z", "elev", "elevation", "altitude", "h_mean", "h_li"),
-    "survey_lon": ("survey_lon",),
-    "survey_lat": ("survey_lat",),
-    "survey_height": ("survey_height",),
-    "sigma_xy": ("sigma_xy",),
     "sigma_h": ("sigma_h", "sigma_z", "h_sigma", "h_li_sigma"),
-    "sigma_height_m": ("sigma_height_m",),
     "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
     "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
-    "corr_en": ("corr_en",),
-    "corr_eh": ("corr_eh",),
-    "corr_nh": ("corr_nh",),
-    "cov_ee": ("cov_ee",),
-    "cov_nn": ("cov_nn",),
-    "cov_hh": ("cov_hh",),
-    "cov_en": ("cov_en",),
-    "cov_eh": ("cov_eh",),
-    "cov_nh": ("cov_nh",),
     "sample": ("sample", "samp", "column", "col", "sample_px", "x_px"),
     "line": ("line", "row", "line_px", "y_px"),
     "sigma": ("sigma", "sigma_px"),
-    "quality": ("quality",),
     # of laser heights, as SlideRule calls them
     "slope": ("dh_fit_dx",),
     "misfit": ("rms_misfit",),
     "photons": ("n_fit_photons",),
     "canopy": ("h_canopy",),
-    "rgt": ("rgt",),
-    "cycle": ("cycle",),
-}
+} | {
+    name: (name,)  # those that are called nothing else
+    for name in (
+        "survey_lon", "survey_lat", "survey_height", "sigma_xy", "sigma_height_m", "corr_en", "corr_eh", "corr_nh",
+        "cov_ee", "cov_nn", "cov_hh", "cov_en", "cov_eh", "cov_nh", "quality", "rgt", "cycle",
+    )
+}  # fmt: skip
 FIELDS = TEXT_FIELDS | NUMBER_FIELDS
 #: Fields where ``inf`` means something: a coordinate that was not surveyed.
 MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})

@@ -150,9 +150,8 @@ def _places_of(points: Any, name: str) -> tuple[np.ndarray, str] | None:
 
 def _is_missing(value: Any) -> bool:
     """Tell whether a value stands for none: None, NaN, NaT, pandas's NA."""
-    return (
-        value is None or type(value).__name__ in ("NAType", "NaTType") or (isinstance(value, float) and value != value)
-    )
+    is_nan = isinstance(value, float) and value != value
+    return value is None or is_nan or type(value).__name__ in ("NAType", "NaTType")
 
 
 def _text_of(value: Any) -> str:

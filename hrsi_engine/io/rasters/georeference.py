@@ -85,12 +85,8 @@ class Georeference:
     def nodes_lonlat(self) -> np.ndarray:
         """Return lon, lat ``(n, 2)`` of nodes over the raster, without those that are nowhere."""
         columns, rows = self._size
-        node = np.stack(
-            np.meshgrid(
-                np.linspace(0.0, columns - 1.0, NODES_OVER_RASTER), np.linspace(0.0, rows - 1.0, NODES_OVER_RASTER)
-            ),
-            -1,
-        )
+        ends = (columns - 1.0, rows - 1.0)
+        node = np.stack(np.meshgrid(*(np.linspace(0.0, end, NODES_OVER_RASTER) for end in ends)), -1)
         lonlat = self.to_lonlat(node.reshape(-1, 2) - [self.first, 0.0])
         return lonlat[np.isfinite(lonlat).all(axis=1)]
 

@@ -247,9 +247,8 @@ class GdalRaster:
         grey, valid = self._read_inside(first_sample, first_line, width, height)
         if (width, height) == (samples, lines):
             return grey, valid
-        place = np.s_[
-            first_line - line : first_line - line + height, first_sample - sample : first_sample - sample + width
-        ]
+        down, right = first_line - line, first_sample - sample
+        place = np.s_[down : down + height, right : right + width]
         whole, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
         whole[place], mask[place] = grey, valid
         return whole, mask

@@ -44,9 +44,8 @@ def text_of(rpc: RPC) -> str:
         lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
     for name in POLYNOMIALS:
         numbers = " ".join(map(repr, getattr(rpc, name).tolist()))
-        lines.append(
-            f"   <{ISD_NAMES[name]}List><{ISD_NAMES[name]}>{numbers}</{ISD_NAMES[name]}></{ISD_NAMES[name]}List>"
-        )
+        tag = ISD_NAMES[name]
+        lines.append(f"   <{tag}List><{tag}>{numbers}</{tag}></{tag}List>")
     return "\n".join([*lines, "  </IMAGE>", " </RPB>", "</isd>"]) + "\n"
 
 

@@ -203,9 +203,8 @@ def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarra
     good = np.isfinite(values)
     if good.sum() < TESTS.fewest:
         return np.zeros(len(values), dtype=bool)
-    good &= np.abs(values - np.median(values[good])) < np.maximum(
-        3.0 * TESTS.outlier * _robust_sigma(values[good]), 10.0 * tolerance
-    )
+    widest = np.maximum(3.0 * TESTS.outlier * _robust_sigma(values[good]), 10.0 * tolerance)
+    good &= np.abs(values - np.median(values[good])) < widest
     terms = _build_trend_design(xy)
     for _ in range(TESTS.rounds):
         trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
@@ -321,11 +320,8 @@ def to_image_points(
     repeated[worse] = True
     once = ~repeated
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
-    kept = np.flatnonzero(once)[
-        select_tracks_by_cell(
-            *rows.of_tracks(once), rank[once], cell_px, np.array([per_cell.get(k, 0) for k in range(len(images))])
-        )
-    ]
+    wanted = np.array([per_cell.get(k, 0) for k in range(len(images))])
+    kept = np.flatnonzero(once)[select_tracks_by_cell(*rows.of_tracks(once), rank[once], cell_px, wanted)]
     chosen = np.zeros(len(names), dtype=bool)
     chosen[kept] = True
     height = _average_by_group(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)

@@ -96,9 +96,8 @@ def _find_surface_range(image: Image, surface: HeightSurface | None, margin_m: f
 
 def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
     """Return index pairs of images whose footprints touch, anywhere between their heights."""
-    return find_touching_pairs(
-        [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
-    )
+    hulls = [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
+    return find_touching_pairs(hulls)
 
 
 class SlidingFootprint:
@@ -206,9 +205,8 @@ def find_likely_overlaps(
     if 2 * len(candidates) > CHOICE.measured_partners * len(images):
         rough = estimate_overlaps(images, ranges, candidates)
         first, second = np.array(candidates).T
-        rows = choose_probes(
-            rough, compute_convergence_deg(compute_central_views(images), first, second), CHOICE.measured_partners
-        )
+        angle_deg = compute_convergence_deg(compute_central_views(images), first, second)
+        rows = choose_probes(rough, angle_deg, CHOICE.measured_partners)
         candidates = [candidates[row] for row in rows.tolist()]
     return find_overlaps(images, ranges, surface, smallest, candidates)
 
@@ -232,9 +230,8 @@ def compute_central_views(images: list[Image]) -> np.ndarray:
     found = []
     for image in images:
         ground = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
-        found.append(
-            compute_view_directions(image.rpc, ground)[0] if np.isfinite(ground).all() else np.array([0.0, 0.0, 1.0])
-        )
+        is_known = np.isfinite(ground).all()
+        found.append(compute_view_directions(image.rpc, ground)[0] if is_known else np.array([0.0, 0.0, 1.0]))
     return np.array(found)
 
 

@@ -104,17 +104,15 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     turn, climb = np.empty((len(matches), 2, 2)), np.empty((len(matches), 2))
     rows_of = group_by_pair(matches)
     for (a, b), rows in rows_of.items():
-        turn[rows], climb[rows] = _linearise_transfer(
-            images[a], images[b], matches.first_xy[rows], matches.height_m[rows]
-        )
+        xy, heights = matches.first_xy[rows], matches.height_m[rows]
+        turn[rows], climb[rows] = _linearise_transfer(images[a], images[b], xy, heights)
     # One height for all matches of a point: the mean by what they tell of it
     weight = np.maximum(np.sum(climb**2, axis=1), EPIPOLAR.least_stretch**2)
     height = (np.bincount(point, weight * matches.height_m) / np.bincount(point, weight))[point]
     left = np.empty((len(matches), 2))
     for (a, b), rows in rows_of.items():
-        left[rows] = matches.second_xy[rows] - transfer(
-            images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows]
-        )
+        predicted = transfer(images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows])
+        left[rows] = matches.second_xy[rows] - predicted
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
     design = _build_design(matches, turn, equation, len(images))
     weight = np.ones(equation.shape)
@@ -123,9 +121,8 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
         A, r = sparse.diags(root) @ design, root * left.ravel()
         t = root * climb.ravel()
         length = np.sqrt(np.bincount(np.repeat(point, 2), t**2))
-        U = sparse.csr_matrix(
-            (t / np.maximum(length, 1e-12)[np.repeat(point, 2)], (equation.ravel(), np.repeat(point, 2)))
-        )
+        unit = t / np.maximum(length, 1e-12)[np.repeat(point, 2)]
+        U = sparse.csr_matrix((unit, (equation.ravel(), np.repeat(point, 2))))
         UA = U.T @ A
         N = (A.T @ A - UA.T @ UA + sparse.identity(A.shape[1]) / CAMERAS.prior_px**2).tocsc()
         shift = spsolve(N, A.T @ r - UA.T @ (U.T @ r))

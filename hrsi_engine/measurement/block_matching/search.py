@@ -132,9 +132,8 @@ class TieSearch:
             return self._features.part(index)
         image, step = self.images[self.usable[index]], self._steps[index]
         key = f"overview-{digest(VERSION, self._marks[self.usable[index]], step)}"
-        return WorkPart(
-            key, detect_overview_features, OverviewJob(image, step), keep=False, label=f"looking at {image.id}"
-        )
+        job = OverviewJob(image, step)
+        return WorkPart(key, detect_overview_features, job, keep=False, label=f"looking at {image.id}")
 
     def _probe_overlaps(self, found: list[overlaps.Overlap], progress: Progress) -> PairChoice:
         """Probe the overlapping pairs that may be worth it; return who chooses among them."""
@@ -162,10 +161,9 @@ class TieSearch:
             probing, [part.key for part in probing], self._scheduler, self._keeper, stage(progress, 0.7, 1.0)
         )  # fmt: skip
         probes = [
-            Probe(
-                a, b, int(results[f"probe-{a}"]["agreeing"][k]), convergence, tuple(results[f"probe-{a}"]["cells"][k])
-            )
+            Probe(a, b, int(told["agreeing"][k]), convergence, tuple(told["cells"][k]))
             for a, others in partners.items()
+            for told in (results[f"probe-{a}"],)
             for k, (b, convergence) in enumerate(others)
         ]
         trees = max(1, self.options.most_partners // 2)
@@ -255,10 +253,10 @@ class TieSearch:
 
     def match_by_cameras(self, good: joining.BlockMatches, links: Sequence[ImageLink], progress: Progress) -> bool:
         """Match images that few links hold with those that look most alike, where all matches so far put them."""
-        cameras = (
-            None if self.choice is None else estimate_relative_cameras(drop_unsound_links(good, links), self.images)
-        )
-        if self.choice is None or cameras is None:
+        if self.choice is None:
+            return False
+        cameras = estimate_relative_cameras(drop_unsound_links(good, links), self.images)
+        if cameras is None:
             return False
         sound = {(link.first, link.second) for link in links if link.sound}
         held = Counter(number for pair in sound for number in pair)
@@ -284,17 +282,15 @@ class TieSearch:
     def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
         """Look for points that images miss where all matches so far put them; tell whether there are any."""
         places = {(first, second): job for first, second, job in self._list_both_directions()}
-        cameras = (
-            estimate_relative_cameras(good, self.images) if len(self.usable) > 2 and not self.options.dense else None
-        )
+        can_miss = len(self.usable) > 2 and not self.options.dense
+        cameras = estimate_relative_cameras(good, self.images) if can_miss else None
         if cameras is None:
             return False
         parts = []
         for (first, second), job in places.items():
             estimate = cameras.estimate(job, first, second)
-            chosen = (cameras.partners >= TIE_SEARCH.completed_partners) & ~np.isin(
-                cameras.tracks, good.track[good.second == second]
-            )
+            is_there = np.isin(cameras.tracks, good.track[good.second == second])
+            chosen = (cameras.partners >= TIE_SEARCH.completed_partners) & ~is_there
             own = good.first == first
             track, row = np.unique(good.track[own], return_index=True)
             wanted = np.isin(track, cameras.tracks[chosen])
@@ -304,9 +300,8 @@ class TieSearch:
             height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
             windows = tuple(cell.own[0] for row in plan.plan_cells(job.first, self.options.cells, 0) for cell in row)
             partner = Partner(second, job.second, estimate.geometry)
-            options = replace(
-                choose_match_options(self.options, job.first), largest_sigma_px=TIE_SEARCH.completed_sigma_px
-            )
+            options = choose_match_options(self.options, job.first)
+            options = replace(options, largest_sigma_px=TIE_SEARCH.completed_sigma_px)
             transfer = TransferJob(first, job.first, windows, xy, height, partner, options)
             key = digest(VERSION, self._marks[first], self._marks[second], estimate.geometry, xy, height, options)
             parts.append(WorkPart(f"points-{key}", transfer_star, transfer, label=f"completing {job.first.id}"))

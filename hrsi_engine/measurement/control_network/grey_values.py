@@ -31,14 +31,11 @@ def correlate_patches(
         offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
         # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
         ours, our_usable = _sample_patches(first, first_xy[part][:, None, :] + offsets)
-        theirs, their_usable = _sample_patches(
-            second, second_xy[part][:, None, :] + np.einsum("nij,kj->nki", A[part], offsets)
-        )
+        moved = np.einsum("nij,kj->nki", A[part], offsets)
+        theirs, their_usable = _sample_patches(second, second_xy[part][:, None, :] + moved)
         weight = (our_usable & their_usable).astype(np.float32)
         count = np.maximum(weight.sum(axis=1), 1.0)
-        a, b = (
-            (values - ((values * weight).sum(axis=1) / count)[:, None]) * weight for values in (ours, theirs)
-        )  # fmt: skip
+        a, b = ((grey - ((grey * weight).sum(axis=1) / count)[:, None]) * weight for grey in (ours, theirs))
         product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
         result[part] = np.where(weight.mean(axis=1) >= PATCHES.least_usable, product, 0.0)
     return result

@@ -107,14 +107,12 @@ def find_seeds(
     every = split_into_parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
     for number, rows in enumerate(every):
         part = stage(progress, number / len(every), (number + 1) / len(every))
-        match = match_super_points(
-            first.xy[rows], second.xy[theirs], options.tolerance, options.reach_px, options.scales, part
-        )
+        how = options.tolerance, options.reach_px, options.scales
+        match = match_super_points(first.xy[rows], second.xy[theirs], *how, part)
         seen.append(match)
         if match.best is not None and match.status != AMBIGUOUS:
-            network = verify_network(
-                make_network(match.best, first, second, rows, theirs), first, second, options.correlation
-            )
+            whole = make_network(match.best, first, second, rows, theirs)
+            network = verify_network(whole, first, second, options.correlation)
             if _has_enough_nodes(network, match.best):
                 yield Seed(network, match.best, match.runner_up)
     if similarity is not None and not any(match.status == AMBIGUOUS for match in seen):

@@ -59,9 +59,7 @@ def vote_by_features(
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)
     reduction = max(float(np.sqrt(largest / most_px)), 1.0)
-    here, there = (
-        _detect_features(raster, area, reduction) for raster, area in zip((first, second), areas, strict=True)
-    )
+    here, there = (_detect_features(*seen, reduction) for seen in zip((first, second), areas, strict=True))
     i, j = match_descriptors(compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), SCALE.ratio)
     found = _find_common_similarity(here.xy[i], there.xy[j])
     if found is None:

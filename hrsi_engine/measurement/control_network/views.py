@@ -61,15 +61,13 @@ def read_network_window(
     """
     grey, usable = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
     pixels = _reduce_window(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
+    ends = np.linspace(0.0, 1.0, len(detectors) + 1).tolist()
     parts = [
-        detect_interest_points(
-            pixels, name, options, progress=stage(progress, k / len(detectors), (k + 1) / len(detectors))
-        )
+        detect_interest_points(pixels, name, options, progress=stage(progress, *ends[k : k + 2]))
         for k, name in enumerate(detectors)
     ]
-    return NetworkWindow(
-        pixels.grey, pixels.valid, join_points(parts), np.array([area.left, area.top], dtype=float), reduction
-    )
+    origin = np.array([area.left, area.top], dtype=float)
+    return NetworkWindow(pixels.grey, pixels.valid, join_points(parts), origin, reduction)
 
 
 def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
@@ -81,6 +79,5 @@ def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> Ar
     places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
     smooth = blur(grey, 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
     clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
-    return ArrayRaster(
-        interpolate(smooth, *places, order=1), interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
-    )
+    is_clear = interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
+    return ArrayRaster(interpolate(smooth, *places, order=1), is_clear)

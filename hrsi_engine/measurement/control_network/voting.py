@@ -80,10 +80,8 @@ def _widen_leaves(points: np.ndarray, root: int, tolerance: Tolerance, reach_px:
     allowed = tolerance.limit_px(inner + VOTING.ring_px)  # grows outwards, that of the angle inwards
     angle = np.minimum(tolerance.limit_rad(np.maximum(inner, 1e-3)), np.pi)
     leaves = find_leaves(points, root, reach_px + float(allowed[-1]))
-    near = (leaves.distance_px >= (inner - allowed)[:, None]) & (
-        leaves.distance_px <= (inner + VOTING.ring_px + allowed)[:, None]
-    )
-    ring, leaf = np.nonzero(near)
+    nearest, farthest = (inner - allowed)[:, None], (inner + VOTING.ring_px + allowed)[:, None]
+    ring, leaf = np.nonzero((leaves.distance_px >= nearest) & (leaves.distance_px <= farthest))
     # The rotation may lie half a bin to either side, and the first leaf anywhere in its bin.
     low = np.ceil((leaves.angle_rad[leaf] - angle[ring]) / _STEP - 1.5).astype(int)
     high = np.floor((leaves.angle_rad[leaf] + angle[ring]) / _STEP + 0.5).astype(int)

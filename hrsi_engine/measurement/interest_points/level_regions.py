@@ -64,9 +64,8 @@ class LevelRegions:
     def select(self, keep: np.ndarray) -> LevelRegions:
         """Return some regions (mask)."""
         counts = np.diff(self.bounds)
-        return LevelRegions(
-            self.pixels[np.repeat(keep, counts)], np.r_[0, np.cumsum(counts[keep])], self.scale[keep], self.sign[keep]
-        )
+        bounds = np.r_[0, np.cumsum(counts[keep])]
+        return LevelRegions(self.pixels[np.repeat(keep, counts)], bounds, self.scale[keep], self.sign[keep])
 
 
 def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> LevelRegions:
@@ -91,13 +90,8 @@ def _find_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Itera
         # A normalised image in steps of `REGION.level_step`, 0 … 255
         level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
-            yield _select_compact(
-                _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach),
-                closed,
-                reach,
-                scale,
-                sign,
-            )
+            found = _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach)
+            yield _select_compact(found, closed, reach, scale, sign)
         if scale == REGION.scales[0]:
             # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
             smooth, slope = make_gaussian_kernels(0.5)

@@ -82,15 +82,13 @@ def _is_on_shadow_side(
 
     def sample_ring(share: float, beyond_px: float) -> np.ndarray:
         away = share * radius + beyond_px
-        return np.asarray(
-            interpolate_bilinear(grey, xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction))
-        )
+        x, y = xy[:, :1] + away * np.cos(direction), xy[:, 1:] + away * np.sin(direction)
+        return np.asarray(interpolate_bilinear(grey, x, y))
 
     inside, beyond = sample_ring(SHADOW.inside, 0.0), sample_ring(1.0, SHADOW.beyond_px)
     ground = np.median(beyond[:, others], axis=1)
     contrast = ground - np.median(sample_ring(0.5, 0.0), axis=1)
     shade = ground - beyond[:, sunny].mean(axis=1)
     halves = inside[:, sunny].mean(axis=1) - inside[:, shady].mean(axis=1)
-    return np.asarray(
-        (contrast > 0.0) & (shade > SHADOW.object_darker * contrast) & (halves > SHADOW.half_brighter * contrast)
-    )
+    is_dark = (shade > SHADOW.object_darker * contrast) & (halves > SHADOW.half_brighter * contrast)
+    return np.asarray((contrast > 0.0) & is_dark)

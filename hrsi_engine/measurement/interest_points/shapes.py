@@ -299,9 +299,8 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     variance = 2.0 * rmse**2 / SHAPE.independent_parts  # as of a circle
     azimuth = (np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     closed = count / np.maximum(outlines.count, 1)
-    good = (
-        (closed >= SHAPE.closed_share) & (area > 1.0) & (rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size))
-    )
+    fits = rmse <= compute_size_tolerance(SHAPE.polygon_tolerance, size)
+    good = (closed >= SHAPE.closed_share) & (area > 1.0) & fits
     for row in np.flatnonzero(good):
         hull = ConvexHull(xy[row, : count[row]])
         good[row] = area[row] >= SHAPE.solidity * hull.volume  # of two dimensions: the area

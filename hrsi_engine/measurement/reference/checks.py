@@ -39,9 +39,8 @@ class ReferenceAccuracy:
 
     def compute_sigmas(self, ground: np.ndarray) -> tuple[float, float]:
         """Return the sigmas of each of the points ``ground (k, 3)``: as GCPs, they know nothing of what they share."""
-        return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), DEM.compute_equivalent_sigma(
-            self.sigma_h_m, ground
-        )
+        sigma_h_m = DEM.compute_equivalent_sigma(self.sigma_h_m, ground)
+        return ORTHOIMAGE.compute_equivalent_sigma(self.sigma_xy_m, ground), sigma_h_m
 
 
 @dataclass(frozen=True)

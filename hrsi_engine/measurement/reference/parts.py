@@ -94,7 +94,6 @@ def _number_parts(ground: np.ndarray) -> np.ndarray:
     if not len(ground):
         return np.zeros(0, dtype=np.int64)
     low, size = ground[:, :2].min(axis=0), np.maximum(np.ptp(ground[:, :2], axis=0), 1e-12)
-    cell = np.minimum(
-        (REFERENCE_CHECKS.parts * (ground[:, :2] - low) / size).astype(np.int64), REFERENCE_CHECKS.parts - 1
-    )
-    return np.asarray(cell[:, 1] * REFERENCE_CHECKS.parts + cell[:, 0])
+    parts = REFERENCE_CHECKS.parts
+    cell = np.minimum((parts * (ground[:, :2] - low) / size).astype(np.int64), parts - 1)
+    return np.asarray(cell[:, 1] * parts + cell[:, 0])

@@ -33,13 +33,11 @@ Finder = Callable[[ImageTile, ImageTile, float, TileMatchOptions], CandidateMatc
 
 def find_sift(first: ImageTile, second: ImageTile, reach_px: float, options: TileMatchOptions) -> CandidateMatches:
     """SIFT (Lowe 2004) with square-rooted descriptors, mutual nearest neighbours and a lenient ratio test."""
-    here = first.compute_once(
-        ("sift", options.features), lambda: detect_sift_features(first.pixels, first.valid, options.features)
-    )
-    there = detect_sift_features(second.pixels, second.valid, options.features)
-    i, j = match_descriptors(
-        compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), FEATURES.lenient_ratio
-    )
+    most = options.features
+    here = first.compute_once(("sift", most), lambda: detect_sift_features(first.pixels, first.valid, most))
+    there = detect_sift_features(second.pixels, second.valid, most)
+    ours, theirs = (compute_root_sift(features.descriptors) for features in (here, there))
+    i, j = match_descriptors(ours, theirs, FEATURES.lenient_ratio)
     return _select_near(here.xy[i] + first.origin_px, there.xy[j] + second.origin_px, reach_px)
 
 

@@ -37,14 +37,13 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
     xx, yy = np.maximum(xx - own, 1e-12), np.maximum(yy - own, 1e-12)
     expected = noise / np.sqrt(np.maximum(compute_smaller_eigenvalue(xx, yy, xy), 1e-12) * pixels)
     at = strength[rows, columns]
-    good = (expected < TILE_MATCH.expected_sigma_px) & (
-        at > TILE_MATCH.weakest_corner * np.median(at) if len(at) else True
-    )
+    good = expected < TILE_MATCH.expected_sigma_px
+    if len(at):
+        good &= at > TILE_MATCH.weakest_corner * np.median(at)
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
-        points = points[
-            _select_by_cell(points, expected[good], (tile.pixels.shape[0], tile.pixels.shape[1]), options.most_points)
-        ]
+        size = tile.pixels.shape[0], tile.pixels.shape[1]
+        points = points[_select_by_cell(points, expected[good], size, options.most_points)]
     return points
 
 
