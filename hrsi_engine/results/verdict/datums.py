@@ -19,7 +19,7 @@ def find_missing_grids(evidence: Evidence) -> Iterator[Reason]:
     accuracy = _predict_without_operations(evidence)
     for use in evidence.result.block.all_operations:
         text = describe_missing_grid(use)
-        limits = [accuracy[key] for key in ("ce90_m", "le90_m") if accuracy[key] is not None]
+        limits = [value for key in ("ce90_m", "le90_m") if (value := accuracy[key]) is not None]
         if text and not use.loss_m <= min(limits, default=0.0):
             yield Reason("datum-grid-missing", Level.DOUBTFUL, text, advise_grids(use))
 
