@@ -1,7 +1,6 @@
 """`interest-points`: corners, super points and gravity centres of images."""
 
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
@@ -35,13 +34,16 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
         return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
     names = DETECTOR_SETS[options.detector]
     tables = []
-    for number, image in enumerate(images):
-        parts = [
-            detect_interest_points(image.raster, name, options.detection, region, stage(context.progress, *share))
-            for name, share in zip(names, _progress_shares(number, len(images), len(names)), strict=True)
-        ]
+    steps = np.linspace(0.0, 0.9, len(images) * len(names) + 1).tolist()
+    for first, image in zip(range(0, len(steps) - 1, len(names)), images, strict=True):
+        parts = []
+        for step, name in enumerate(names, first):
+            here = stage(context.progress, steps[step], steps[step + 1])
+            parts.append(detect_interest_points(image.raster, name, options.detection, region, here))
         tables.append(join_points(parts))
-    suns = [None if image.rpc is None else _sun_of(image, options.sun_azimuth) for image in images]
+    # Where the sun stood: as its delivery tells, else as given, for then its elevation is not known
+    given = None if options.sun_azimuth is None else SunReading(SunAngles(options.sun_azimuth, float("nan")), "given")
+    suns = [None if image.rpc is None else read_sun(image.path, image.rpc) or given for image in images]
     shadows = [_shadow_words(image, table, sun) for image, table, sun in zip(images, tables, suns, strict=True)]
     grounds = [ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)]
     warnings = [f"{image.id}: no point" for image, table in zip(images, tables, strict=True) if not len(table)]
@@ -50,7 +52,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "detector": options.detector,
         "images": {
-            image.id: _image_summary(image, points) | _sun_entry(sun, words)
+            image.id: _image_entry(image, points, sun, words)
             for image, points, sun, words in zip(images, tables, suns, shadows, strict=True)
         },
         "warnings": warnings,
@@ -60,29 +62,19 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     return report
 
 
-def _progress_shares(image: int, images: int, detectors: int) -> list[tuple[float, float]]:
-    """Return the shares of the progress bar of each detector on one image."""
-    steps = images * detectors
-    first = image * detectors
-    return [(0.9 * (first + k) / steps, 0.9 * (first + k + 1) / steps) for k in range(detectors)]
-
-
-def _image_summary(image: ImagePixels, points: InterestPoints) -> dict[str, Any]:
+def _image_entry(image: ImagePixels, points: InterestPoints, sun: SunReading | None, words: np.ndarray) -> Report:
     lower, right = points.xy[:, 1] >= image.raster.size[1] / 2.0, points.xy[:, 0] >= image.raster.size[0] / 2.0
     quarters = np.bincount(2 * lower + right, minlength=4)
-    return {
+    entry: Report = {
         "path": image.path, "points": len(points), "kinds": dict(sorted(Counter(points.kind.tolist()).items())),
         "strong_centres": int(np.sum(points.is_centre & (points.quality >= STRONG_QUALITY))),
-        "quarters": dict(zip(QUARTERS, quarters.tolist(), strict=True)),
+        "quarters": dict(zip(QUARTERS, quarters.tolist(), strict=True)), "sun": None,
     }  # fmt: skip
-
-
-def _sun_of(image: ImagePixels, given_deg: float | None) -> SunReading | None:
-    """Return where the sun stood: as its delivery tells, else as given, for then its elevation is not known."""
-    found = read_sun(image.path, image.rpc)
-    if found is not None or given_deg is None:
-        return found
-    return SunReading(SunAngles(given_deg, float("nan")), "given")
+    if sun is not None:
+        elevation = None if np.isnan(sun.angles.elevation_deg) else sun.angles.elevation_deg
+        entry["sun"] = {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source}
+        entry["shadows"] = int(np.sum(words == "yes"))
+    return entry
 
 
 def _shadow_words(image: ImagePixels, points: InterestPoints, sun: SunReading | None) -> np.ndarray:
@@ -91,16 +83,6 @@ def _shadow_words(image: ImagePixels, points: InterestPoints, sun: SunReading | 
         return np.full(len(points), "unknown")
     direction = compute_image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
     return np.where(find_shadows(image.raster, points, direction), "yes", "no")
-
-
-def _sun_entry(sun: SunReading | None, words: np.ndarray) -> dict[str, Any]:
-    if sun is None:
-        return {"sun": None}
-    elevation = None if np.isnan(sun.angles.elevation_deg) else sun.angles.elevation_deg
-    return {
-        "sun": {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source},
-        "shadows": int(np.sum(words == "yes")),
-    }
 
 
 def _make_layer(

@@ -1,7 +1,5 @@
 """`localize`: image points to the ground."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
@@ -44,7 +42,9 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         for row in np.flatnonzero(np.isnan(columns["lon"])):
             table[row] |= {"lon": None, "lat": None, "height": None}
         report["points"] = table
-    write_folder(options.folder, report, LAYERS_FILE, _make_layers(columns), context)
+    place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+    layer = Layer("ground_points", "PointZ", WGS84_3D, place, LocalizedPointRows(**columns))
+    write_folder(options.folder, report, LAYERS_FILE, [layer], context)
     return report
 
 
@@ -67,7 +67,17 @@ def _localize_points(
     beside: list[str] = []  # images that all their points lie beside
     for image in images:
         rows = np.flatnonzero(points.image_ids == image.id)
-        ground[rows], status[rows] = _on_ground(image, points, rows, surface)
+        # Each at its own height, else on the surface
+        ground[rows], converged = image.rpc.localize(points.image[rows], points.height_m[rows])
+        status[rows[converged]] = int(Status.FOUND)
+        without = rows[np.isnan(points.height_m[rows])]
+        if len(without) and surface is None:
+            name = f" ({points.ids[without[0]]})" if points.ids[without[0]] else ""
+            raise InputError(
+                f"point {without[0] + 1}{name} has no height: add it to the point, or give `dem` or `height`"
+            )
+        if len(without) and surface is not None:
+            ground[without], status[without] = intersect_surface(image.rpc, points.image[without], surface)
         beside += [image.id] if len(rows) and not is_on_image(image, points.image[rows]).any() else []
     lost = {kind: np.count_nonzero(status == kind) for kind in Status if kind != Status.FOUND}
     warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
@@ -78,27 +88,6 @@ def _localize_points(
         "status": np.array([Status(code).label for code in status], dtype=str),
     }  # fmt: skip
     return columns, warnings
-
-
-def _on_ground(
-    image: Image, points: ImagePositions, rows: np.ndarray, surface: HeightSurface | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ground points and statuses of one image's rows: at their own height, else on the surface."""
-    ground, converged = image.rpc.localize(points.image[rows], points.height_m[rows])
-    status = np.where(converged, int(Status.FOUND), int(Status.NO_RAY))
-    without = np.isnan(points.height_m[rows])
-    if without.any():
-        if surface is None:
-            row = rows[without][0]
-            name = f" ({points.ids[row]})" if points.ids[row] else ""
-            raise InputError(f"point {row + 1}{name} has no height: add it to the point, or give `dem` or `height`")
-        ground[without], status[without] = intersect_surface(image.rpc, points.image[rows[without]], surface)
-    return ground, status
-
-
-def _make_layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
-    ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    return [Layer("ground_points", "PointZ", WGS84_3D, ground, LocalizedPointRows(**columns))]
 
 
 def summarise(report: Report) -> str:

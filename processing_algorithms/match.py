@@ -46,19 +46,35 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
         clip_to_image(window_area(options.window_2, "window_2"), images[1].raster),
     ]
     if context.dry_run:
-        return plan_page(options.folder, LAYERS_FILE, options.report, {"images": len(images)}, [], context)
+        return plan_page(options.folder, LAYERS_FILE, options.report, {"images": 2}, [], context)
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )
     report = _make_report(images, areas, found, context.record, perf_counter() - started)
-    _write_results(options, report, images, areas, found, context)
+    surface, made = open_terrain(options.terrain), found.positions
+    ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
+    report["warnings"] += ground_warnings(images, ground)
+    tell(report["warnings"], context)
+    layers = _make_layers(images, found, ground)
+    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+        write_geopackage(str(folder / LAYERS_FILE), layers)
+        columns = layers[0].fields
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        write_csv(str(folder / TABLE_FILE), list(columns), rows)
+        if options.report:
+            sides = []
+            for image, area, xy in zip(images, areas, (made.first, made.second), strict=True):
+                grey, valid = image.raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
+                sides.append(PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy))
+            write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
+        write_report_json(str(folder / "report.json"), report)
+    advance(context.progress, 1.0, "done")
     return report
 
 
 def _make_report(
     images: list[ImagePixels], areas: list[Area], found: ControlNetworkMatch, record: Report, seconds: float
 ) -> Report:
-
     made = found.positions
     return {
         **record, "seconds": {"total": seconds}, "status": found.status,
@@ -82,36 +98,6 @@ def _median_or_none(values: np.ndarray) -> float | None:
     return float(np.median(values)) if len(values) else None
 
 
-def _write_results(
-    options: MatchAlgorithmOptions, report: Report, images: list[ImagePixels], areas: list[Area],
-    found: ControlNetworkMatch, context: Context,
-) -> None:  # fmt: skip
-
-    surface, made = open_terrain(options.terrain), found.positions
-    ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
-    report["warnings"] += ground_warnings(images, ground)
-    tell(report["warnings"], context)
-    layers = _make_layers(images, found, ground)
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), layers)
-        columns = layers[0].fields
-        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-        write_csv(str(folder / TABLE_FILE), list(columns), rows)
-        if options.report:
-            sides = [
-                _picture_side(image, area, xy)
-                for image, area, xy in zip(images, areas, (found.positions.first, found.positions.second), strict=True)
-            ]
-            write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
-
-
-def _picture_side(image: ImagePixels, area: Area, xy: np.ndarray) -> PictureSide:
-    grey, valid = image.raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
-    return PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy)
-
-
 def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: list[np.ndarray]) -> list[Layer]:
     """Return the correspondences, and the same as image points, on the ground where the images have RPCs."""
     made = found.positions
@@ -123,7 +109,12 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
         epipolar_px=made.epipolar_px, generation=found.generation,
         father=np.where(found.father >= 0, ids[found.father], "") if len(found) else ids,
     )  # fmt: skip
-    points = _image_points(images, ids, found)
+    # As image points: the sigma of a correspondence is shared between both images
+    count = len(found)
+    points = ImagePoints.create(
+        np.tile(ids, 2), np.repeat([image.id for image in images], count), np.concatenate([made.first, made.second]),
+        np.tile(made.sigma_px, 2) / np.sqrt(2.0), np.tile(found.kind, 2), np.tile(made.correlation, 2), "match",
+    )  # fmt: skip
     measured = MatchedPointRows(
         id=points.ids, image=points.image_ids, sample=points.xy[:, 0], line=points.xy[:, 1],
         sigma=points.sigma_px, kind=points.kind, quality=points.quality,
@@ -135,15 +126,6 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
             np.concatenate(ground), measured,
         ),
     ]  # fmt: skip
-
-
-def _image_points(images: list[ImagePixels], ids: np.ndarray, found: ControlNetworkMatch) -> ImagePoints:
-    """Return the image points of both images; the sigma of a correspondence is shared between them."""
-    made, count = found.positions, len(found)
-    return ImagePoints.create(
-        np.tile(ids, 2), np.repeat([image.id for image in images], count), np.concatenate([made.first, made.second]),
-        np.tile(made.sigma_px, 2) / np.sqrt(2.0), np.tile(found.kind, 2), np.tile(made.correlation, 2), "match",
-    )  # fmt: skip
 
 
 def summarise(report: Report) -> str:

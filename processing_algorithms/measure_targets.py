@@ -8,13 +8,10 @@ import numpy as np
 from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
-from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
-from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ..hrsi_engine.io.output_dir import stage_folder
-from ..hrsi_engine.io.pages.page import write_page
-from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasurement, measure_edges, measure_target
@@ -22,11 +19,9 @@ from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import check_folder, plan_page, tell
+from .files.result_folder import check_folder, plan_page, tell, write_folder
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
-
-PAGE_FILE = "report.html"
 
 
 @thresholds
@@ -66,7 +61,12 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     if context.dry_run:
         return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(targets)}, warnings, context)
     made = [target for target in targets if not target.measurement.refusal]
-    warnings += _list_failures(targets, {image_id(path): path for path in options.images})
+    # A word on each image on which no target could be measured
+    paths = {image_id(path): path for path in options.images}
+    for image in dict.fromkeys(target.image for target in targets):
+        refusals = [target.measurement.refusal for target in targets if target.image == image]
+        if all(refusals):
+            warnings.append(f"{paths.get(image, image)}: none of {len(refusals)} targets is measured ({refusals[0]})")
     tell(warnings, context)
     report: Report = {
         **context.record, "measured": len(made),
@@ -74,20 +74,13 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         "chips_left_out": max(len(targets) - TARGET_PAGE.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(
-            str(folder / LAYERS_FILE), _make_layers(targets, by_id), progress=stage(context.progress, 0.9, 0.95)
-        )
-        if options.report:
-            rasters = {image.id: image.raster for image in images}
-            chips = [
-                (target.id, target.image, draw_target_chip(chip_of(target.measurement, target.approximate, raster)))
-                for target in targets[: TARGET_PAGE.most_chips]
-                for raster in [rasters.get(target.image)]
-            ]
-            write_page(str(folder / PAGE_FILE), "targets.html.j2", report, chips=chips)
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
+    rasters = {image.id: image.raster for image in images}
+    chips = [
+        (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))
+        for one in targets[: TARGET_PAGE.most_chips if options.report else 0]
+    ]
+    page = "targets.html.j2" if options.report else ""
+    write_folder(options.folder, report, LAYERS_FILE, _make_layers(targets, by_id), context, page, chips=chips)
     return report
 
 
@@ -105,16 +98,6 @@ def _open_images(paths: Sequence[str]) -> list[ImagePixels]:
     images = [open_pixels(path) for path in paths]
     require_ids(paths, [image.id for image in images])
     return images
-
-
-def _list_failures(targets: list[Target], paths: Mapping[str, str]) -> list[str]:
-    """Return a word on each image on which no target could be measured."""
-    warnings = []
-    for image in dict.fromkeys(target.image for target in targets):
-        reasons = [target.measurement.refusal for target in targets if target.image == image]
-        if all(reasons):
-            warnings.append(f"{paths.get(image, image)}: none of {len(reasons)} targets is measured ({reasons[0]})")
-    return warnings
 
 
 # ---- approximate positions -------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """`project`: ground points into images."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ..hrsi_engine.block.block import GroundPoints, Image
@@ -51,7 +49,9 @@ def run(options: ProjectOptions, context: Context) -> Report:
             {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
             for name, image, sample, line, good in values
         ]
-    write_folder(options.folder, report, LAYERS_FILE, _make_layers(columns), context)
+    place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+    layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
+    write_folder(options.folder, report, LAYERS_FILE, [layer], context)
     return report
 
 
@@ -91,11 +91,6 @@ def _project_points(images: list[Image], ids: np.ndarray, ground: np.ndarray) ->
         "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
         "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
     }  # fmt: skip
-
-
-def _make_layers(columns: Mapping[str, np.ndarray]) -> list[Layer]:
-    ground = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    return [Layer("image_points", "PointZ", WGS84_3D, ground, ProjectedPointRows(**columns))]
 
 
 def summarise(report: Report) -> str:

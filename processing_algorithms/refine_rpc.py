@@ -83,30 +83,26 @@ def _refine_images(block: Block, options: RefineOptions, context: Context) -> li
 
 def _compare_models(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
-    table = {}
-    for done, name in enumerate(SINGLE_IMAGE_MODELS):
+    table: dict[str, Any] = {}
+    for done, (name, model) in enumerate(SINGLE_IMAGE_MODELS.items()):
         advance(context.progress, done / len(SINGLE_IMAGE_MODELS), f"model {name}")
-        table[name] = _model_figures(block, refinements, name)
+        try:
+            others = [
+                Refinement(one.image, model, solve_refinement(model, one.image, one.control), one.control)
+                for one in refinements
+            ]
+        except (InputError, SolveError) as error:
+            table[name] = {"control": {}, "check": {}, "prediction_rmse_px": None, "note": str(error)}
+            continue
+        result = separate_result(block, others)
+        # How well it predicts GCPs from the others
+        left_out = np.concatenate([found.estimate.left_out_px for found in others])
+        table[name] = {
+            **control_and_check(result, compute_residuals(result)),
+            "prediction_rmse_px": float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))),
+            "note": "" if result.converged else "not converged",
+        }
     return table
-
-
-def _model_figures(block: Block, refinements: Sequence[Refinement], name: str) -> dict[str, Any]:
-    """Return control and check figures of one model, and how well it predicts GCPs from the others (px, 2D)."""
-    try:
-        model = SINGLE_IMAGE_MODELS[name]
-        others = [
-            Refinement(one.image, model, solve_refinement(model, one.image, one.control), one.control)
-            for one in refinements
-        ]
-    except (InputError, SolveError) as error:
-        return {"control": {}, "check": {}, "prediction_rmse_px": None, "note": str(error)}
-    result = separate_result(block, others)
-    left_out = np.concatenate([found.estimate.left_out_px for found in others])
-    return {
-        **control_and_check(result, compute_residuals(result)),
-        "prediction_rmse_px": float(np.sqrt(np.mean(np.sum(left_out**2, axis=1)))),
-        "note": "" if result.converged else "not converged",
-    }
 
 
 def summarise(report: Report) -> str:

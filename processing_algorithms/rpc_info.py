@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import (
-    PairGeometry,
     ViewDirection,
     ViewGeometry,
     compute_all_pairs,
@@ -23,7 +21,6 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.images import resampling_doubt
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
-from ..hrsi_engine.surface.dem import HeightSurface
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
 from .files.image_files import open_input_images
@@ -36,7 +33,13 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
     check_folder(options.folder, context)
     images = open_input_images(options.images, context)
-    surface, warnings = _choose_surface(options, images)
+    surface, warnings = open_terrain(options.terrain), list[str]()
+    if surface is None:
+        surface = ConstantHeight(sum(image.middle_height_m for image in images) / len(images))
+        warnings.append(
+            f"the height of the ground is not known; {surface.height_m:.0f} m is the middle of the RPCs' height range. "
+            "Footprints and overlaps depend on it: give `dem` or `height`"
+        )
     tell(warnings, context)
     warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # told already
     views = [ViewDirection(image, surface) for image in images]
@@ -45,7 +48,11 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
-        doubts = find_rpc_warnings(view.image, _terrain_range(view, options))
+        # The lowest and highest ground where the user says how high it is
+        given = options.terrain.dem.dem is not None or options.terrain.height is not None
+        heights = view.terrain[:, 2] if given else np.zeros(0)
+        ground_range = (float(heights.min()), float(heights.max())) if heights.size else None
+        doubts = find_rpc_warnings(view.image, ground_range)
         tell(doubts, context)  # now: an RPC that is damaged may have no geometry
         warnings += doubts
         geometries.append(view.geometry())
@@ -56,10 +63,15 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "images": {
             view.image.id: _image_entry(view, geometry) for view, geometry in zip(views, geometries, strict=True)
         },
-        "pairs": [_pair_entry(pair) for pair in pairs],
+        "pairs": [
+            {"first": pair.first, "second": pair.second, "overlap_first": pair.overlap[0],
+             "overlap_second": pair.overlap[1], "convergence_deg": pair.convergence_deg,
+             "base_to_height": pair.base_to_height}
+            for pair in pairs
+        ],
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
-    }
+    }  # fmt: skip
     write_folder(options.folder, report, LAYERS_FILE, _make_layers(report, views), context)
     return report
 
@@ -96,27 +108,6 @@ def _operation_entry(operation: CrsOperation, use: OperationUse | None, missing:
     }  # fmt: skip
 
 
-def _choose_surface(options: RpcInfoOptions, images: Sequence[Image]) -> tuple[HeightSurface, list[str]]:
-    """Return the ground; without DEM and height, one at the mean of the RPCs' heights, with a warning."""
-    surface = open_terrain(options.terrain)
-    if surface is not None:
-        return surface, []
-    height = sum(image.middle_height_m for image in images) / len(images)
-    warning = (
-        f"the height of the ground is not known; {height:.0f} m is the middle of the RPCs' height range. "
-        "Footprints and overlaps depend on it: give `dem` or `height`"
-    )
-    return ConstantHeight(height), [warning]
-
-
-def _terrain_range(view: ViewDirection, options: RpcInfoOptions) -> tuple[float, float] | None:
-    """Return the lowest and highest ground of an image where the user says how high it is."""
-    if options.terrain.dem.dem is None and options.terrain.height is None:
-        return None
-    heights = view.terrain[:, 2]
-    return (float(heights.min()), float(heights.max())) if heights.size else None
-
-
 def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
     rpc, path = view.image.rpc, view.image.path
     found = read_rpc(path) if path else FoundRpc(rpc, "in memory")
@@ -138,17 +129,6 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
         "footprint": geometry.footprint.tolist(),
     }  # fmt: skip
-
-
-def _pair_entry(pair: PairGeometry) -> dict[str, Any]:
-    return {
-        "first": pair.first,
-        "second": pair.second,
-        "overlap_first": pair.overlap[0],
-        "overlap_second": pair.overlap[1],
-        "convergence_deg": pair.convergence_deg,
-        "base_to_height": pair.base_to_height,
-    }
 
 
 def _make_layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
@@ -24,7 +24,13 @@ from .files.dry_run import plan
 from .interface.declare import Context, Report
 
 _NEEDS_FOLDER = ("copy", "vrt")
-Outcome = tuple[str, dict[str, Any], tuple[str, ...]]  # image id, entry of the report, notices
+#: Ways of writing an RPC beside pixels, and the kinds of files that hold it alone.
+WRITERS: dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]] = {
+    "copy": rpc_files.write_geotiff_copy,
+    "in-place": lambda path, output, rpc, progress: rpc_files.write_in_place(path, rpc, progress),
+    "vrt": lambda path, output, rpc, progress: rpc_files.write_vrt(path, output, rpc),
+}
+SIDECARS = {"sidecar": "rpc-txt", "rpb": "rpb", "xml": "isd", "geom": "geom", "json": "rpcm-json"}
 
 
 def run(options: WriteRpcOptions, context: Context) -> Report:
@@ -35,14 +41,27 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
     if options.output_dir:
         os.makedirs(options.output_dir, exist_ok=True)
+    entry: Report
     steps = len(jobs) or len(options.images)
     for index in range(steps):
         part = stage(context.progress, index / steps, (index + 1) / steps)
         advance(part, 0.0)
-        image_id, entry, notices = (
-            _restore_images(options.images[index], part) if options.restore else _write_rpcs(jobs[index], part)
-        )
-        report["images"][image_id] = entry
+        if options.restore:
+            path = options.images[index]
+            notices, found = restore(path, part), read_rpc_or_none(path)
+            entry = {"path": path, "output": path, "source": found.source if found else None, "max_difference_px": None}
+        else:
+            path, output, how, job_rpc = jobs[index]
+            rpc = job_rpc.rpc
+            if how in SIDECARS:
+                notices = rpc_files.write_sidecar(output, rpc, SIDECARS[how])
+            else:
+                notices = WRITERS[how](path, output, rpc, part)
+            entry = {
+                "path": path, "output": output, "source": job_rpc.source, "ignored": list(job_rpc.ignored),
+                "max_difference_px": read_back_px(output, rpc),
+            }  # fmt: skip
+        report["images"][image_id(path)] = entry
         report["warnings"] += notices
     for notice in report["warnings"]:
         context.log(notice)
@@ -63,7 +82,13 @@ def _plan_jobs(options: WriteRpcOptions) -> list[WriteJob]:
     """Return what is to be written; raise `InputError` before anything is."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
-    jobs = [_plan_job(path, options) for path in options.images]
+    jobs = []
+    for path in options.images:
+        # An RPC file alone has no pixels to copy and becomes a sidecar
+        how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
+        suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
+        output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
+        jobs.append(WriteJob(path, output, how, _choose_rpc(path, options)))
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
@@ -75,16 +100,6 @@ def _plan_jobs(options: WriteRpcOptions) -> list[WriteJob]:
                 f"{first} and {job.path} have the same id, so that one result would replace the other: rename one"
             )
     return jobs
-
-
-def _plan_job(path: str, options: WriteRpcOptions) -> WriteJob:
-    """Return the job of one image; an RPC file alone has no pixels to copy and becomes a sidecar."""
-    how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
-    suffix = OUTPUT_ENDINGS[how]
-    folder = options.output_dir or os.path.dirname(path)
-    return WriteJob(
-        path, path if suffix is None else os.path.join(folder, image_id(path) + suffix), how, _choose_rpc(path, options)
-    )
 
 
 def _choose_rpc(path: str, options: WriteRpcOptions) -> FoundRpc:
@@ -99,43 +114,6 @@ def _choose_rpc(path: str, options: WriteRpcOptions) -> FoundRpc:
             f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
         )
     return rpc_for_image(given, path)
-
-
-def _write_rpcs(job: WriteJob, progress: Progress) -> Outcome:
-    notices = _choose_writers()[job.how](job.path, job.output, job.found.rpc, progress)
-    entry = {
-        "path": job.path,
-        "output": job.output,
-        "source": job.found.source,
-        "ignored": list(job.found.ignored),
-        "max_difference_px": read_back_px(job.output, job.found.rpc),
-    }
-    return image_id(job.path), entry, notices
-
-
-def _choose_writers() -> dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]]:
-    """Return the ways of writing: ``(image path, output path, rpc, progress) -> notices``."""
-
-    def sidecar(kind: str) -> Callable[[str, str, RPC, Progress], tuple[str, ...]]:
-        return lambda path, output, rpc, progress: rpc_files.write_sidecar(output, rpc, kind)
-
-    return {
-        "copy": rpc_files.write_geotiff_copy,
-        "in-place": lambda path, output, rpc, progress: rpc_files.write_in_place(path, rpc, progress),
-        "vrt": lambda path, output, rpc, progress: rpc_files.write_vrt(path, output, rpc),
-        "sidecar": sidecar("rpc-txt"),
-        "rpb": sidecar("rpb"),
-        "xml": sidecar("isd"),
-        "geom": sidecar("geom"),
-        "json": sidecar("rpcm-json"),
-    }
-
-
-def _restore_images(path: str, progress: Progress) -> Outcome:
-    notices = restore(path, progress)
-    found = read_rpc_or_none(path)
-    entry = {"path": path, "output": path, "source": found.source if found else None, "max_difference_px": None}
-    return image_id(path), entry, notices
 
 
 def summarise(report: Report) -> str:

@@ -222,14 +222,10 @@ class RPC:
             With new OFF and SCALE; the sign of a negative step goes into the numerator, as SCALE has to be positive.
         """
         return replace(
-            self,
-            samp_off=(self.samp_off - first[0]) / step[0],
-            line_off=(self.line_off - first[1]) / step[1],
-            samp_scale=self.samp_scale / abs(step[0]),
-            line_scale=self.line_scale / abs(step[1]),
-            samp_num=self.samp_num * np.sign(step[0]),
-            line_num=self.line_num * np.sign(step[1]),
-        )
+            self, samp_off=(self.samp_off - first[0]) / step[0], line_off=(self.line_off - first[1]) / step[1],
+            samp_scale=self.samp_scale / abs(step[0]), line_scale=self.line_scale / abs(step[1]),
+            samp_num=self.samp_num * np.sign(step[0]), line_num=self.line_num * np.sign(step[1]),
+        )  # fmt: skip
 
     # ---- evaluation --------------------------------------------------------------------------------------------
 
@@ -398,28 +394,22 @@ class RPC:
         solver = self._solver  # made here: each thread would make its own
 
         def localize_part(part: slice, work: Workspace) -> None:
-            converged[part] = self._localize_part(solver, image[part], heights[part], work, ground[part])
+            target = np.empty((2, part.stop - part.start))
+            for axis in (0, 1):
+                np.subtract(image[part, axis], self._image_off[axis], out=target[axis])
+            target /= self._image_scale[:, None]
+            lonlat, found = solver.solve(target, (heights[part] - self.height_off) / self.height_scale, work)
+            lonlat *= self._ground_scale[:2, None]
+            lonlat += self._ground_off[:2, None]
+            if np.abs(lonlat[0]).max() > 180.0:
+                outside = np.abs(lonlat[0]) > 180.0
+                lonlat[0, outside] = wrap_degrees(lonlat[0, outside])
+            ground[part, 0], ground[part, 1], ground[part, 2] = *lonlat, heights[part]
+            ground[part][~found] = np.nan
+            converged[part] = found
 
         for_parts(len(image), localize_part)
         return Localization(ground, converged)
-
-    def _localize_part(
-        self, solver: Solver, image: np.ndarray, heights: np.ndarray, work: Workspace, ground: np.ndarray
-    ) -> np.ndarray:
-        """Write the ground points of at most a workspace of image points; return where they were found."""
-        target = np.empty((2, len(image)))
-        for axis in (0, 1):
-            np.subtract(image[:, axis], self._image_off[axis], out=target[axis])
-        target /= self._image_scale[:, None]
-        lonlat, converged = solver.solve(target, (heights - self.height_off) / self.height_scale, work)
-        lonlat *= self._ground_scale[:2, None]
-        lonlat += self._ground_off[:2, None]
-        if np.abs(lonlat[0]).max() > 180.0:
-            outside = np.abs(lonlat[0]) > 180.0
-            lonlat[0, outside] = wrap_degrees(lonlat[0, outside])
-        ground[:, 0], ground[:, 1], ground[:, 2] = *lonlat, heights
-        ground[~converged] = np.nan
-        return converged
 
     # ---- rays --------------------------------------------------------------------------------------------------
 

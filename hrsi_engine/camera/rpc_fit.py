@@ -128,7 +128,11 @@ def fit_rpc(
         raise ValueError("ground or image points are not finite")
     if len(ground) < TERMS_BY_POINTS[-1][0]:
         raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
-    off, scale = _compute_extents(ground, image)
+    # OFF and SCALE of lon, lat, height, sample and line that take the points to [-1, 1]
+    values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
+    low, high = values.min(axis=0), values.max(axis=0)
+    off, scale = (low + high) / 2.0, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
+    off[0] = wrap_degrees(off[0])
     lonlat_difference = np.column_stack([wrap_degrees(ground[:, :1] - off[0]), ground[:, 1:] - off[1:3]])
     terms = monomials((lonlat_difference / scale[:3]).T).T
     target = (image - off[3:]) / scale[3:]
@@ -324,15 +328,6 @@ def _compute_differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tup
 
 
 # ---- preparation -----------------------------------------------------------------------------------------------
-
-
-def _compute_extents(ground: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return OFF and SCALE, ``(5,)``, of lon, lat, height, sample and line that take the points to [-1, 1]."""
-    values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
-    low, high = values.min(axis=0), values.max(axis=0)
-    off = (low + high) / 2.0
-    off[0] = wrap_degrees(off[0])
-    return off, np.maximum((high - low) / 2.0, SMALLEST_SCALE)
 
 
 def _choose_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

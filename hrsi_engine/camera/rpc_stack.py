@@ -8,7 +8,7 @@ points on an image.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -17,8 +17,6 @@ from ..foundation.compiled_code import Arrays, is_wanted
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from .rpc import RPC
 from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomials, slope_of_ratio, solve_pair
-
-Solve = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class RPCStack:
@@ -84,25 +82,21 @@ class RPCStack:
         solve = self._solve_by_loops if is_wanted(len(image) >= EVALUATION.compiled_from) else self._solve
         with np.errstate(all="ignore"):
             for part in chunks(len(image), EVALUATION.stack_batch):
-                ground[part], found[part] = self._localize_part(which[part], image[part], heights[part], solve)
+                own = which[part]
+                target = (image[part] - self._image_off[own]) / self._image_scale[own]
+                height = (heights[part] - self._ground_off[own, 2]) / self._ground_scale[own, 2]
+                place, least = solve(own, target, height, np.abs(self._image_scale[own]))
+                ground[part, :2] = place * self._ground_scale[own, :2] + self._ground_off[own, :2]
+                in_domain = (np.abs(place) <= EVALUATION.domain_margin).all(axis=1)
+                found[part] = (least <= EVALUATION.accepted_px) & in_domain
+            ground[:, 2] = heights
+            outside = np.abs(ground[:, 0]) > 180.0
+            ground[outside, 0] = wrap_degrees(ground[outside, 0])
         lost = np.flatnonzero(~found)
         for number in np.unique(which[lost]).tolist():
             rows = lost[which[lost] == number]
             ground[rows] = self._rpcs[number].localize(image[rows], heights[rows]).ground
         return ground
-
-    def _localize_part(
-        self, own: np.ndarray, image: np.ndarray, heights: np.ndarray, solve: Solve
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return ground points, and which of them are right."""
-        target = (image - self._image_off[own]) / self._image_scale[own]
-        height = (heights - self._ground_off[own, 2]) / self._ground_scale[own, 2]
-        place, least = solve(own, target, height, np.abs(self._image_scale[own]))
-        ground = np.column_stack([place * self._ground_scale[own, :2] + self._ground_off[own, :2], heights])
-        if np.abs(ground[:, 0]).max() > 180.0:
-            outside = np.abs(ground[:, 0]) > 180.0
-            ground[outside, 0] = wrap_degrees(ground[outside, 0])
-        return ground, (least <= EVALUATION.accepted_px) & (np.abs(place) <= EVALUATION.domain_margin).all(axis=1)
 
     def _solve(
         self, own: np.ndarray, target: np.ndarray, height: np.ndarray, scale_px: np.ndarray
@@ -151,16 +145,9 @@ class RPCStack:
 
         place, least = np.empty((len(own), 2)), np.empty(len(own))
         invert_points(
-            self._normalised_tables,
-            own,
-            target,
-            height,
-            scale_px,
-            EVALUATION.closure_px,
-            EVALUATION.stack_iterations,
-            place,
-            least,
-        )
+            self._normalised_tables, own, target, height, scale_px, EVALUATION.closure_px, EVALUATION.stack_iterations,
+            place, least,
+        )  # fmt: skip
         return place, least
 
     def _normalise(self, own: np.ndarray, ground: np.ndarray) -> np.ndarray:

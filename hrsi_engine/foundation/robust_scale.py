@@ -4,6 +4,18 @@ from typing import Any
 
 import numpy as np
 
+from .thresholds import threshold, thresholds
+
+
+@thresholds
+class ROBUST:
+    """Which deviations from a middle, or from a robust fit, are outliers."""
+
+    outlier: float = threshold(
+        3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier", "Iglewicz and Hoaglin 1993"
+    )
+
+
 MAD_TO_SIGMA = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation
 
 

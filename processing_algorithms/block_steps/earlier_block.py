@@ -120,9 +120,10 @@ def _rename_conflicts(
         same = name[place] == other
         if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
             surveyed = ground.ids[np.isin(ground.role, [Role.GCP, Role.CHECK])]
-            measured, ground = (
-                replace(table, ids=np.where(np.isin(table.ids, surveyed), table.ids, np.char.add(EARLIER, table.ids)))
+            renamed = [
+                np.where(np.isin(table.ids, surveyed), table.ids, np.char.add(EARLIER, table.ids))
                 for table in (measured, ground)
-            )
+            ]
+            measured, ground = replace(measured, ids=renamed[0]), replace(ground, ids=renamed[1])
             break
     return measured, ground

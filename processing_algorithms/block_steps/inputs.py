@@ -51,10 +51,12 @@ def read_block(
     of_dem = () if surface is None else surface.operations
     pairs: list[ImagePoints] = []
     held_out: list[str] = []  # by an earlier run
-    for purpose, spec in _point_files(points, tie_points):
+    files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: None if tie_points == NO_TIES else tie_points}
+    for purpose, spec in [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]:
         read = partial(read_points, surface_operations=of_dem) if purpose == GCPS else read_image_points
         tables = read(
-            spec, ground_crs=points.ground_crs, height_datum=points.height_datum, epoch=points.gcp_epoch,
+            spec if purpose == GCPS else measurements_of(spec), ground_crs=points.ground_crs,
+            height_datum=points.height_datum, epoch=points.gcp_epoch,
             image_ids=[image.id for image in images],
             surface=None if surface is None else partial(surface_heights, surface),
         )  # fmt: skip
@@ -73,22 +75,16 @@ def read_block(
     measured, left_out = _of_whole_block(measured, images)
     warnings += left_out
     if not any(len(table) for table in measured):
-        raise InputError(_describe_missing(points, bool(ground)))
+        raise InputError(
+            f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, sample "
+            "and line to the layer" if ground else
+            "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
+        )  # fmt: skip
     block = assemble(images, ground, measured, points.gcp_ids, points.check_ids, points.sigmas)
     block = replace(block, operations=of_dem)
     block.points.role[(block.points.role == Role.TIE) & np.isin(block.points.ids, held_out)] = Role.HELD_OUT
     told = tell_operations(block, block.all_operations, points.strict_datum)
     return block, [*warnings, *block.warnings, *told]
-
-
-def _describe_missing(points: PointFiles, has_ground: bool) -> str:
-    """Return what to say where no point is measured on any image."""
-    if has_ground:
-        return (
-            f"{points.gcps}: no point is measured on any image: give `image_points`, or add the fields image, sample "
-            "and line to the layer"
-        )
-    return "there are no image points: give `image_points`, or let 'triangulate' find `tie_points`"
 
 
 def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bool) -> list[str]:
@@ -159,14 +155,6 @@ def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) ->
 def _omission_warning(table: ImagePoints, others: Sequence[str]) -> str:
     listed = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
     return f"{table.source}: measurements on images that are not in the block are left out ({listed})"
-
-
-def _point_files(points: PointFiles, tie_points: str | None) -> list[tuple[str, str]]:
-    """Return what each point file is read for, and its name."""
-    tie_points = None if tie_points == NO_TIES else tie_points
-    files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: tie_points}
-    specs = [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]
-    return [(purpose, spec if purpose == GCPS else measurements_of(spec)) for purpose, spec in specs]
 
 
 def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:

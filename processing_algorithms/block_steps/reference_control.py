@@ -89,11 +89,12 @@ def find_reference_control(
     of_dem = tuple(getattr(surface, "operations", ()))
     sigma_h_m = sigma_dem_m
     if sigma_h_m is None:
-        sigma_h_m = (
-            dem_sigma_m(cell_size_m(surface, control.ground[len(control.ground) // 2])) if len(control.ground) else 1.0
-        )
+        middle = control.ground[len(control.ground) // 2 :][:1]
+        sigma_h_m = dem_sigma_m(cell_size_m(surface, middle[0])) if len(middle) else 1.0
     sigma_xy_m = options.reference_sigma or usual_sigma_m(reference.gsd_m)
-    accuracy = _add_operations(ReferenceAccuracy(sigma_xy_m, sigma_h_m), reference.operations, of_dem)
+    # The errors of the coordinate operations that made the places count, too
+    shared_m = largest_sigma_m(reference.operations)[0], largest_sigma_m(of_dem)[1]
+    accuracy = ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())
     control, wrong_parts = drop_wrong_parts(with_pixels, control, accuracy)
     shifts = [
         compute_reference_shift(image, found, control.ground, accuracy)
@@ -113,14 +114,6 @@ def find_reference_control(
     }  # fmt: skip
     excessive = any(shift.is_excessive for shift in known)
     return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, reference.operations + of_dem)
-
-
-def _add_operations(
-    accuracy: ReferenceAccuracy, of_reference: Sequence[OperationUse], of_dem: Sequence[OperationUse]
-) -> ReferenceAccuracy:
-    """Return the accuracy of a reference's places with the errors of the coordinate operations that made them."""
-    shared_m = largest_sigma_m(of_reference)[0], largest_sigma_m(of_dem)[1]
-    return ReferenceAccuracy(*np.hypot((accuracy.sigma_xy_m, accuracy.sigma_h_m), shared_m).tolist())
 
 
 def usual_sigma_m(gsd_m: float) -> float:

@@ -21,23 +21,11 @@ from ...hrsi_engine.refinement.model import RefitRPC
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 
 
-def _write_copy(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
-    write_geotiff_copy(source, target, rpc, progress, lineage)
-
-
-def _write_virtual(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
-    write_vrt(source, target, rpc, lineage)
-
-
-def _write_text(source: str, target: str, rpc: RPC, lineage: Lineage, progress: Progress) -> None:
-    write_rpc_text(target, rpc, lineage)
-
-
 #: By the choice of `write`: ending of the new file, and what writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
-    "copy": (".tif", _write_copy),
-    "vrt": (".vrt", _write_virtual),
-    "sidecar": ("_RPC.TXT", _write_text),
+    "copy": (".tif", lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage)),
+    "vrt": (".vrt", lambda source, target, rpc, lineage, part: write_vrt(source, target, rpc, lineage)),
+    "sidecar": ("_RPC.TXT", lambda source, target, rpc, lineage, part: write_rpc_text(target, rpc, lineage)),
 }
 IN_PLACE, WRITE_NOTHING = "in-place", "none"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file

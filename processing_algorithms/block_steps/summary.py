@@ -6,13 +6,7 @@ from typing import Any
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..interface.declare import Report
 
-COLUMN_WIDTHS = {
-    "east_m": 10,
-    "north_m": 10,
-    "height_m": 10,
-    "sample_px": 11,
-    "line_px": 9,
-}  #: report key: column width
+COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: by key of the report
 
 
 @thresholds
@@ -35,8 +29,11 @@ def summarise(report: Report) -> str:
         "",
         f"{'points':<16}{'number':>7}"
         + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
-        *(_survey_line(role, report[role]) for role in ("control", "check")),
     ]
+    for role in ("control", "check"):
+        entry = report[role]
+        numbers = "".join(f"{format_digits(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
+        lines.append(f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}")
     check, ties, outliers = report["check"], report["ties"], report["outliers"]
     if check["ce90_m"] is not None:
         lines.append(f"check: CE90 {format_digits(check['ce90_m'])} m, LE90 {format_digits(check['le90_m'])} m")
@@ -76,11 +73,6 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
     for reason in reversed(verdict["reasons"]):
         lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
     return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
-
-
-def _survey_line(role: str, entry: Report) -> str:
-    numbers = "".join(f"{format_digits(entry[f'rmse_{axis}']):>{width}}" for axis, width in COLUMN_WIDTHS.items())
-    return f"{role + ' (RMSE)':<16}{entry['points']:>7}{numbers}"
 
 
 def _describe_held_out(entry: Report) -> str:

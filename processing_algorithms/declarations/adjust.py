@@ -38,9 +38,7 @@ class AdjustAlgorithmOptions:
 
 
 ALGORITHM = Algorithm(
-    name="adjust",
-    title="Adjust block",
-    group="Triangulation",
+    name="adjust", title="Adjust block", group="Triangulation",
     summary="Bundle block adjustment from existing image points",
     help=(
         "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
@@ -55,4 +53,4 @@ ALGORITHM = Algorithm(
     ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
-)
+)  # fmt: skip

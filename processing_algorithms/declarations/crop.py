@@ -52,9 +52,7 @@ class CropOptions:
 
 
 ALGORITHM = Algorithm(
-    name="crop",
-    title="Crop or resample",
-    group="RPC",
+    name="crop", title="Crop or resample", group="RPC",
     summary="A window, overview or resampling of images with the exact RPC of its pixels",
     help=(
         "Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the RPC of "

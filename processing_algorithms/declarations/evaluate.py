@@ -26,10 +26,8 @@ class EvaluateOptions:
     tracks: str = option(
         AUTOMATIC_TRACKS,
         f"Points on two images or more: {AUTOMATIC_TRACKS} finds them in the images, {NO_TRACKS} does without, FILE "
-        "reads them",
-        kind=Kind.POINTS,
-        metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
-    )
+        "reads them", kind=Kind.POINTS, metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
+    )  # fmt: skip
     used_points: str | None = option(
         None, "Image points that an adjustment of these RPCs used (block.gpkg): tracks near one of them take no part",
         kind=Kind.POINTS, metavar="FILE",
@@ -50,9 +48,7 @@ class EvaluateOptions:
 
 
 ALGORITHM = Algorithm(
-    name="evaluate",
-    title="Evaluate RPCs",
-    group="RPC",
+    name="evaluate", title="Evaluate RPCs", group="RPC",
     summary="How well RPCs fit: tracks, ground points, a DEM; several sets side by side",
     help=(
         "Answers whether RPCs are better than others: those of the images as they are, refined ones, another tool's "
@@ -70,4 +66,4 @@ ALGORITHM = Algorithm(
         "--height-datum ellipsoidal --output-dir evaluation",
     ),
     layers=(f"{LAYERS_FILE}|layername=images",),
-)
+)  # fmt: skip

@@ -39,9 +39,7 @@ class FitRpcOptions:
 
 
 ALGORITHM = Algorithm(
-    name="fit-rpc",
-    title="Fit RPC",
-    group="RPC",
+    name="fit-rpc", title="Fit RPC", group="RPC",
     summary="An RPC from a grid or table of correspondences",
     help=(
         "Fits an RPC to points with known ground position and image coordinates, as a sensor model or another program "

@@ -33,9 +33,7 @@ class GcpsFromReferenceOptions:
 
 
 ALGORITHM = Algorithm(
-    name="gcps-from-reference",
-    title="GCPs from reference image",
-    group="Image points",
+    name="gcps-from-reference", title="GCPs from reference image", group="Image points",
     summary="GCPs by matching raw images to a reference orthoimage and DEM",
     help=(
         "Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict what each "

@@ -21,20 +21,15 @@ class InterestPointsOptions:
     sun_azimuth: float | None = option(
         None,
         "Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell neither that "
-        "nor the time: flags dark centres that are shadows",
-        minimum=0.0,
-        maximum=360.0,
-        unit="deg",
-    )
+        "nor the time: flags dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
+    )  # fmt: skip
     detection: DetectionOptions = nest_options(DetectionOptions)
     terrain: TerrainOptions = nest_options(TerrainOptions)
     folder: ResultFolder = nest_options(ResultFolder)
 
 
 ALGORITHM = Algorithm(
-    name="interest-points",
-    title="Detect interest points",
-    group="Image points",
+    name="interest-points", title="Detect interest points", group="Image points",
     summary="Corners, super points and gravity centres of images as a point layer",
     help=(
         "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, tanks, "

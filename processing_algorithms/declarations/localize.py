@@ -24,9 +24,7 @@ class LocalizeOptions:
 
 
 ALGORITHM = Algorithm(
-    name="localize",
-    title="Localize image points",
-    group="RPC",
+    name="localize", title="Localize image points", group="RPC",
     summary="Image points to the ground, at a height or on a DEM, for a point file or as a filter",
     help=(
         "Follows the rays of image points to the ground. Points come from a vector layer or CSV with the fields sample "

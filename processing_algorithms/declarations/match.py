@@ -32,9 +32,7 @@ class MatchAlgorithmOptions:
 
 
 ALGORITHM = Algorithm(
-    name="match",
-    title="Match two images",
-    group="Image points",
+    name="match", title="Match two images", group="Image points",
     summary="Corresponding points of two images or windows without RPC, by control networks",
     help=(
         "Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their "

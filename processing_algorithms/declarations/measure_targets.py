@@ -45,9 +45,7 @@ class MeasureTargetsOptions:
 
 
 ALGORITHM = Algorithm(
-    name="measure-targets",
-    title="Measure targets",
-    group="Image points",
+    name="measure-targets", title="Measure targets", group="Image points",
     summary="Sub-pixel centre or corner near given positions, or from hand-measured edge points",
     help=(
         "Measures points that were clicked roughly: the centre of a round or otherwise closed object (an ellipse or "

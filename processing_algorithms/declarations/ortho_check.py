@@ -26,9 +26,7 @@ class OrthoCheckOptions:
 
 
 ALGORITHM = Algorithm(
-    name="ortho-check",
-    title="Check orthoimages",
-    group="Orthoimages",
+    name="ortho-check", title="Check orthoimages", group="Orthoimages",
     summary="Misregistration between overlapping orthoimages, as numbers and arrows",
     help=(
         "Compares orthoimages of one map grid, each with each that overlaps it, or all with a reference. In windows "

@@ -42,17 +42,13 @@ class OrthorectifyOptions:
     crs: str | None = option(
         None,
         "CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees north and 80 "
-        "south",
-        kind=Kind.CRS,
-        metavar="CRS",
-    )
+        "south", kind=Kind.CRS, metavar="CRS",
+    )  # fmt: skip
     resolution: float | None = option(
         None,
         "Pixel size, in units of the CRS (degrees for EPSG:4326); by default the finest pixel of the block on the "
-        "ground, rounded",
-        minimum=1e-9,
-        metavar="R",
-    )
+        "ground, rounded", minimum=1e-9, metavar="R",
+    )  # fmt: skip
     extent: str = option(
         "each",
         "each: what the image shows; union or overlap: of all images; or a box in the CRS of the orthoimages, or in "
@@ -82,9 +78,7 @@ class OrthorectifyOptions:
 
 
 ALGORITHM = Algorithm(
-    name="orthorectify",
-    title="Orthorectify block",
-    group="Orthoimages",
+    name="orthorectify", title="Orthorectify block", group="Orthoimages",
     summary="Orthoimages from (refined) RPCs and a DEM, all on one map grid",
     help=(
         "Makes an orthoimage of every image with GDAL's warper: all bands, data type and nodata kept, as "

@@ -25,9 +25,7 @@ class ProjectOptions:
 
 
 ALGORITHM = Algorithm(
-    name="project",
-    title="Project ground points",
-    group="RPC",
+    name="project", title="Project ground points", group="RPC",
     summary="Ground points to image coordinates, for a point file or as a filter",
     help=(
         "Computes where ground points lie in one or more images. Points come from a vector layer or CSV, or as lines "

@@ -20,9 +20,7 @@ class RefineAlgorithmOptions:
 
 
 ALGORITHM = Algorithm(
-    name="refine-rpc",
-    title="Refine RPC",
-    group="Triangulation",
+    name="refine-rpc", title="Refine RPC", group="Triangulation",
     summary="Refined RPCs of single images from ground control points",
     help=(
         "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "

@@ -18,18 +18,14 @@ class RpcInfoOptions:
     crs: str | None = option(
         None,
         "List the coordinate operations between this CRS and WGS84 at the images' place: which one is taken, and which "
-        "lack their grid (EPSG:code or WKT)",
-        kind=Kind.CRS,
-        metavar="CRS",
-    )
+        "lack their grid (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
+    )  # fmt: skip
     folder: OptionalFolder = nest_options(OptionalFolder)
     common: Common = nest_options(Common)
 
 
 ALGORITHM = Algorithm(
-    name="rpc-info",
-    title="RPC information",
-    group="RPC",
+    name="rpc-info", title="RPC information", group="RPC",
     summary="Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity",
     help=(
         "Says for each image where it lies, the ground size of a pixel along line and sample, the incidence angle (at "

@@ -27,9 +27,7 @@ class TiePointsOptions:
 
 
 ALGORITHM = Algorithm(
-    name="tie-points",
-    title="Find tie points",
-    group="Image points",
+    name="tie-points", title="Find tie points", group="Image points",
     summary="Automatic tie points over a block",
     help=(
         "Finds points that are on two or more images of a block. Overlaps are found at the true height of the "
@@ -46,4 +44,4 @@ ALGORITHM = Algorithm(
         "hrsi tie-points block/image_*.tif --dem block/dem.tif --height-datum ellipsoidal --csv --output-dir ties",
     ),
     layers=(f"{LAYERS_FILE}|layername={LAYER}",),
-)
+)  # fmt: skip

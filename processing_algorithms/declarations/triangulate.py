@@ -43,9 +43,7 @@ class TriangulateOptions:
 
 
 ALGORITHM = Algorithm(
-    name="triangulate",
-    title="Triangulate block",
-    group="Triangulation",
+    name="triangulate", title="Triangulate block", group="Triangulation",
     summary="Tie points and GCPs to refined RPCs, residual layers and a report",
     help=(
         "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
@@ -62,4 +60,4 @@ ALGORITHM = Algorithm(
     ),
     layers=("block.gpkg|layername=images", "block.gpkg|layername=ground_points", "block.gpkg|layername=residuals_utm"),
     images_made="Refined images",
-)
+)  # fmt: skip

@@ -34,9 +34,7 @@ class WriteRpcOptions:
 
 
 ALGORITHM = Algorithm(
-    name="write-rpc",
-    title="Write RPC",
-    group="RPC",
+    name="write-rpc", title="Write RPC", group="RPC",
     summary="Put an RPC into a GeoTIFF, a sidecar or a VRT; `restore` brings the original back",
     help=(
         "Writes the RPC of any file that HRSI reads (or the image's own, wherever it is kept) for one or more images. "

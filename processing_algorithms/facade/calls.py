@@ -119,7 +119,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     if not _is_array(points):
         return DECLARED["project"](images, points=points, **options)
     image, given = _single_image(images), np.asarray(points, dtype=np.float64)
-    ground = _points_of_shape(given, (2, 3), "points", "lon, lat and height")
+    ground = _points_of_shape(given, "lon, lat and height")
     surface = _choose_ground("project", options)
     if ground.shape[1] == 2:
         ground = np.column_stack([ground, np.full(len(ground), np.nan)])
@@ -160,7 +160,7 @@ def localize(images: Any, points: Any, **options: Any) -> Any:
     if not _is_array(points):
         return DECLARED["localize"](images, points=points, **options)
     image, given = _single_image(images), np.asarray(points, dtype=np.float64)
-    places = _points_of_shape(given, (2, 3), "points", "sample, line and height")
+    places = _points_of_shape(given, "sample, line and height")
     surface = _choose_ground("localize", options)
     if places.shape[1] == 3:
         found = image.rpc.localize(places[:, :2], places[:, 2]).ground
@@ -185,10 +185,10 @@ def _single_image(images: Any) -> Image:
     return Image("image", one) if isinstance(one, RPC) else open_images(one)
 
 
-def _points_of_shape(points: np.ndarray, widths: tuple[int, ...], name: str, what: str) -> np.ndarray:
+def _points_of_shape(points: np.ndarray, what: str) -> np.ndarray:
     rows = np.atleast_2d(points)
-    if rows.ndim != 2 or rows.shape[1] not in widths:
-        raise InputError(f"{name} has the shape {points.shape}: give (n, {' or '.join(map(str, widths))}), {what}")
+    if rows.ndim != 2 or rows.shape[1] not in (2, 3):
+        raise InputError(f"points has the shape {points.shape}: give (n, 2 or 3), {what}")
     return rows
 
 

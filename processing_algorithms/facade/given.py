@@ -6,17 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints
+from ...hrsi_engine.block.block import Block, Image, ImagePoints
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.io.point_files import PointsInMemory
 from ...hrsi_engine.io.rasters.images import ImageInMemory, path_of
 from ..interface.declare import Algorithm, Kind
-
-
-def _images(given: Any) -> Any:
-    """Return images by the names under which they are opened; those in memory go with their names."""
-    several = isinstance(given, (list, tuple))
-    return [_image(one) for one in (given if several else [given])]
 
 
 def _image(given: Any) -> str:
@@ -30,12 +24,12 @@ def _image(given: Any) -> str:
     return path_of(given)
 
 
-def _points(given: Any) -> Any:
-    return given if isinstance(given, (str, os.PathLike)) else PointsInMemory(given)
-
-
-#: What becomes of a value by the kind of its option; others are taken as they are.
-TAKEN: dict[Kind, Callable[[Any], Any]] = {Kind.IMAGES: _images, Kind.RASTER: path_of, Kind.POINTS: _points}
+#: What becomes of a value by the kind of its option, others stay as they are; images in memory go with their names.
+TAKEN: dict[Kind, Callable[[Any], Any]] = {
+    Kind.IMAGES: lambda given: [_image(one) for one in (given if isinstance(given, (list, tuple)) else [given])],
+    Kind.RASTER: path_of,
+    Kind.POINTS: lambda given: given if isinstance(given, (str, os.PathLike)) else PointsInMemory(given),
+}
 
 
 def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -46,18 +40,15 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
     options = {key: value for key, value in given.items() if value is not None}
     kinds = {param.key: param.kind for param in algorithm.params}
     if isinstance(block := options.get("images"), Block):
-        brought = {key: value for key, value in _points_of(block).items() if key in kinds and value is not None}
-        options = {**brought, **options, "images": block.images}
+        # Its known points and all its measurements, by the options that take them
+        known, rows = block.points.select(block.known), block.measurements
+        names = np.array([image.id for image in block.images])
+        ids = block.points.ids[rows.point]
+        measured = ImagePoints(ids, names[rows.image], rows.xy, rows.sigma_px, rows.kind, rows.quality)
+        brought = {"gcps": known if len(known) else None, "image_points": measured}
+        given = {key: value for key, value in brought.items() if key in kinds and value is not None}
+        options = {**given, **options, "images": block.images}
     return {
         key: TAKEN[kinds[key]](value) if key in kinds and kinds[key] in TAKEN else value
         for key, value in options.items()
     }
-
-
-def _points_of(block: Block) -> dict[str, GroundPoints | ImagePoints | None]:
-    """Return the known points of a block and all its measurements, by the options that take them."""
-    known, rows = block.points.select(block.known), block.measurements
-    names = np.array([image.id for image in block.images])
-    ids = block.points.ids[rows.point]
-    measured = ImagePoints(ids, names[rows.image], rows.xy, rows.sigma_px, rows.kind, rows.quality)
-    return {"gcps": known if len(known) else None, "image_points": measured}

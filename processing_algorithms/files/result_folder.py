@@ -1,10 +1,12 @@
 """Results of the algorithms on single images and points: a report and a GeoPackage, where a folder is asked for."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
+from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
@@ -35,13 +37,16 @@ def plan_page(
 
 
 def write_folder(
-    options: ResultFolder | OptionalFolder, report: Report, file: str, layers: Sequence[Layer], context: Context
-) -> None:
-    """Write ``report.json`` and the layers' GeoPackage into the output directory of the options, if there is one."""
+    options: ResultFolder | OptionalFolder, report: Report, file: str, layers: Sequence[Layer], context: Context,
+    page: str = "", **pictures: Any,
+) -> None:  # fmt: skip
+    """Write ``report.json``, the layers' GeoPackage and a ``page`` (its template) into the output directory, if any."""
     if options.output_dir:
         with stage_folder(options.output_dir, context.inputs, options.overwrite) as folder:
             write_geopackage(str(folder / file), layers, progress=stage(context.progress, 0.9, 1.0))
-            write_report_json(str(folder / "report.json"), report)
+            if page:
+                write_page(str(folder / PAGE_FILE), page, report, **pictures)
+            write_report_json(str(folder / REPORT_FILE), report)
     advance(context.progress, 1.0, "done")
 
 

@@ -21,7 +21,7 @@ from .log_file import RunLog, require_own_file
 from .naming import spell_arguments
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
-from .terminal import terminal_of
+from .terminal import TerminalProgress, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
@@ -133,7 +133,14 @@ def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource 
     Returns 0, 1 where it found no solution, 2 where a dry run found the input wrong, 3 where no result can be used.
     """
     spelt = partial(spell_arguments, params=algorithm.params)
-    log = _open_log(algorithm, words, origin, spelt)
+    # The log is begun first, so that it gets wrong options too
+    log: RunLog | None = None
+    path, others = split_log(words)
+    if path is not None:
+        given = [item for value in origin.given.values() for item in (value if isinstance(value, list) else [value])]
+        require_own_file(path, [*others, *(item for item in given if isinstance(item, str))])
+        log = RunLog(path, spelt)
+        log.write("START", f"{shlex.join(['hrsi', algorithm.name, *words])} (version {VERSION})")
     try:
         code = _run_words(algorithm, words, origin, log)
     except (Exception, KeyboardInterrupt) as error:
@@ -145,20 +152,6 @@ def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource 
     return code
 
 
-def _open_log(
-    algorithm: Algorithm, words: list[str], origin: OptionSource, spell: Callable[[str], str]
-) -> RunLog | None:
-    """Return the log that the words name, begun, so that it gets wrong options too; None where they name none."""
-    path, others = split_log(words)
-    if path is None:
-        return None
-    given = [item for value in origin.given.values() for item in (value if isinstance(value, list) else [value])]
-    require_own_file(path, [*others, *(item for item in given if isinstance(item, str))])
-    log = RunLog(path, spell)
-    log.write("START", f"{shlex.join(['hrsi', algorithm.name, *words])} (version {VERSION})")
-    return log
-
-
 def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log: RunLog | None) -> int:
     spelt = partial(spell_arguments, params=algorithm.params)
     typed = {**origin.given, **algorithm_parser(algorithm).parse_words(words)}
@@ -166,14 +159,17 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     keys = {param.key for param in LINE_PARAMS}
     options = check_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
     terminal = terminal_of(sys.stderr, line.quiet)
-    listeners = [terminal, log] if log else [terminal]
+    listeners: list[TerminalProgress | RunLog] = [terminal, *([log] if log else [])]
+
+    def report_progress(fraction: float, message: str = "") -> bool:
+        return all([listener.progress(fraction, message) for listener in listeners])
 
     def tell(message: str) -> None:
         for listener in listeners:
             listener.log(spelt(message))
 
     context = Context(
-        lambda fraction, message="": all([one.progress(fraction, message) for one in listeners]), tell,
+        report_progress, tell,
         command="" if origin.given else shlex.join(["hrsi", algorithm.name, *words]), record=dict(origin.record),
         dry_run=line.dry_run,
     )  # fmt: skip

@@ -115,20 +115,15 @@ def _bash_script(registry: Mapping[str, Algorithm]) -> str:
     for name, params in _params_by_command(registry).items():
         words = " ".join(word for param in params for word in _option_words(param))
         options.append(f"    {name}) echo {shlex.quote(words)} ;;")
-        values += [
-            f'    "{name} --{param.name}") echo {shlex.quote(_bash_offer(offer_of(param)))} ;;'
-            for param in params
-            if param.kind not in (Kind.IMAGES, Kind.FLAG)
-        ]
+        for param in params:
+            if param.kind not in (Kind.IMAGES, Kind.FLAG):
+                offer = offer_of(param)
+                given = " ".join([*offer.words, *["FILES"] * offer.files, *["FOLDERS"] * offer.folders]) or "NOTHING"
+                values.append(f'    "{name} --{param.name}") echo {shlex.quote(given)} ;;')
     return _BASH.format(
         options="\n".join(options), values="\n".join(values), commands=" ".join([*registry, *COMMANDS]),
         algorithms=" ".join(registry), shells=" ".join(SHELLS),
     )  # fmt: skip
-
-
-def _bash_offer(offer: Offer) -> str:
-    parts = [*offer.words, *(["FILES"] if offer.files else []), *(["FOLDERS"] if offer.folders else [])]
-    return " ".join(parts) or "NOTHING"
 
 
 # ---- zsh -------------------------------------------------------------------------------------------------------------
@@ -163,20 +158,17 @@ def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
     commands = [f"    {shlex.quote(f'{name}:{_zsh_text(text)}')}" for name, text in _summaries_of(registry).items()]
     cases = []
     for name, params in _params_by_command(registry).items():
-        specs = [_zsh_spec(word, param, params) for param in params for word in _option_words(param)]
+        specs = []
+        for param in params:
+            text = _zsh_text(_short_help(param, params))
+            value = "" if param.kind is Kind.FLAG else f":{_zsh_text(value_name(param))}:{_zsh_action(offer_of(param))}"
+            specs += [f"{word}[{text}]{value}" for word in _option_words(param)]
         specs.append("*:file:_files")
         listed = " \\\n      ".join(map(shlex.quote, specs))
         cases.append(f"    {name}) _arguments \\\n      {listed} ;;")
     return _ZSH.format(
         commands="\n".join(commands), cases="\n".join(cases), algorithms=" ".join(registry), shells=" ".join(SHELLS)
     )
-
-
-def _zsh_spec(word: str, param: Param, params: tuple[Param, ...]) -> str:
-    spec = f"{word}[{_zsh_text(_short_help(param, params))}]"
-    if param.kind is Kind.FLAG:
-        return spec
-    return f"{spec}:{_zsh_text(value_name(param))}:{_zsh_action(offer_of(param))}"
 
 
 def _zsh_action(offer: Offer) -> str:

@@ -142,20 +142,16 @@ def params_of(options: type) -> tuple[Param, ...]:
 def _declare_param(part: Field[Any], said: Option) -> Param:
     """Return the declaration of a field."""
     required = part.default is MISSING
+    if said.kind is not None:
+        kind = Kind(said.kind)
+    else:
+        kind = Kind.CHOICE if said.choices else KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
     return Param(
-        name=said.name or part.name.replace("_", "-"), kind=_kind_of(part, said), help=said.help,
+        name=said.name or part.name.replace("_", "-"), kind=kind, help=said.help,
         default=None if required else part.default, choices=said.choices, unit=said.unit, required=required,
         advanced=said.advanced, minimum=said.minimum, maximum=said.maximum, metavar=said.metavar, piped=said.piped,
         argument=part.name,
     )  # fmt: skip
-
-
-def _kind_of(part: Field[Any], said: Option) -> Kind:
-    if said.kind is not None:
-        return Kind(said.kind)
-    if said.choices:
-        return Kind.CHOICE
-    return KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
 
 
 def fill_options(options: type[Filled], values: Mapping[str, Any]) -> Filled:

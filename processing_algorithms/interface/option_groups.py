@@ -40,12 +40,8 @@ def hold_out_option() -> Any:
     return option(
         0.1,
         f"Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with more than "
-        f"{HOLD_OUT.fewest_tracks}; 0 lets all take part",
-        minimum=0.0,
-        maximum=0.5,
-        advanced=True,
-        metavar="SHARE",
-    )
+        f"{HOLD_OUT.fewest_tracks}; 0 lets all take part", minimum=0.0, maximum=0.5, advanced=True, metavar="SHARE",
+    )  # fmt: skip
 
 
 def band_option(help: str = "Band of the image") -> Any:
@@ -231,10 +227,8 @@ class PointFiles:
         None,
         "Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate (ETRS89, "
         "GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with the accuracy of that",
-        minimum=EARLIEST_EPOCH,
-        advanced=True,
-        metavar="YEAR",
-    )
+        minimum=EARLIEST_EPOCH, advanced=True, metavar="YEAR",
+    )  # fmt: skip
     strict_datum: bool = strict_datum_option()
     sigmas: DefaultSigmas = nest_options(DefaultSigmas)
 
@@ -268,11 +262,9 @@ class WorkerOptions:
     scheduler_ca: str | None = option(
         None,
         "Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this and the next "
-        "two are by default as Dask's configuration (distributed.comm.tls) says",
-        kind=Kind.FILE,
-        advanced=True,
+        "two are by default as Dask's configuration (distributed.comm.tls) says", kind=Kind.FILE, advanced=True,
         metavar="FILE",
-    )
+    )  # fmt: skip
     scheduler_certificate: str | None = option(
         None, "Certificate (PEM) to show to a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True,
         metavar="FILE",
@@ -294,21 +286,15 @@ class SearchOptions:
 
     search: TieOptions = nest_options(TieOptions)
     matches: str | None = option(
-        None,
-        "Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text; each is "
-        "measured anew by least-squares matching and judged as those found here",
-        kind=Kind.POINTS,
-        advanced=True,
+        None, "Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text; each is "
+        "measured anew by least-squares matching and judged as those found here", kind=Kind.POINTS, advanced=True,
         metavar="FILE",
-    )
+    )  # fmt: skip
     workers: WorkerOptions = nest_options(WorkerOptions)
     work_dir: str | None = option(
-        None,
-        "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "
-        "which a run that was stopped leaves behind, and a finished run removes",
-        advanced=True,
-        metavar="DIR",
-    )
+        None, "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "
+        "which a run that was stopped leaves behind, and a finished run removes", advanced=True, metavar="DIR",
+    )  # fmt: skip
     threads: int = threads_option()
 
 
@@ -320,13 +306,9 @@ class ReferenceImage:
         None, "Orthoimage in which GCPs are found by matching, in any CRS", kind=Kind.RASTER, metavar="FILE"
     )
     reference_sigma: float | None = option(
-        None,
-        "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
-        "most 5 m or half a pixel",
-        minimum=1e-6,
-        unit="m",
-        metavar="M",
-    )
+        None, "Standard deviation of each horizontal coordinate of the reference; by default twice its pixel size, at "
+        "most 5 m or half a pixel", minimum=1e-6, unit="m", metavar="M",
+    )  # fmt: skip
     reference_band: int | None = option(
         None, "Band of the reference; by default the mean of all", minimum=1, advanced=True, metavar="N"
     )

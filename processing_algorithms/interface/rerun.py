@@ -2,7 +2,7 @@
 
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
@@ -50,8 +50,11 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     messages = [
         f"the run of {report.get('date', 'an unknown date')}: {report.get('command') or algorithm.name}",
         *(f"warning: {file} {how}" for file, how in changed),
-        *_version_notes(report.get("versions")),
     ]
+    now, before = versions(), report.get("versions")
+    if isinstance(before, dict):
+        differ = [f"{name} {text} (now {now[name]})" for name, text in before.items() if now.get(name, text) != text]
+        messages += [f"made with other versions: {', '.join(differ)}"] if differ else []
     if not changed and report.get("inputs"):
         messages.append(f"all {len(report['inputs'])} inputs are as they were")
     return algorithm, list(words[1:]), OptionSource(given, messages, {"rerun_of": origin})
@@ -134,12 +137,3 @@ def _describe_difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> s
     if any(before[kind] != now[kind] for kind in kinds):
         return "has changed since: its SHA-256 is another one"
     return ""
-
-
-def _version_notes(before: Any) -> Iterable[str]:
-    """Return a note where the run was made with other versions."""
-    now = versions()
-    if not isinstance(before, dict):
-        return []
-    differ = [f"{name} {text} (now {now[name]})" for name, text in before.items() if now.get(name, text) != text]
-    return [f"made with other versions: {', '.join(differ)}"] if differ else []

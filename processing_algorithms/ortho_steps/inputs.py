@@ -84,7 +84,15 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         named = " and ".join(f"`{name}`" for name in given)
         raise InputError(f"{named} all say how high the ground is: give one of them")
     if options.terrain_points is not None:
-        return _terrain_of_points(options.terrain_points, options)
+        spec, datum = options.terrain_points, options.terrain.height_datum
+        ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
+        if ground is None:
+            raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
+        of_points, left_out = surface_of_points(ground.ground, ground.sigma_m[:, 1])
+        warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
+        if left_out:
+            warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")
+        return Terrain(of_points, [*file_state(split_spec(spec)[0]), spec, datum], warnings)
     surface = open_terrain(options.terrain)
     if surface is None:
         raise InputError(
@@ -100,20 +108,17 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
     return Terrain(surface, ["height", options.terrain.height])
 
 
-def _terrain_of_points(spec: str, options: OrthorectifyOptions) -> Terrain:
-    tables = read_points(spec, ground_crs=options.ground_crs, height_datum=options.terrain.height_datum, adjusted=True)
-    if tables.ground is None:
-        raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
-    surface, left_out = surface_of_points(tables.ground.ground, tables.ground.sigma_m[:, 1])
-    warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
-    if left_out:
-        warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")
-    return Terrain(surface, [*file_state(split_spec(spec)[0]), spec, options.terrain.height_datum], warnings)
-
-
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:
     """Return the grids of all images, and what the user should know."""
-    _check_images(images)
+    seen: dict[str, str] = {}
+    for image in images:
+        if image.raster is None:
+            raise InputError(f"{image.path}: an RPC file without pixels: name the image itself")
+        if not image.path:
+            raise InputError(f"{image.id} comes from arrays: save it as a GeoTIFF and name that")
+        if image.id in seen:
+            raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
+        seen[image.id] = image.path
     below = {image.id: find_terrain_points(image, terrain.surface) for image in images}
     for name, ground in below.items():
         if not len(ground):
@@ -132,18 +137,6 @@ def operations_to_map(crs: str, terrain: Terrain, below: Mapping[str, np.ndarray
     """Return how the terrain came to WGS84, and by what the orthoimages' map is reached from there."""
     ground = np.concatenate(list(below.values()))
     return (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
-
-
-def _check_images(images: Sequence[Image]) -> None:
-    seen: dict[str, str] = {}
-    for image in images:
-        if image.raster is None:
-            raise InputError(f"{image.path}: an RPC file without pixels: name the image itself")
-        if not image.path:
-            raise InputError(f"{image.id} comes from arrays: save it as a GeoTIFF and name that")
-        if image.id in seen:
-            raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
-        seen[image.id] = image.path
 
 
 def _choose_crs(given: str | None, ground: np.ndarray) -> str:

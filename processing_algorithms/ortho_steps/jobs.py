@@ -51,7 +51,7 @@ class OrthoJob:
 
 def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     """Return the orthoimages of a plan."""
-    form = OrthoFormat(options.format, options.compression)
+    form, used = OrthoFormat(options.format, options.compression), versions()
     jobs = []
     for image in plan.images:
         source = OrthoSource(image.path)
@@ -60,22 +60,17 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
-        made_from = _list_dependencies(image, plan, warp, form, options.error_px)
+        # Everything on which the pixels and the file depend
+        coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
+        made_from = {
+            "image": file_state(image.path), "terrain": plan.terrain.identity, "crs": grid.crs,
+            "rpc": hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest(),
+            "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
+            "nodata": str(warp.nodata), "error_px": options.error_px, "format": form.name,
+            "compression": form.compression, "versions": {name: used[name] for name in DECISIVE},
+        }  # fmt: skip
         jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
     return jobs
-
-
-def _list_dependencies(image: Image, plan: BlockPlan, warp: Warp, form: OrthoFormat, error_px: float) -> dict[str, Any]:
-    """Return everything on which the pixels and the file of an orthoimage depend."""
-    grid, used = plan.grids[image.id], versions()
-    coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
-    rpc = hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest()
-    return {
-        "image": file_state(image.path), "rpc": rpc, "terrain": plan.terrain.identity, "crs": grid.crs,
-        "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
-        "nodata": str(warp.nodata), "error_px": error_px, "format": form.name, "compression": form.compression,
-        "versions": {name: used[name] for name in DECISIVE},
-    }  # fmt: skip
 
 
 def _nodata_value(given: str | None, source: OrthoSource) -> float | None:

@@ -21,6 +21,7 @@ from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from ..declarations.orthorectify import OrthorectifyOptions
 from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
+from ..files.result_folder import tell
 from ..interface.declare import Context, Report
 from .chunks import chunks_of
 from .inputs import BlockPlan
@@ -50,16 +51,12 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -
         raise InputError(
             f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
         )
-    if _foreign_report(folder):
-        raise InputError(f"{folder} already holds another result: add `overwrite` or choose another directory")
-
-
-def _foreign_report(folder: Path) -> bool:
-    """Tell whether the folder holds the report of something else."""
-    try:
-        return bool(read_json(str(folder / "report.json"), "report")["algorithm"] != "orthorectify")
+    try:  # the report of something else?
+        is_foreign = read_json(str(folder / "report.json"), "report")["algorithm"] != "orthorectify"
     except (InputError, KeyError, TypeError):
-        return os.path.exists(folder / "report.json")
+        is_foreign = os.path.exists(folder / "report.json")
+    if is_foreign:
+        raise InputError(f"{folder} already holds another result: add `overwrite` or choose another directory")
 
 
 def _finish(job: OrthoJob) -> bool:
@@ -140,7 +137,14 @@ def write_report(
     plan: BlockPlan, entries: Mapping[str, Report], options: OrthorectifyOptions, seconds: float, context: Context
 ) -> Report:
     """Write ``report.json`` and, where wanted, ``report.html``; return the report."""
-    warnings = [*plan.warnings, *_unknown_warnings(entries)]
+    warnings = [
+        *plan.warnings,
+        *(f"{name}: the orthoimage shows nothing: check the image's pixels and its nodata value"
+          for name, entry in entries.items() if not entry["shown_pixels"]),
+        *(f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
+          "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
+          for name, entry in entries.items() if entry["unknown_pixels"]),
+    ]  # fmt: skip
     crs = pyproj.CRS.from_wkt(plan.crs)
     code = crs.to_epsg()
     name = f"EPSG:{code}" if code else str(crs.name)
@@ -152,25 +156,10 @@ def write_report(
         "images": {key: {"gsd_m": plan.gsd_m[key], **entry} for key, entry in entries.items()},
         "warnings": warnings,
     }  # fmt: skip
-    for text in warnings:
-        context.log(f"warning: {text}")
+    tell(warnings, context)
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         if options.report:
             write_page(str(folder / "report.html"), "orthoimages.html.j2", report)
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
-
-
-def _unknown_warnings(entries: Mapping[str, Report]) -> list[str]:
-    empty = [
-        f"{name}: the orthoimage shows nothing: check the image's pixels and its nodata value"
-        for name, entry in entries.items()
-        if not entry["shown_pixels"]
-    ]
-    return empty + [
-        f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
-        "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
-        for name, entry in entries.items()
-        if entry["unknown_pixels"]
-    ]

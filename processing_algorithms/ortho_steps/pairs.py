@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +18,7 @@ from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
-from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ...hrsi_engine.io.output_dir import stage_folder
-from ...hrsi_engine.io.pages.page import write_page
-from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
 from ...hrsi_engine.ortho.common_shift import find_common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
@@ -33,6 +31,7 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     window_centres,
 )
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
+from ..files.result_folder import tell, write_folder
 from ..interface.declare import Context, Report
 
 
@@ -46,17 +45,25 @@ class PAIR_PAGE:
 BEFORE, AFTER = "before", "after"
 
 
+class PlacedOrtho(NamedTuple):
+    """An orthoimage, and column and row of its corner in the first one, on whose pixels it lies."""
+
+    ortho: OrthoRaster
+    offset: tuple[int, int]
+
+    def reader(self, area: tuple[int, int, int, int], shift: Sequence[int] = (0, 0)) -> Read:
+        """Return a function that reads windows, moved by a shift, counted from the corner of an area."""
+        column, row = (np.subtract(area[:2], self.offset) + shift).tolist()
+        return lambda x, y, columns, rows: self.ortho.raster.read(x + column, y + row, columns, rows)
+
+
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two orthoimages; ``area`` is first column, first row, columns, rows of the common ground in the first.
-
-    ``states`` has the rasters of both by state, and the offset of the second in the first.
-    """
+    """Two orthoimages by state; ``area`` is first column, first row, columns, rows of the common ground in ``base``."""
 
     names: tuple[str, str]
     area: tuple[int, int, int, int]
-    states: Mapping[str, tuple[OrthoRaster, OrthoRaster]]
-    offsets: Mapping[str, tuple[tuple[int, int], tuple[int, int]]]
+    states: Mapping[str, tuple[PlacedOrtho, PlacedOrtho]]
     base: OrthoRaster
 
 
@@ -83,64 +90,42 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
     base = open_ortho(paths[0])
     sets = {AFTER: [_on_base(path, base, warnings) for path in paths]}
     if options.before is not None:
-        sets = {BEFORE: [_on_base(path, base, warnings) for path in _find_originals(options.before, paths)], **sets}
+        originals = [os.path.join(options.before, os.path.basename(path)) for path in paths]
+        for path in originals:
+            if not os.path.exists(path):
+                raise InputError(f"{path} does not exist: `before` needs a folder with orthoimages of the same names")
+        sets = {BEFORE: [_on_base(path, base, warnings) for path in originals], **sets}
     names = [Path(path).stem for path in paths]
     if options.reference is not None:
         reference = _on_base(options.reference, base, warnings)
         names.append(Path(options.reference).stem)
-        sets = {state: [*rasters, reference] for state, rasters in sets.items()}
+        sets = {state: [*placed, reference] for state, placed in sets.items()}
         chosen = [(len(paths), k) for k in range(len(paths))]
     else:
         chosen = list(itertools.combinations(range(len(paths)), 2))
-    pairs = [found for i, j in chosen if (found := _make_pair((names[i], names[j]), sets, i, j, base)) is not None]
+    pairs = []
+    for i, j in chosen:
+        states = {state: (placed[i], placed[j]) for state, placed in sets.items()}
+        corners = [(one.offset, np.add(one.offset, one.ortho.raster.size)) for both in states.values() for one in both]
+        low, high = np.max([first for first, _ in corners], axis=0), np.min([last for _, last in corners], axis=0)
+        if (high > low).all():  # they overlap in every state
+            pairs.append(Pair((names[i], names[j]), (*low.tolist(), *(high - low).tolist()), states, base))
     if not pairs:
         raise InputError("no two of the orthoimages overlap: check their extents")
     return pairs, warnings
 
 
-def _find_originals(folder: str, paths: Sequence[str]) -> list[str]:
-    found = [os.path.join(folder, os.path.basename(path)) for path in paths]
-    missing = [path for path in found if not os.path.exists(path)]
-    if missing:
-        raise InputError(f"{missing[0]} does not exist: `before` needs a folder with orthoimages of the same names")
-    return found
-
-
-def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> OrthoRaster:
+def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
+    """Return an orthoimage on the pixels of the first one, resampled to them where it has others."""
     ortho = open_ortho(path)
-    if offset_of(base, ortho) is not None:
-        return ortho
+    offset = offset_of(base, ortho)
+    if offset is not None:
+        return PlacedOrtho(ortho, offset)
     warnings.append(
         f"{path} has other pixels than {base.path} and is resampled to them; that smooths it and may shift it by some "
         "hundredths of a pixel"
     )
-    return regrid(ortho, base)
-
-
-def _base_offset(base: OrthoRaster, ortho: OrthoRaster) -> tuple[int, int]:
-    """Return column and row of an orthoimage's corner in the base, on whose pixels it lies."""
-    offset = offset_of(base, ortho)
-    if offset is None:
-        raise InputError(f"{ortho.path} has other pixels than {base.path}: resample it to them")
-    return offset
-
-
-def _make_pair(
-    names: tuple[str, str], sets: Mapping[str, Sequence[OrthoRaster]], i: int, j: int, base: OrthoRaster
-) -> Pair | None:
-    """Return the pair of the orthoimages i and j, None where they do not overlap in every state."""
-    states = {state: (rasters[i], rasters[j]) for state, rasters in sets.items()}
-    offsets = {state: (_base_offset(base, both[0]), _base_offset(base, both[1])) for state, both in states.items()}
-    corners = [
-        (offset, ortho.raster.size)
-        for state, both in states.items()
-        for offset, ortho in zip(offsets[state], both, strict=True)
-    ]
-    low = np.max([offset for offset, _ in corners], axis=0)
-    high = np.min([np.add(offset, size) for offset, size in corners], axis=0)
-    if (high <= low).any():
-        return None
-    return Pair(names, (*low.tolist(), *(high - low).tolist()), states, offsets, base)
+    return PlacedOrtho(regrid(ortho, base), (0, 0))
 
 
 def match_pairs(
@@ -154,36 +139,22 @@ def match_pairs(
         matches, common_px = {}, {}
         for k, (state, both) in enumerate(pair.states.items()):
             here = stage(part, k / len(pair.states), (k + 1) / len(pair.states))
-            first, second = (
-                _window_reader(ortho, offset, pair.area)
-                for ortho, offset in zip(both, pair.offsets[state], strict=True)
-            )
+            first, second = both[0].reader(pair.area), both[1].reader(pair.area)
             tell = partial(advance, here, message=" - ".join(pair.names))
             tell(0.0)
             common = find_common_shift(first, second, *pair.area[2:])
-            found_here = measure_shifts(first, _shift_reader(second, common), centres, options, tell, threads)
+            moved = both[1].reader(pair.area, common)
+            found_here = measure_shifts(first, moved, centres, options, tell, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(PairMatches(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
-        files = " and ".join(ortho.path for ortho in pairs[0].states[AFTER])
+        files = " and ".join(one.ortho.path for one in pairs[0].states[AFTER])
         others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
         raise SolveError(
             f"{files}: no window could be matched{others}: the orthoimages show different things, or their shifts "
             "differ by more than `search` from place to place; raise `search`, or lower `min_correlation`"
         )
     return found
-
-
-def _window_reader(ortho: OrthoRaster, offset: tuple[int, int], area: tuple[int, int, int, int]) -> Read:
-    """Return a function that reads windows counted from the common area's corner."""
-    column, row = area[0] - offset[0], area[1] - offset[1]
-    return lambda x, y, columns, rows: ortho.raster.read(x + column, y + row, columns, rows)
-
-
-def _shift_reader(read: Read, shift: np.ndarray) -> Read:
-    """Return a function that reads windows moved by a shift."""
-    right, down = shift.tolist()
-    return lambda x, y, columns, rows: read(x + right, y + down, columns, rows)
 
 
 # ---- results ---------------------------------------------------------------------------------------------------------
@@ -193,19 +164,23 @@ def write_pair_results(
     found: Sequence[PairMatches], options: OrthoCheckOptions, warnings: list[str], context: Context
 ) -> Report:
     """Write report, layers and maps; return the report."""
+    pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
+    pooled = {
+        state: shift_statistics(np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m)
+        for state in found[0].matches
+    }
+    few = [
+        f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
+        for pair in found
+        if pair.good.sum() < 10
+    ]
     report: Report = {
         **context.record, "states": list(found[0].matches),
-        "pairs": [_pair_entry(pair) for pair in found], "all": _pool_statistics(found),
-        "warnings": [*warnings, *_warn_of_failures(found)],
+        "pairs": [_pair_entry(pair) for pair in found], "all": pooled, "warnings": [*warnings, *few],
     }  # fmt: skip
-    for text in report["warnings"]:
-        context.log(f"warning: {text}")
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), _make_layers(found), progress=stage(context.progress, 0.9, 1.0))
-        if options.report:
-            write_page(str(folder / "report.html"), "misregistration.html.j2", report, maps=_draw_maps(found))
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
+    tell(report["warnings"], context)
+    page, maps = ("misregistration.html.j2", _draw_maps(found)) if options.report else ("", [])
+    write_folder(options.folder, report, LAYERS_FILE, _make_layers(found), context, page, maps=maps)
     return report
 
 
@@ -220,22 +195,6 @@ def _pair_entry(found: PairMatches) -> Report:
             "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in WindowOutcome},
         }  # fmt: skip
     return entry
-
-
-def _pool_statistics(found: Sequence[PairMatches]) -> Report:
-    pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
-    return {
-        state: shift_statistics(np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m)
-        for state in found[0].matches
-    }
-
-
-def _warn_of_failures(found: Sequence[PairMatches]) -> list[str]:
-    return [
-        f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
-        for pair in found
-        if pair.good.sum() < 10
-    ]
 
 
 def _window_positions(found: PairMatches) -> tuple[np.ndarray, np.ndarray]:

@@ -75,6 +75,15 @@ def show_adjustment(
     refined = [
         result.model.compute_refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
     ]
+    # GCPs that disagree with the others, by data snooping and by the choice of the model
+    suspects = {name: finding.message for finding in result.findings for name in finding.concerned}
+    for gcp in result.choice.suspects if result.choice else ():
+        suspects.setdefault(gcp.id, f"{gcp.image}: {gcp.deviation_px:.1f} px from where the others put it")
+    # Measurements that stand out, by the test that the report uses, and ties that were left out
+    found = measurement_statistic(left)
+    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
+    found = np.where(left_out, result.statistic, found)
+    outlying = is_outlier(found[rows]) | left_out[rows]
     figures = block_report(result, left, refined)
     verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
     return AdjustmentView(
@@ -83,9 +92,9 @@ def show_adjustment(
         residual_px={
             _key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in rows
         },
-        residual_m=_ground_residuals(result, left),
-        image_suspicions=_suspicious_measurements(result, left, rows),
-        point_suspicions=_suspicious_points(result),
+        residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in result.block.known.nonzero()[0]},
+        image_suspicions={_key(result, row): suspicion(_key(result, row)[1], found[row]) for row in rows[outlying]},
+        point_suspicions=suspects,
         verdict=verdict,
         check=figures["check"],
         warnings=(*warnings, *result.warnings),
@@ -94,34 +103,6 @@ def show_adjustment(
         follower=follower,
         listed=listed,
     )
-
-
-def _ground_residuals(result: Adjustment, left: Residuals) -> dict[str, tuple[float, float, float]]:
-    points = result.block.known.nonzero()[0]
-    found = {}
-    for index in points:
-        east, north, up = left.ground_m[index].tolist()
-        found[str(result.block.points.ids[index])] = (east, north, up)
-    return found
-
-
-def _suspicious_measurements(result: Adjustment, left: Residuals, rows: np.ndarray) -> dict[Key, str]:
-    """Return the measurements that stand out, by the test that the report uses, and ties that were left out."""
-    found = measurement_statistic(left)
-    left_out = np.isnan(found) & (result.decision != int(Decision.KEPT))
-    found = np.where(left_out, result.statistic, found)
-    return {
-        _key(result, row): suspicion(_key(result, row)[1], found[row])
-        for row in rows[is_outlier(found[rows]) | left_out[rows]]
-    }
-
-
-def _suspicious_points(result: Adjustment) -> dict[str, str]:
-    """Return the GCPs that disagree with the others, by data snooping and by the choice of the model."""
-    found = {name: finding.message for finding in result.findings for name in finding.concerned}
-    for suspect in result.choice.suspects if result.choice else ():
-        found.setdefault(suspect.id, f"{suspect.image}: {suspect.deviation_px:.1f} px from where the others put it")
-    return found
 
 
 def _key(result: Adjustment, row: int) -> Key:

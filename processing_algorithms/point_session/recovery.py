@@ -6,6 +6,7 @@ saved or given up. What is left by a program that was killed is found by `find_j
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,11 +94,18 @@ def find_journals(root: str | Path) -> list[JournalSession]:
 
 
 def recover(unsaved: JournalSession) -> PointSession:
-    """Return a session as it was; `forget` what was left when another journal, or a file, holds it.
+    """Return a session as it was, with its tie points where their file is still there.
 
+    `forget` what was left when another journal, or a file, holds it.
     Raises `InputError` where the block or its images are not there any more.
     """
-    session = _start_session(unsaved)
+    session = None
+    if unsaved.path and os.path.exists(unsaved.path):
+        session = open_block(unsaved.path)
+    elif unsaved.sources:
+        with suppress(InputError):  # a layer of the project was handed over as a file, which QGIS has removed since
+            session = new_session(**unsaved.sources)
+    session = session or new_session(list(unsaved.images))
     session.restore(unsaved.points, unsaved.measured)
     session.note_change()
     return session
@@ -106,18 +114,6 @@ def recover(unsaved: JournalSession) -> PointSession:
 def forget(unsaved: JournalSession) -> None:
     """Remove what was left."""
     remove_journal(unsaved.folder)
-
-
-def _start_session(unsaved: JournalSession) -> PointSession:
-    """Return the session that was edited: with its tie points, where their file is still there."""
-    if unsaved.path and os.path.exists(unsaved.path):
-        return open_block(unsaved.path)
-    if unsaved.sources:
-        try:
-            return new_session(**unsaved.sources)
-        except InputError:  # a layer of the project was handed over as a file, which QGIS has removed since
-            pass
-    return new_session(list(unsaved.images))
 
 
 def _read_journal(left: OrphanJournal) -> JournalSession:

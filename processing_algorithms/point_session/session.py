@@ -52,9 +52,7 @@ class PointSession:
         self.adjusted: AdjustmentView | None = None
         self._adjusted_from = Snapshot(self)  # what the adjustment saw
         self._edited: set[Key] = set()  # measurements that are others than those adjusted
-        self.shown: AdjustmentView | CurrentView | None = (
-            None  # what the tables show: the adjustment, or what followed it
-        )
+        self.shown: AdjustmentView | CurrentView | None = None  # what tables show: the adjustment, or what followed it
         self._shown_from = self._adjusted_from
         self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
@@ -85,12 +83,9 @@ class PointSession:
         counts = Counter(map(itemgetter(0), self.measured))
         stale = self._stale_points()
         return [
-            PointRow(
-                point,
-                counts[name],
-                NO_POSITION if name in stale else self._ground_residual(name),
-                "" if name in stale else self._suspicion(name),
-            )
+            PointRow(point, counts[name], NO_POSITION, "")
+            if name in stale or self.shown is None
+            else PointRow(point, counts[name], self.shown.residual_m.get(name, NO_POSITION), self._suspicion(name))
             for name, point in self.points.items()
         ]
 
@@ -186,9 +181,6 @@ class PointSession:
         return "; ".join(
             dict.fromkeys(reason for reason in (self.shown.point_suspicions.get(name, ""), *own) if reason)
         )
-
-    def _ground_residual(self, name: str) -> tuple[float, float, float]:
-        return NO_POSITION if self.shown is None else self.shown.residual_m.get(name, NO_POSITION)
 
     def list_edits(self) -> set[str]:
         """Return the points that are not as the adjustment saw them, those that are gone among them."""
@@ -292,18 +284,16 @@ class PointSession:
     def undo(self) -> str:
         """Take the last edit back; return what it was, empty without any."""
         edit = self.history.undo()
-        if edit is None:
-            return ""
-        self.on_change(edit.back)
-        return edit.title
+        if edit is not None:
+            self.on_change(edit.back)
+        return "" if edit is None else edit.title
 
     def redo(self) -> str:
         """Do again what was taken back last; return what it was, empty without any."""
         edit = self.history.redo()
-        if edit is None:
-            return ""
-        self.on_change(edit.forth)
-        return edit.title
+        if edit is not None:
+            self.on_change(edit.forth)
+        return "" if edit is None else edit.title
 
     def restore(self, points: Mapping[str, SurveyPoint], measured: Mapping[Key, ImageMeasurement]) -> None:
         """Take other points and measurements in one edit."""

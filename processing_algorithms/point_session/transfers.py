@@ -97,7 +97,16 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
         return Transfer(refusal="no pixels")
     measured = session.measured[(name, first_id)]
     xy = measured.sample, measured.line
-    lowest, middle, highest = _height_range(session, name)
+    # The lowest, the likeliest and the highest height that the point may have
+    point, rays = session.points[name], sum(other == name for other, _ in session.measured)
+    heights, middle = session.ground_heights_m(), session.middle_height_m()
+    if point.role != TIE or rays > 1:
+        middle, margin = point.height, 2.0 * PANEL_TRANSFER.hills_m / 3.0
+        lowest, highest = middle - margin, middle + margin
+    elif len(heights):
+        lowest, highest = float(heights.min()) - PANEL_TRANSFER.hills_m, float(heights.max()) + PANEL_TRANSFER.hills_m
+    else:
+        lowest, highest = middle - PANEL_TRANSFER.unknown_heights_m, middle + PANEL_TRANSFER.unknown_heights_m
 
     def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
         return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
@@ -110,16 +119,3 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
     by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL_TRANSFER.difference_px
     margin_px = PANEL_TRANSFER.vendor_px if session.shown is None else PANEL_TRANSFER.adjusted_px
     return transfer_point(first, np.array(xy), second, line, by_first, margin_px)
-
-
-def _height_range(session: PointSession, name: str) -> tuple[float, float, float]:
-    """Return the lowest, the likeliest and the highest height (m) that a point may have."""
-    point = session.points[name]
-    rays = sum(other == name for other, _ in session.measured)
-    if point.role != TIE or rays > 1:
-        margin = 2.0 * PANEL_TRANSFER.hills_m / 3.0
-        return point.height - margin, point.height, point.height + margin
-    heights, middle = session.ground_heights_m(), session.middle_height_m()
-    if not len(heights):
-        return middle - PANEL_TRANSFER.unknown_heights_m, middle, middle + PANEL_TRANSFER.unknown_heights_m
-    return float(heights.min()) - PANEL_TRANSFER.hills_m, middle, float(heights.max()) + PANEL_TRANSFER.hills_m

@@ -22,6 +22,7 @@ from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations import orthorectify as declared
 from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
 from hrsi.processing_algorithms.interface.declare import fill_options
+from hrsi.processing_algorithms.interface.option_groups import COMPRESSION_NAMES
 from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import LAT, LON
@@ -430,7 +431,7 @@ def test_an_rpc_file_alone_has_no_pixels(scene: Path, tmp_path: Path) -> None:
 def test_choices_are_the_engines() -> None:
     assert set(declared.RESAMPLING_NAMES) == set(RESAMPLING)
     assert set(declared.FORMAT_NAMES) == set(FORMATS)
-    assert set(declared.COMPRESSION_NAMES) == set(COMPRESSION)
+    assert set(COMPRESSION_NAMES) == set(COMPRESSION)
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))

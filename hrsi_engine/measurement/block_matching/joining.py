@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 from ...block.block import Image
 from ...block.columns import Columns
 from ...block.points import ImagePoints
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import EPIPOLAR, EpipolarMiss, compute_epipolar_miss
@@ -48,7 +48,6 @@ class TESTS:
 
     least_camera_px: float = threshold(0.0125, "px", "added by cameras at least", _RELIEF)
     most_camera_px: float = threshold(0.2, "px", "added by cameras at most; drift is the adjustment's")
-    outlier: float = threshold(3.5, "sigma", "robust standard deviations beyond which a deviation is an outlier")
     deviation_px: float = threshold(0.25, "px", "across the lines, below which no match is dropped")
     contradiction_px: float = threshold(0.375, "px", "from a track's mean height, to be dropped", _KAHRAMANMARAS)
     rounds: int = threshold(10, "rounds", "of the robust trend")
@@ -118,7 +117,7 @@ def drop_outliers(matches: BlockMatches, images: Sequence[Image], islands: bool 
     for rows in group_by_pair(matches).values():
         miss = _compute_pair_miss(matches, rows, images)
         sigma = matches.sigma_px[rows]
-        tolerance = np.maximum(TESTS.deviation_px, TESTS.outlier * sigma)
+        tolerance = np.maximum(TESTS.deviation_px, ROBUST.outlier * sigma)
         precise = sigma <= max(TESTS.imprecise_px, TESTS.imprecise * float(np.median(sigma)))
         keep[rows] = precise & _find_trend_inliers(matches.first_xy[rows], miss.across_px, tolerance)
         if not islands:
@@ -203,13 +202,13 @@ def _find_trend_inliers(xy: np.ndarray, values: np.ndarray, tolerance: np.ndarra
     good = np.isfinite(values)
     if good.sum() < TESTS.fewest:
         return np.zeros(len(values), dtype=bool)
-    widest = np.maximum(3.0 * TESTS.outlier * _robust_sigma(values[good]), 10.0 * tolerance)
+    widest = np.maximum(3.0 * ROBUST.outlier * _robust_sigma(values[good]), 10.0 * tolerance)
     good &= np.abs(values - np.median(values[good])) < widest
     terms = _build_trend_design(xy)
     for _ in range(TESTS.rounds):
         trend = terms @ np.linalg.lstsq(terms[good], values[good], rcond=1e-10)[0]
         away = np.abs(values - trend)
-        now = away < np.maximum(TESTS.outlier * _robust_sigma((values - trend)[good]), tolerance)
+        now = away < np.maximum(ROBUST.outlier * _robust_sigma((values - trend)[good]), tolerance)
         now &= np.isfinite(values)
         if now.sum() < TESTS.fewest or np.array_equal(now, good):
             break
@@ -269,7 +268,7 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
         deviations = away_px[keep & good]
         nonzero = deviations[deviations > 1e-9]
         spread_of = float(robust_sigma(nonzero)) if len(nonzero) else 0.0
-        limit = np.maximum(TESTS.contradiction_px, TESTS.outlier * spread_of)
+        limit = np.maximum(TESTS.contradiction_px, ROBUST.outlier * spread_of)
         bad = (away_px > limit) & ((away_px >= worst[point]) | ~several[point])
         keep &= ~bad
     return keep

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -19,7 +20,6 @@ class OFFSETS:
 
     rounds: int = threshold(20, "rounds", "of reweighting")
     fewest: int = threshold(6, "offsets", "that agree, below which there is no bias")
-    outlier: float = threshold(3.5, "sigma", "robust standard deviations beyond which an offset does not agree")
     least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
     affine_from: int = threshold(12, "offsets", "fewer only give a shift")
 
@@ -79,13 +79,13 @@ def find_agreement(
         # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
         length = np.hypot(*residual[used].T)
         spread = float(np.clip(np.median(length) / 1.1774, OFFSETS.least_spread * tolerance_px, tolerance_px))
-        within = np.hypot(*residual.T) <= OFFSETS.outlier * spread
+        within = np.hypot(*residual.T) <= ROBUST.outlier * spread
         if within.sum() < OFFSETS.fewest:
             return None
         if np.array_equal(within, used):
             break
         used = within
-    radius = OFFSETS.outlier * spread
+    radius = ROBUST.outlier * spread
     chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
     # the place was chosen among all offsets: that many places could have been the densest
     log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...camera.rpc import RPC
-from ...foundation.robust_scale import robust_sigma
+from ...foundation.robust_scale import ROBUST, robust_sigma
 from .epipolar import EPIPOLAR, EpipolarMiss, compute_epipolar_miss
 
 
@@ -62,8 +62,8 @@ def check_rpc_consistency(
     """Test matches against RPC geometry, whatever the relative bias of the RPCs.
 
     Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
-    it is found as the mode of the distances and refined by a robust plane. Matches beyond 3.5 robust sigmas (at
-    least ``floor_px``) fail, and all where chance alone made the mode: then that limit grows until it takes them in.
+    it is found as the mode of the distances and refined by a robust plane. Matches beyond `ROBUST.outlier` (at least
+    ``floor_px``) fail, and all where chance alone made the mode: then that limit grows until it takes them in.
     Along the lines a match must not leave its neighbours by more than terrain does. ``unit_px`` is the size of a
     matched pixel in pixels of the image (pyramids); thresholds are in units of it.
     """
@@ -89,7 +89,7 @@ def check_rpc_consistency(
         sigma = float(robust_sigma(deviation[good]))
         if sigma > EPIPOLAR.mode_px:
             return nothing
-        good = np.abs(deviation) < max(3.5 * sigma, floor_px)
+        good = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
     good = good & _compare_with_neighbours(first_xy, along, good)
     return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
 

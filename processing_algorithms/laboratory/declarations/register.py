@@ -29,9 +29,7 @@ class RegisterOptions:
 
 
 ALGORITHM = Algorithm(
-    name="register",
-    title="Register two images",
-    group="Laboratory",
+    name="register", title="Register two images", group="Laboratory",
     summary="Registration of two images from their matched points, by kind of point",
     help=(
         "Carries the points of the first image to the second, by a transformation in image space or after the RPCs "

@@ -116,9 +116,7 @@ class SimulateOptions:
 
 
 ALGORITHM = Algorithm(
-    name="simulate",
-    title="Simulate block",
-    group="Laboratory",
+    name="simulate", title="Simulate block", group="Laboratory",
     summary="A synthetic block with images, DEM, GCPs, noise and full truth",
     help=(
         "Takes pushbroom images of a fractal, textured ground through an exact physical camera, with RPCs whose "
