@@ -296,7 +296,7 @@ def triangulate(
         0; default 0.1).
     sigma_shift : float, optional
         Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
-        ERR_BIAS, what is published of the sensor, or 5 px (unit px; at least 1e-09).
+        ERR_BIAS, what is published of the sensor, or 7 m on the ground (unit px; at least 1e-09).
     sigma_drift : float, optional
         Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the
         model does not follow drift, which then is an error, what is believed of the sensor, at least
@@ -616,7 +616,7 @@ def adjust(
         0; default 0.1).
     sigma_shift : float, optional
         Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
-        ERR_BIAS, what is published of the sensor, or 5 px (unit px; at least 1e-09).
+        ERR_BIAS, what is published of the sensor, or 7 m on the ground (unit px; at least 1e-09).
     sigma_drift : float, optional
         Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the
         model does not follow drift, which then is an error, what is believed of the sensor, at least
