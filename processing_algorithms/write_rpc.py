@@ -30,7 +30,7 @@ WRITERS: dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]] = {
     "in-place": lambda path, output, rpc, progress: rpc_files.write_in_place(path, rpc, progress),
     "vrt": lambda path, output, rpc, progress: rpc_files.write_vrt(path, output, rpc),
 }
-SIDECARS = {"sidecar": "rpc-txt", "rpb": "rpb", "xml": "isd", "geom": "geom", "json": "rpcm-json"}
+SIDECAR_KINDS = {"sidecar": "rpc-txt", "rpb": "rpb", "xml": "isd", "geom": "geom", "json": "rpcm-json"}
 
 
 def run(options: WriteRpcOptions, context: Context) -> Report:
@@ -53,8 +53,8 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         else:
             path, output, how, job_rpc = jobs[index]
             rpc = job_rpc.rpc
-            if how in SIDECARS:
-                notices = rpc_files.write_sidecar(output, rpc, SIDECARS[how])
+            if how in SIDECAR_KINDS:
+                notices = rpc_files.write_sidecar(output, rpc, SIDECAR_KINDS[how])
             else:
                 notices = WRITERS[how](path, output, rpc, part)
             entry = {
