@@ -4,8 +4,6 @@ With a handful of GCPs there are none to spare for checking; this uses each for 
 full one and take two or three passes each. A left-out GCP has no say at all: neither survey nor measurements.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

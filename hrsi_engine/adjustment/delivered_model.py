@@ -11,8 +11,6 @@ a say (its image points E left out; the survey says where it is) is predicted wi
 to which comes, for a model that delivers a part of the drift only, the rest of it at the image point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ measured: with the weighted squares N of the correction's derivatives there and 
 so that residuals have no common part left. The points are then intersected with these cameras.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

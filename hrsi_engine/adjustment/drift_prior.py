@@ -15,8 +15,6 @@ each term of each image. A line that drifts along the samples in all images is f
 an image that drifts by itself too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -30,7 +28,7 @@ from .result import VarianceComponent
 
 
 @thresholds
-class DriftThresholds:
+class DRIFT:
     """How far the standard deviations of drifts are estimated from the block, and when they are settled."""
 
     least_redundancy: float = threshold(1.0, "", "of an estimated drift; the size of a prior matters little")
@@ -49,9 +47,6 @@ class DriftThresholds:
         "2013, section 5.4)",
     )  # fmt: skip
     of_term: float = threshold(6.0, "observations", "what the drift of a term counts for in that of an image")
-
-
-DRIFT = DriftThresholds()
 
 
 @dataclass(eq=False)

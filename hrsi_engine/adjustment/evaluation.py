@@ -16,8 +16,6 @@ across the epipolar lines is n'e, whatever the ground point at which e was compu
 images, the image points lie n'e / |n1| and n'e / |n2| from each other's epipolar lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

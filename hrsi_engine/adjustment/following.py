@@ -11,8 +11,6 @@ out stay as the adjustment found them; nothing is tested anew. It is what recurs
 observations that are taken away and added.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property

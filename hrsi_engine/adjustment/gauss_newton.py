@@ -5,8 +5,6 @@ for the cameras and substitutes back; the normal equations at the new state are 
 count and how they are damped is `foundation.levenberg_marquardt`'s, as for single images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -34,14 +32,11 @@ from .weights import WEIGHTS, least_squares
 
 
 @thresholds
-class ConvergenceThresholds:
+class CONVERGENCE:
     """When iterations that are not the last end."""
 
     before_snooping: float = threshold(0.05, "", "relative decrease of the cost before a round of data snooping")
     robust: float = threshold(1e-4, "", "… of reweighted iterations: what is left moves single blunders only")
-
-
-CONVERGENCE = ConvergenceThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,6 @@ images would lose too many of its common tracks, these stay in the adjustment: n
 that do not adjust.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -15,8 +15,6 @@ made consistent before anything is tested:
 The shifts are linear in the image, so that nothing is lost by beginning with them, whatever the model is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..foundation.large_arrays import finite_rows

@@ -5,8 +5,6 @@ the first measurement carried from its image's centre by the camera's derivative
 in the middle of the RPC's height range: the cameras are nearly linear, a few steps close the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,13 +21,10 @@ CENTRE_STEPS = 6
 
 
 @thresholds
-class StartThresholds:
+class START:
     """When a start position is near enough."""
 
     closure_m: float = threshold(10.0, "m", "step at which the ray of an image's centre is settled: it is a start")
-
-
-START = StartThresholds()
 
 
 def estimate_start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:

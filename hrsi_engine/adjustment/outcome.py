@@ -1,7 +1,5 @@
 """From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and what is to be said."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -38,7 +36,7 @@ ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
 
 
 @thresholds
-class ResultWarningThresholds:
+class RESULT_WARNINGS:
     """What an adjustment warns of."""
 
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
@@ -47,8 +45,6 @@ class ResultWarningThresholds:
     of_prediction: float = threshold(4.0, "observations", "what predicted errors count for against leave-one-out ones")
     from_prior: float = threshold(0.5, "", "share of a parameter from its prior: above, it is not determined")
 
-
-RESULT_WARNINGS = ResultWarningThresholds()
 
 WHAT_STANDS_OUT = {
     "DEM": "trees, buildings, or errors of the DEM", "laser": "canopy, clouds, or ground that has changed",

@@ -4,8 +4,6 @@ Cameras that share points belong together. Each such *part* of a block is held b
 priors of its images' RPCs; a part has its own priors accordingly, and is named where the user should know of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What an adjustment delivers: corrected cameras, points, residuals and how good they are."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -19,13 +17,10 @@ from .joint_prior import JointCameras
 
 
 @thresholds
-class SurveyLikenessThresholds:
+class SURVEYS_ALIKE:
     """Which surveys have the same sigma."""
 
     alike: float = threshold(0.01, "", "relative difference of two variances that were stated as the same")
-
-
-SURVEYS_ALIKE = SurveyLikenessThresholds()
 
 
 @dataclass(frozen=True)

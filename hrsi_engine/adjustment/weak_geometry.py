@@ -4,8 +4,6 @@ Rays that tell a height within the RPC's range at all hold it themselves: thousa
 whole block to the middle of that range. Only points on rays more parallel than that get a prior there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..block.stack import stack_of

@@ -4,8 +4,6 @@ Each is ``psi(t) / t`` of an M-estimator; tuning constants give 95 % efficiency 
 Holland and Welsch 1977). An image point has one weight, from the length of its residual.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

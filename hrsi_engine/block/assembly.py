@@ -3,8 +3,6 @@
 Ids are resolved to indices, roles assigned, default standard deviations filled in, and contradictions reported.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

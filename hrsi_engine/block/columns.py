@@ -1,7 +1,5 @@
 """Tables: frozen dataclasses whose arrays are columns."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from typing import Any, Self
 

@@ -4,8 +4,6 @@ Polygons are in degrees of longitude and latitude. Longitudes go on beyond 180 w
 two polygons may be a whole turn apart; the functions of this module bring them together.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 

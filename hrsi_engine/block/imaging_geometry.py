@@ -11,8 +11,6 @@ Definitions, at a ground point on the terrain:
   height: two oblique images can overlap at one height and not at another.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations

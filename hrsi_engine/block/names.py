@@ -4,8 +4,6 @@ Ten million measurements have a thousand distinct images and three measurements 
 would take more memory than all numbers, and finding the distinct names more time than a step of the adjustment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -8,8 +8,6 @@ a scene, and it is taken as 64 % for all of it and 16 % for its parts. A DEM's e
 what stands on the ground) for the most part.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

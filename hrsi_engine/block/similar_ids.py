@@ -4,8 +4,6 @@ Spreadsheets drop leading zeros and add ``.0``, word processors turn hyphens int
 blanks and underscores.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Vectorised RPCs of a block's images, for packages that import images but no cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ..camera.rpc_stack import RPCStack

@@ -5,8 +5,6 @@ The same tables and rules as in `RPC` (`rpc_terms`, `ellipsoid`): the terms by `
 view costs more here than the arithmetic on it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@ the way from WGS84 is the inverse of the way to it at every point.
 the plate. With an epoch, that motion is removed (`plate_motion`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 

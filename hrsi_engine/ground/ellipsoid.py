@@ -9,8 +9,6 @@ N = a / w (prime vertical) and M = N (1 - e²) / w² (meridian). Source: Torge a
 the inverse of `geocentric` is Bowring's (Survey Review 23, 1976), iterated.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

@@ -11,8 +11,6 @@ Three metric views of them are used:
 Other CRS and height datums are brought to these by `crs_operations` and `geoids`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

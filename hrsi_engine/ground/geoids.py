@@ -5,8 +5,6 @@ the grid that a height datum needs is missing, the nearest model stands in. Its 
 the same for all points of a scene, for the most part: an error that they share.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ both GCPs and a DEM are given, their median difference tells: about +N, and the 
 although they count as ellipsoidal; about -N, and the GCPs' are (or the other was converted though it need not be).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

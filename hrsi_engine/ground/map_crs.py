@@ -5,8 +5,6 @@ south-west Norway, and Svalbard has the zones 31X, 33X, 35X and 37X alone. North
 the grid ends, UPS follows. Source: DMA TM 8358.2, The Universal Grids, sections 2-2 and 3-2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

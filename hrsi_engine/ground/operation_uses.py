@@ -1,7 +1,5 @@
 """What PROJ's database states of a coordinate operation, which points went through it, and what a user should know."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ time-dependent operations to ITRF2014, with which the realisations of WGS84 sinc
 version 1.0.0, table 2.1).
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 import warnings

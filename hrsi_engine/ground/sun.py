@@ -4,8 +4,6 @@ Declination and right ascension follow from the low-precision formulas of the As
 from 1950 to 2050); refraction, below 0.1 degree where the sun is 10 degrees high, is left out.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Every check of a block's inputs before its adjustment, and which of the reasons found are consequences of others."""
 
-from __future__ import annotations
-
 from ..block.block import Block
 from ..foundation.reasons import Level, Reason
 from ..surface.dem import HeightSurface

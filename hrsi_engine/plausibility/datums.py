@@ -1,7 +1,5 @@
 """Horizontal datums in use at a place, and the error of coordinates of each that are taken for WGS84."""
 
-from __future__ import annotations
-
 import contextlib
 from functools import lru_cache
 from typing import NamedTuple

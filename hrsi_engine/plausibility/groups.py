@@ -4,8 +4,6 @@ Each point has one vector: the mean over its images of its misfit on the ground.
 gap is several times their spread, show that two surveys were mixed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The cost of every id with every image (or survey) is computed, and the best assi
 (Kuhn 1955). Shifts of the images need not be known: they are small against the distances between points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

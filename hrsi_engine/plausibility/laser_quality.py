@@ -5,8 +5,6 @@ deviation, a wide spread of the photons about the fitted segment, few photons, a
 to some metres, which a slope turns into height), vegetation, and a height unlike that of their neighbours on the track.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

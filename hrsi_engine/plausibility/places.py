@@ -1,7 +1,5 @@
 """Points outside their images, heights outside the RPCs' range, a DEM off the block, crops, duplicate images."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

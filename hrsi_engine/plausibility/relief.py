@@ -8,8 +8,6 @@ which grow with the slope (Nuth and Kääb, 2011)::
     height of the point - height of the DEM = c + d · gradient of the DEM
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..foundation.large_arrays import finite_rows

@@ -4,8 +4,6 @@ A slip is undone and the result is fitted again: it explains the misfit where ev
 coordinates may concern only the images that do not fit.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Checks of the surveyed coordinates alone: rounded coordinates, and check points that are copies of GCPs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -12,8 +12,6 @@ Arguments that the loops share
     out : residual (rows, 2), by_ground (rows, 2, 3), by_quantity (rows, 2, q) or (0, 2, 0), terms (rows, t)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ warning where the points do not determine a model: on a line, at one place. Impl
 outside the image) are found by `plausibility`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import islice
 

@@ -12,8 +12,6 @@ do for small residuals; with large ones its derivatives by the values lack the c
 adjustment would converge beside its minimum.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground area of an image, and coordinates normalised to it: for models whose argument is the ground position."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

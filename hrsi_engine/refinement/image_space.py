@@ -10,8 +10,6 @@ of the family differ only in which monomials they have and how the coefficients 
 derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of the correction) times those of the RPC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -12,8 +12,6 @@ makes it; the contract tests run over every entry (numeric against analytic deri
 unchanged, refined RPC against the model).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol

@@ -5,8 +5,6 @@ families make the models (`image_space`, `object_coordinates`, `object_space`, `
 `laboratory.direct_methods`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 

@@ -1,7 +1,5 @@
 """Every refinement model by its name; the direct methods of the laboratory add theirs to this table."""
 
-from __future__ import annotations
-
 from .image_space import IMAGE_SPACE
 from .model import RefinementModel
 from .object_coordinates import OBJECT_COORDINATES

@@ -7,8 +7,6 @@ With (X, Y, Z) lon, lat and height as shares of the image's ground area and of t
 (Grodecki and Dial 2003, their object-space form; Di et al. 2003 use the first order.)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

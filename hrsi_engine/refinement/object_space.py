@@ -9,8 +9,6 @@ RPC gives; this is its inverse, of the same family. On an image a shift in heigh
 priors give it to the latter.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

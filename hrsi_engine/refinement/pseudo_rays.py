@@ -14,8 +14,6 @@ The rays of an RPC are not exactly straight; the deviation at the middle of the 
 millimetre) is kept as a parabola, so that a pseudo sensor without corrections reproduces the RPC.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any

@@ -24,8 +24,6 @@ Both always go image -> ray -> ground, because under a large
 attitude error the ground lies where the vendor's RPC extrapolates badly.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Refinement of one image's RPC from ground control: check the points, choose a model, estimate, compare."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

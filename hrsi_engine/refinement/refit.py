@@ -1,7 +1,5 @@
 """Fit of a new RPC to a corrected camera, where no exact change of the coefficients exists."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

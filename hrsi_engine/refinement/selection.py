@@ -19,8 +19,6 @@ two blunders do not mask each other). A GCP is suspect only if *every* model wit
 what is an outlier for a shift may be a drift.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple

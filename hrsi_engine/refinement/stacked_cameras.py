@@ -10,8 +10,6 @@ Arguments that the functions share
     ground (n, 3) : lon, lat in degrees, ellipsoidal height in metres
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 

@@ -14,8 +14,6 @@ What is known of all cameras together, their reduced normal matrix, is too much 
 (`joint_arrays`).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import fields

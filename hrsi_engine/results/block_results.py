@@ -3,8 +3,6 @@
 Writers take it from here and know nothing of one another: layers, record, page and RPC files each have their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

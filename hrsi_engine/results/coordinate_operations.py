@@ -1,7 +1,5 @@
 """What a report says of the coordinate operations that brought its inputs to WGS84, and of their errors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

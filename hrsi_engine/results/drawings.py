@@ -4,8 +4,6 @@ Known points and what stands out are always shown one by one, up to some thousan
 few; of many the worst, and all of them as cells of the map and of the images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The figures of an adjusted block, as the report's schema (version 1) names them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -21,14 +19,12 @@ from .residuals import Residuals, by_image, radial_rmse, rmse
 
 
 @thresholds
-class WarningThresholds:
+class WARNING:
     """What of a block's errors is named in warnings."""
 
     most_named: int = threshold(6, "measurements", "measurements named in one warning")
     gross_sigmas: float = threshold(10.0, "sigma", "error of a measurement that is worth a warning of its own")
 
-
-WARNING = WarningThresholds()
 
 NO_ROWS = np.zeros(0, dtype=np.int64)
 

@@ -6,8 +6,6 @@ held-out tracks before, so wrong matches are taken from both by a test that no e
 (`evaluation.find_wrong_tracks`), and counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

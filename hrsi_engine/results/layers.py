@@ -1,7 +1,5 @@
 """The layers of an adjusted block, from the engine's tables."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

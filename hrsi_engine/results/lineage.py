@@ -11,8 +11,6 @@ of the camera's estimated parameters. On a grid over the image, with the derivat
 Where the delivered camera is known not to follow a drift, that drift counts as an error too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

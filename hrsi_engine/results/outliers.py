@@ -5,8 +5,6 @@ an outlier. Residuals and sigmas are those of `results.residuals`, and stand sid
 dividing one by the other gives the statistic.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -14,8 +14,6 @@ are delivered; where these are known not to follow a drift that was estimated, w
 sigma.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -35,13 +33,10 @@ from ..refinement.stacked_cameras import linearise_images, project_to_images
 
 
 @thresholds
-class ResidualThresholds:
+class RESIDUAL:
     """How many residuals are worked on together."""
 
     known_at_once: int = threshold(20_000, "measurements", "of known points whose covariances are in memory together")
-
-
-RESIDUAL = ResidualThresholds()
 
 
 @dataclass(frozen=True, eq=False)

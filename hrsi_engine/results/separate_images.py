@@ -3,8 +3,6 @@
 So the residuals, tables, layers and reports of a block serve them too. Every image keeps its own model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ how its RPC came about (``processing``), how accurate it is (``accuracy``), and 
 item is enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@ A normalised residual is v / (sigma sqrt(r)) with the observation's redundancy n
 variable where sigmas and model are right.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

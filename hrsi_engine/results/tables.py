@@ -6,8 +6,6 @@ there once (`Words`, `PickedColumn`), and columns in two parts are not copied in
 those of a million measurements take hundreds of megabytes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ An RPC that was adjusted to a tie point fits it, whatever the camera is in truth
 judge it; those that its run held out do.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -12,13 +12,10 @@ from ..interface.declare import Context
 
 
 @thresholds
-class ImageLogThresholds:
+class IMAGE_LOG:
     """Which images are listed in the log."""
 
     images: int = threshold(20, "images", "of a larger block only images with several RPCs are told")
-
-
-IMAGE_LOG = ImageLogThresholds()
 
 
 def open_images(paths: Sequence[str], log: Callable[[str], None], always: bool = True) -> list[Image]:

@@ -1,7 +1,5 @@
 """The compiled search of `consensus`: which of many planes most parallaxes of an image pair are near."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

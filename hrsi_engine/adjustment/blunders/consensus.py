@@ -15,8 +15,6 @@ The scale of the parallaxes is that of a normal distribution on a uniform backgr
 A measurement takes part in the start where it agrees with half of the others of its point that it was compared with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

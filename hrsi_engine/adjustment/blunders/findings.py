@@ -1,7 +1,5 @@
 """From the GCPs that are wrong to what is left out, and to sentences."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...foundation.errors import list_ids

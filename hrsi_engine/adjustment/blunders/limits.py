@@ -7,8 +7,6 @@ probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a clea
 bad one tested as sharply as the user asks. GCPs share the probability equally (Bonferroni).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import special
 

@@ -7,8 +7,6 @@
    in it the measurements are judged again, since wrong control may have bent the cameras after all.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
 from weakref import ref
@@ -32,7 +30,7 @@ from .ties import compute_point_squares, estimate_tie_variance, judge_ties
 
 
 @thresholds
-class SnoopingThresholds:
+class SNOOPING:
     """How long rounds of data snooping go on, and with what weights."""
 
     tie_rounds: int = threshold(6, "rounds", "in which cameras and decisions on tie measurements alternate")
@@ -40,9 +38,6 @@ class SnoopingThresholds:
     rare: float = threshold(2e-4, "", "share of the measurements whose change of decision is not worth another round")
     strong_drift: float = threshold(10.0, "", "times the usual drift: GCPs that it explains are not accused")
     survey_weight: float = threshold(1e-3, "", "factor of the surveys' weights while ties are judged")
-
-
-SNOOPING = SnoopingThresholds()
 
 
 class Snooping:

@@ -16,8 +16,6 @@ that the other k - 2 are wrong, is
 (Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `RAYS.credit` are doubtful too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import special
 

@@ -5,8 +5,6 @@
 preconditioned by the Cholesky factors of neighbourhoods of cameras, and knows no precision.
 """
 
-from __future__ import annotations
-
 from inspect import signature
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """`Elimination` by compiled loops over ranges of points (needs numba)."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

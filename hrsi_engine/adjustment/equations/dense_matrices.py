@@ -11,8 +11,6 @@ Matrices are rows of float64 that lie in order (or parts of such), and what is s
 triangle. The routines count by columns: to them each matrix is its transpose, with the upper triangle.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from typing import Any

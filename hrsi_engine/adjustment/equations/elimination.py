@@ -5,8 +5,6 @@ Points that were measured by the same cameras stand together. The sum over such 
 small groups are multiplied point by point instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

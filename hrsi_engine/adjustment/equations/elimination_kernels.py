@@ -22,8 +22,6 @@ Arguments that the kernels share
     start, columns : of the pattern
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

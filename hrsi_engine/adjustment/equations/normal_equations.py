@@ -18,8 +18,6 @@ less time than loading numba takes. The environment variable HRSI_COMPILED=0 tur
 whatever the size.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -11,8 +11,6 @@ one of them is left out in both. Unlike surveyed GCPs, the places do not outweig
 number: most of a reference's error is the same in all of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 

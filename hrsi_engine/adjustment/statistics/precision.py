@@ -17,8 +17,6 @@ ellipses are among the other 10 %::
 The LE90 likewise, from the heights' standard deviations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,13 +28,11 @@ from ..gauss_newton import GaussNewton, Solution
 
 
 @thresholds
-class ReliabilityThresholds:
+class RELIABILITY:
     """Which residuals tell of their own observation."""
 
     least_redundancy: float = threshold(1e-3, "", "a residual with less says nothing of its observation")
 
-
-RELIABILITY = ReliabilityThresholds()
 
 AREA_CELLS = 20  # along each side of what a block measures
 LEAST_SIGMA_M = 1e-6  # of a position: what is known without error has a CE90 all the same

@@ -15,8 +15,6 @@ step that this causes is solved for. Everything else that holds the block (heigh
 keeps its weight.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -32,7 +32,7 @@ RPC_SUFFIX = "_rpc"
 
 
 @thresholds
-class OpenImageThresholds:
+class OPEN_IMAGES:
     """How many images are held open, and how much is read of one at once."""
 
     open_per_thread: int = threshold(
@@ -40,9 +40,6 @@ class OpenImageThresholds:
         "a block of a thousand images must not hold a thousand files open",
     )  # fmt: skip
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
-
-
-OPEN_IMAGES = OpenImageThresholds()
 
 
 _LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way into an archive, and the archive

@@ -28,7 +28,7 @@ Geotransform = tuple[float, float, float, float, float, float]
 
 
 @thresholds
-class CropThresholds:
+class CROPS:
     """How the place of a crop in its scene is recognised from its geotransform and the RPC beside it."""
 
     range_share: float = threshold(0.02, "", "share of the RPC's range by which it may end inside the image")
@@ -40,9 +40,6 @@ class CropThresholds:
         2.0, "px", "of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing"
     )
     turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
-
-
-CROPS = CropThresholds()
 
 
 @dataclass(frozen=True, eq=False)

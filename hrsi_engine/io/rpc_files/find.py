@@ -45,13 +45,10 @@ BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
 
 
 @thresholds
-class RpcSourceThresholds:
+class RPC_SOURCES:
     """When two sources of an image's RPC say the same."""
 
     same_px: float = threshold(0.01, "px", "largest difference of two writings of one RPC", "the digits of the formats")
-
-
-RPC_SOURCES = RpcSourceThresholds()
 
 
 #: What a log calls a source, and how its RPC is read: only the one that wins is.

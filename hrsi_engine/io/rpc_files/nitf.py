@@ -17,15 +17,12 @@ CORNERS = ("11", "12", "21", "22")
 
 
 @thresholds
-class ChipThresholds:
+class CHIP:
     """Which chips of NITF files are shifted and scaled only."""
 
     corner_px: float = threshold(
         1e-6, "px", "largest misfit of a shift and scale to the corners in ICHIPB", "rounding of the fields"
     )
-
-
-CHIP = ChipThresholds()
 
 
 def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC, str]:

@@ -14,7 +14,7 @@ from .sensors import AccuracyStatement
 
 
 @thresholds
-class VendorParameters:
+class VENDOR:
     """Grids that a vendor's RPC is fitted to and checked on."""
 
     control_grid: tuple[int, int, int] = threshold((15, 15, 7), "nodes", "samples, lines and heights of the grid")
@@ -24,9 +24,6 @@ class VendorParameters:
     height_margin_m: float = threshold(50.0, "m", "margin of the heights")
     resolved_px: float = threshold(2e-8, "px", "smallest residual that the fit resolves")
     border: float = threshold(0.02, "", "margin of the grid around the image, by its size")
-
-
-VENDOR = VendorParameters()
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 
 
 @thresholds
-class OverviewMatchThresholds:
+class COARSE:
     """When the features of two overviews agree, and what follows for the pair."""
 
     enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", _CONTRASTS)
@@ -52,9 +52,6 @@ class OverviewMatchThresholds:
     window_px: int = threshold(512, "px", "side of such a window")
     features: int = threshold(1000, "features", "of such a window")
     same_view_px: float = threshold(2.0, "px", "parallax of all heights below which heights are not estimated")
-
-
-COARSE = OverviewMatchThresholds()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """Input of the verdict's checks: the adjustment, its residuals, and the refined RPCs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Polynomials of the image position, with the monomials of the image-space models,
 image. An F test decides whether a polynomial is significant, its RMS whether it matters.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

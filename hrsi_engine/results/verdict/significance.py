@@ -1,7 +1,5 @@
 """Chi² tests with a stated error probability."""
 
-from __future__ import annotations
-
 from scipy import special
 
 from ...foundation.thresholds import threshold, thresholds

@@ -1,7 +1,5 @@
 """The solution: convergence, sigma0, corrections against their priors, refined RPCs against their models."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,7 +14,7 @@ from .significance import SOUND_BLOCKS, is_significant
 
 
 @thresholds
-class SolutionThresholds:
+class SOLUTION:
     """When the solution of an adjustment cannot be trusted."""
 
     settled_sigmas: float = threshold(1.0, "sigma", "movement by one more step that leaves the result what it is")
@@ -34,7 +32,6 @@ class SolutionThresholds:
     least_prior_share: float = threshold(1e-12, "", "a prior with less share in a parameter is not derived from it")
 
 
-SOLUTION = SolutionThresholds()
 #: Smallest prior that a correction is compared with.
 GRANTED = Priors(shift_px=SOLUTION.granted_shift_px, drift=SOLUTION.granted_drift)
 

@@ -1,7 +1,5 @@
 """Notes and reasons for systematic residuals: a note where they do no harm yet, a reason where they do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from ...foundation.errors import list_ids
