@@ -175,7 +175,10 @@ def find_common_drift(
         equations.setdefault(place, []).append((by_values * sigma[place], by_fields))
     modes = np.concatenate([
         # of all corrections that fit the deformation the a priori likeliest
-        np.linalg.lstsq(*(np.concatenate(part) for part in zip(*equations[place], strict=True)), rcond=1e-9)[0][chosen]
+        np.linalg.lstsq(
+            np.concatenate([by_values for by_values, _ in equations[place]]),
+            np.concatenate([by_fields for _, by_fields in equations[place]]), rcond=1e-9,
+        )[0][chosen]
         for place, chosen in enumerate(own)
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)

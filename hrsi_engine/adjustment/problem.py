@@ -230,7 +230,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         earlier.enter_start(start, prior_weight)
     _require_solvable(observations, model, prior_weight, earlier)
     common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
-    joint = [*common, *([] if earlier is None else [earlier])]
+    joint: list[CommonDrift | JointPrior] = [*common, *([] if earlier is None else [earlier])]
     pattern = find_pattern(observations, len(camera.parameters), [prior.pairs for prior in joint])
     equations = NormalEquations(
         observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None

@@ -120,10 +120,10 @@ def _rename_conflicts(
         same = name[place] == other
         if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
             surveyed = ground.ids[np.isin(ground.role, [Role.GCP, Role.CHECK])]
-            renamed = [
+            of_image, on_ground = (
                 np.where(np.isin(table.ids, surveyed), table.ids, np.char.add(EARLIER, table.ids))
                 for table in (measured, ground)
-            ]
-            measured, ground = replace(measured, ids=renamed[0]), replace(ground, ids=renamed[1])
+            )
+            measured, ground = replace(measured, ids=of_image), replace(ground, ids=on_ground)
             break
     return measured, ground
