@@ -165,8 +165,8 @@ def _describe(job: CropJob, folder: str, difference_px: float) -> Report:
 def summarise(report: Report) -> str:
     """Return one line for each image, and the warnings."""
     lines = [
-        f"{entry['output']}: {entry['samples']} x {entry['lines']} px of samples and lines "
-        "{}, {}, {} x {} of {}".format(*entry["window"], name)
+        f"{entry['output']}: {entry['samples']} x {entry['lines']} px; from sample {entry['window'][0]}, line "
+        f"{entry['window'][1]} {entry['window'][2]} x {entry['window'][3]} px of {name}"
         for name, entry in report["images"].items()
     ]
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

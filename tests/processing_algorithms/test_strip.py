@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hrsi.hrsi_engine.block.strips import fit_strip, place_parts
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.camera.rpc_fit import refit_rpc
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import isd, read_rpc, write_rpc_text
 from hrsi.processing_algorithms import run
 
 CAMERA = sample_rpc(1)
@@ -117,6 +118,28 @@ def test_tiles_of_an_airbus_scene(image: Path, tmp_path: Path) -> None:
     ground = ground_grid(CAMERA)
     np.testing.assert_allclose(read_rpc(output).rpc.project(ground), CAMERA.project(ground), atol=1e-6)
     assert report["images"]["IMG_x_R1C1_strip"]["rpc_fit_max_px"] < 1e-6
+
+
+def test_tiles_of_a_worldview_product(image: Path, tmp_path: Path) -> None:
+    """…_R1C1-…_P001.TIF have one XML, which places them; a tile that it does not list is refused."""
+    listed = "".join(
+        f"<TILE><FILENAME>21FEB-P1BS_R{line // 150 + 1}C{sample // 200 + 1}-01_P001.TIF</FILENAME>"
+        f"<ULCOLOFFSET>{sample}</ULCOLOFFSET><ULROWOFFSET>{line}</ULROWOFFSET></TILE>"
+        for sample, line, _samples, _lines in CUTS["tiles"]
+    )
+    size = f"<IMD><NUMCOLUMNS>{SIZE[0]}</NUMCOLUMNS><NUMROWS>{SIZE[1]}</NUMROWS></IMD><TIL>{listed}</TIL>"
+    (tmp_path / "21FEB-P1BS-01_P001.XML").write_text(isd.text_of(CAMERA).replace("<isd>", f"<isd>{size}"))
+    tiles = re.findall("<FILENAME>(.*?)</FILENAME>", listed)
+    for name, window in zip(tiles, CUTS["tiles"], strict=True):
+        cut_tile(image, tmp_path / name, window)
+        assert read_rpc(str(tmp_path / name)).rpc == CAMERA.shift(-window[0], -window[1])
+    output, report = join([str(tmp_path / name) for name in reversed(tiles)], tmp_path / "out")
+    np.testing.assert_array_equal(gdal.Open(output).ReadAsArray(), gdal.Open(str(image)).ReadAsArray())
+    assert read_rpc(output).rpc == CAMERA
+    assert not report["warnings"]
+    shutil.copy(tmp_path / tiles[0], tmp_path / "21FEB-P1BS_R9C9-01_P001.TIF")
+    with pytest.raises(InputError, match=r"is a tile that 21FEB-P1BS-01_P001\.XML does not place"):
+        read_rpc(str(tmp_path / "21FEB-P1BS_R9C9-01_P001.TIF"))
 
 
 def test_masks_bands_and_metadata(tmp_path: Path) -> None:

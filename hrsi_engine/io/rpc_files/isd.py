@@ -1,12 +1,16 @@
-"""ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part."""
+"""ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part.
 
+A product in tiles, ``…_R1C2-…_P001.TIF``, has one file ``…-…_P001.XML``, whose ``<TIL>`` part places them.
+"""
+
+import os
 import re
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from .content import element_text, positive_size, read_xml
+from .content import element_text, finite_number, positive_size, read_xml
 from .fields import ERRORS, POLYNOMIALS, SCALARS, rpc_from_text
-from .reading import RpcReader, RpcReading
+from .reading import Origin, RpcReader, RpcReading
 
 #: The root element, in any namespace.
 ISD = re.compile(rb"<([\w.-]+:)?isd[\s>]", re.IGNORECASE)
@@ -20,6 +24,9 @@ ISD_NAMES = {
     "lat_scale": "LATSCALE", "long_scale": "LONGSCALE", "height_scale": "HEIGHTSCALE",
     "line_num": "LINENUMCOEF", "line_den": "LINEDENCOEF", "samp_num": "SAMPNUMCOEF", "samp_den": "SAMPDENCOEF",
 }  # fmt: skip
+
+
+_TILE = re.compile(r"_(r\d{1,3}c\d{1,3})(?=-)")
 
 
 def read(path: str) -> RpcReading:
@@ -53,4 +60,25 @@ def _recognises(name: str, head: bytes) -> bool:
     return ISD.search(head[:2000]) is not None
 
 
-READER = RpcReader("ISD XML", lambda stem: (f"{stem}.xml",), _recognises, read)
+def _side_names(stem: str) -> tuple[str, ...]:
+    """Return the image's own stem, and for a tile that of its product."""
+    return tuple(f"{name}.xml" for name in dict.fromkeys([stem, _TILE.sub("", stem)]))
+
+
+def tile_origin(image_path: str, side_file: str) -> Origin | None:
+    """Return the product's (sample, line) of the first pixel of a tile ``…_R1C2-…``; None for other names.
+
+    Raises `InputError` where the product's file does not place the tile.
+    """
+    tile = _TILE.search(os.path.basename(image_path).lower())
+    if tile is None:
+        return None
+    for listed in read_xml(side_file).iter("TILE"):
+        named = _TILE.search((element_text(listed, "FILENAME") or "").lower())
+        sample, line = (finite_number(element_text(listed, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
+        if named is not None and named[1] == tile[1] and sample is not None and line is not None:
+            return sample, line
+    raise InputError(f"{image_path}: is a tile that {os.path.basename(side_file)} does not place: get that file again")
+
+
+READER = RpcReader("ISD XML", _side_names, _recognises, read, tile_origin)
