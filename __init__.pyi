@@ -1022,7 +1022,6 @@ def crop(
     strict_datum: bool = False,
     format: Literal["gtiff", "cog", "vrt"] = "gtiff",
     compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
-    overviews: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     threads: int = 0,
@@ -1031,13 +1030,11 @@ def crop(
     """A window, overview or resampling of images with the exact RPC of its pixels.
 
     Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the
-    RPC of its pixels: the same camera, exactly, at any factor. gdal_translate is off by half of what a
-    pixel has grown when it resamples, and keeps only an RPC that is inside the image or that GDAL
-    knows. Here the RPC that counts is taken, wherever it is kept, refined ones too; what is told of a
-    refinement stays in the file, and its original RPC, which restore of write-rpc brings back. With
-    ``extent`` the window follows from the ground: give ``dem`` or ``height`` with it. An RPC file alone
-    becomes a _RPC.TXT. Bands, data type, masks, nodata and metadata are kept. The files are called
-    ID_crop.
+    RPC of its pixels: the same camera, exactly, at any factor (gdal_translate is off by half of what a
+    pixel has grown). The RPC is the one that counts, wherever it is kept; what is told of a refinement
+    stays in the file, and its original RPC, which restore of write-rpc brings back. With ``extent`` the
+    window follows from the ground: give ``dem`` or ``height`` with it. Bands, data type, masks, nodata
+    and metadata are kept. The files are called ID_crop; an RPC file alone becomes a _RPC.TXT.
 
     Parameters
     ----------
@@ -1072,8 +1069,6 @@ def crop(
         original (one of gtiff, cog, vrt; default gtiff).
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
-    overviews : bool, optional
-        Add overviews to a GeoTIFF (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1101,7 +1096,6 @@ def strip(
     id: str | None = None,
     format: Literal["vrt", "gtiff", "cog"] = "vrt",
     compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
-    overviews: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
     threads: int = 0,
@@ -1128,8 +1122,6 @@ def strip(
         (one of vrt, gtiff, cog; default vrt).
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
-    overviews : bool, optional
-        Add overviews to a GeoTIFF (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional

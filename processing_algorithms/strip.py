@@ -3,7 +3,8 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+
+import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.strips import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
@@ -34,14 +35,13 @@ def run(options: StripOptions, context: Context) -> Report:
     places = place_parts(parts)
     strip = fit_strip(parts, places.first)
     with_pixels = all(part.raster is not None for part in parts)
-    threads = thread_count(options.common.threads)
-    storage = ImageStorage(options.format, options.compression, options.overviews, threads)
+    storage = ImageStorage(options.format, options.compression, thread_count(options.common.threads))
     file = name + (storage.ending if with_pixels else "_RPC.TXT")
-    warnings = [*_warn_of_places(parts, places), *_warn_of_fit(parts, strip, f"{name}_grid.csv")]
+    grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""
+    warnings = _list_warnings(parts, places, strip, grid_file)
     folder = options.folder.output_dir
-    has_grid = strip.max_px.max() > STRIP.fit_px
     if context.dry_run:
-        names = [REPORT_FILE, file, *([f"{name}_grid.csv"] if has_grid else [])]
+        names = [REPORT_FILE, file, *filter(None, [grid_file])]
         return plan(context, folder, names, {"parts": len(parts)}, warnings)
     entry: Report = {
         "path": None, "output": os.path.join(folder, file), "samples": places.size[0], "lines": places.size[1],
@@ -51,40 +51,37 @@ def run(options: StripOptions, context: Context) -> Report:
     changes = Transaction(folder)
     with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as staged:
         target = str(staged / file)
-        lineage = _join_lineages(parts, places) if with_pixels else Lineage()
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
+            lineage = _join_lineages(parts, places)
             warnings += save_image(joined, target, strip.rpc, storage, lineage, context.progress)
         else:
-            write_rpc_text(target, strip.rpc, lineage)
+            write_rpc_text(target, strip.rpc)
         warnings += free_the_way(os.path.join(folder, file), parts[0].path, strip.rpc, changes)
         entry["max_difference_px"] = read_back_px(target, strip.rpc)
-        if has_grid:
-            _write_grid(staged / f"{name}_grid.csv", strip)
+        if grid_file:  # as `fit-rpc` reads it
+            rows = np.column_stack([strip.ground, strip.image]).tolist()
+            write_csv(str(staged / grid_file), ("lon", "lat", "height", "sample", "line"), rows)
         write_report_json(str(staged / REPORT_FILE), report)
     tell(warnings, context)
     advance(context.progress, 1.0, "done")
     return report
 
 
-def _warn_of_places(parts: Sequence[Image], places: StripPlaces) -> list[str]:
-    """Return a word on parts whose RPCs do not place them on whole pixels."""
-    return [
+def _list_warnings(parts: Sequence[Image], places: StripPlaces, strip: StripRpc, grid_file: str) -> list[str]:
+    """Return a word on parts that do not lie on whole pixels by their RPCs, and where one RPC cannot hold the strip."""
+    found = [
         f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
         "the strip lies between"
         for part, off in zip(parts, places.off_px.tolist(), strict=True) if off > STRIP.whole_px
     ]  # fmt: skip
-
-
-def _warn_of_fit(parts: Sequence[Image], strip: StripRpc, grid_file: str) -> list[str]:
-    """Return a word where one RPC cannot hold the strip."""
     worst = int(strip.max_px.argmax())
-    if strip.max_px[worst] <= STRIP.fit_px:
-        return []
-    return [
-        f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The grid "
-        f"of the parts' RPCs is in {grid_file}; give the parts themselves, or fewer of them, where that matters"
-    ]
+    if strip.max_px[worst] > STRIP.fit_px:
+        found.append(
+            f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The "
+            f"grid of the parts' RPCs is in {grid_file}; give fewer parts, or a block the parts themselves"
+        )
+    return found
 
 
 def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:
@@ -105,12 +102,6 @@ def _describe_parts(parts: Sequence[Image], places: StripPlaces, strip: StripRpc
         part.id: {"path": part.path, "sample": x, "line": y, "off_whole_px": off, "fit_max_px": most, "fit_rms_px": rms}
         for part, (x, y), off, most, rms in rows
     }
-
-
-def _write_grid(path: Path, strip: StripRpc) -> None:
-    """Write the grid of the parts' RPCs, as `fit-rpc` reads it."""
-    rows = zip(strip.ground.tolist(), strip.image.tolist(), strict=True)
-    write_csv(str(path), ("lon", "lat", "height", "sample", "line"), ((*ground, *image) for ground, image in rows))
 
 
 def summarise(report: Report) -> str:

@@ -11,7 +11,8 @@ the smallest largest residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,38 +39,16 @@ class STRIP:
     least_growth: float = threshold(0.05, "", "by which the weight of a residual of nothing still grows")
 
 
-@dataclass(frozen=True, eq=False)
-class StripPlaces:
-    """Where the parts lie in the strip.
-
-    Parameters
-    ----------
-    first : (n, 2) int ndarray
-        Sample and line of each part's first pixel.
-    size : tuple of int
-        Samples and lines of the strip.
-    off_px : (n,) ndarray
-        Distance of each part from whole pixels, by the RPCs.
-    """
+class StripPlaces(NamedTuple):
+    """First pixel of each part in the strip ``(n, 2)`` int, the strip's size, distances from whole pixels ``(n,)``."""
 
     first: np.ndarray
     size: tuple[int, int]
     off_px: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class StripRpc:
-    """The RPC of a strip, and how far it is from those of its parts on grids of their own.
-
-    Parameters
-    ----------
-    rpc : RPC
-        The camera of the strip's pixels.
-    max_px, rms_px : (n,) ndarray
-        Largest and RMS difference for each part.
-    ground, image : (m, 3) and (m, 2) ndarray
-        The grid that it was fitted to, in the strip's pixels.
-    """
+class StripRpc(NamedTuple):
+    """The RPC of a strip; what it is off each part (largest and RMS, ``(n,)``); the grid that it was fitted to."""
 
     rpc: RPC
     max_px: np.ndarray
@@ -87,17 +66,17 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
     scenes = {None if part.tile is None else part.tile.scene for part in parts}
     if len(scenes) == 1 and None not in scenes:
         found = {number: np.array(part.tile.first) for number, part in enumerate(parts) if part.tile is not None}
+    last, reached = 0, dict[int, tuple[int, np.ndarray]]()  # nodes that tell the place of a part, and the place
     while len(found) < len(parts):
-        shared = [
-            (measured[1], number, place + measured[0])
-            for number, part in enumerate(parts) if number not in found
-            for known, place in found.items() if (measured := _measure_offset(parts[known], part)) is not None
-        ]  # fmt: skip
-        if not shared:
+        for number in set(range(len(parts))) - set(found):
+            nodes, offset = _measure_offset(parts[last], parts[number])
+            if nodes > reached.get(number, (0,))[0]:
+                reached[number] = nodes, found[last] + offset
+        if not reached:
             lost = next(part.id for number, part in enumerate(parts) if number not in found)
             raise InputError(f"{lost} shares no ground with the other parts, nor lies at their end: leave it out")
-        _, number, place = max(shared, key=lambda entry: entry[0])
-        found[number] = place
+        last = max(reached, key=lambda number: reached[number][0])
+        found[last] = reached.pop(last)[1]
     places = np.array([found[number] for number in range(len(parts))])
     whole = np.rint(places).astype(np.int64)
     first = whole - whole.min(axis=0)
@@ -105,43 +84,28 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
     return StripPlaces(first, (int(end[0]), int(end[1])), np.abs(places - whole).max(axis=1))
 
 
-def _measure_offset(known: Image, part: Image) -> tuple[np.ndarray, int] | None:
-    """Return the place ``(2,)`` of a part's first pixel in another part, and how many nodes tell it; None for none."""
+def _measure_offset(known: Image, part: Image) -> tuple[int, np.ndarray]:
+    """Return the place ``(2,)`` of a part's first pixel in another part, and before it how many nodes tell it."""
     xy = part.grid_px(STRIP.nodes, STRIP.nodes)
     ground, converged = part.rpc.localize(xy, part.middle_height_m)
     seen = known.rpc.project(ground)
     reach = (0.5 + STRIP.reach_share) * np.array(known.known_size)
     near = converged & (np.abs(seen - known.centre_px) <= reach).all(axis=1)
-    if not near.any():
-        return None
     offsets = (seen - xy)[near]
+    if not len(offsets):
+        return 0, np.zeros(2)
     if np.ptp(offsets, axis=0).max() > STRIP.bent_px:
         raise InputError(
             f"{part.id} and {known.id} are no parts of one strip: where both show the same ground the offset of their "
             f"pixels changes by {np.ptp(offsets, axis=0).max():.3g} px. Give images of one sweep with the same pixels"
         )
-    return np.median(offsets, axis=0), int(np.count_nonzero(near))
+    return len(offsets), np.median(offsets, axis=0)
 
 
 def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
-    """Return the RPC of a strip by those of its parts; exact where they are one RPC, else fitted.
+    """Return the RPC of a strip by those of its parts that lie at ``first``; exact where they are one RPC, else fitted.
 
-    Parameters
-    ----------
-    parts : sequence of Image
-        With their sizes; where they overlap the later one counts.
-    first : (n, 2) ndarray
-        Where they lie in the strip.
-
-    Returns
-    -------
-    StripRpc
-        The camera, and what it is off.
-
-    Raises
-    ------
-    SolveError
-        An RPC has no ground positions for its part.
+    Raises `SolveError` where an RPC has no ground positions for its part.
     """
     fitted, checked = (
         [_make_grid(parts, first, number, shape) for number in range(len(parts))]

@@ -772,10 +772,6 @@
       <translation>Überdeckung</translation>
     </message>
     <message>
-      <source>Overviews</source>
-      <translation>Bildpyramiden</translation>
-    </message>
-    <message>
       <source>Overwrite</source>
       <translation>Überschreiben</translation>
     </message>

@@ -46,7 +46,6 @@ class CropOptions:
         choices=("gtiff", "cog", "vrt"),
     )
     compression: str = compression_option()
-    overviews: bool = option(False, "Add overviews to a GeoTIFF", advanced=True)
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)
 
@@ -56,12 +55,11 @@ ALGORITHM = Algorithm(
     summary="A window, overview or resampling of images with the exact RPC of its pixels",
     help=(
         "Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the RPC of "
-        "its pixels: the same camera, exactly, at any factor. gdal_translate is off by half of what a pixel has grown "
-        "when it resamples, and keeps only an RPC that is inside the image or that GDAL knows. Here the RPC that "
-        "counts is taken, wherever it is kept, refined ones too; what is told of a refinement stays in the file, and "
-        "its original RPC, which `restore` of write-rpc brings back. With `extent` the window follows from the ground: "
-        "give `dem` or `height` with it. An RPC file alone becomes a _RPC.TXT. Bands, data type, masks, nodata and "
-        "metadata are kept. The files are called ID_crop."
+        "its pixels: the same camera, exactly, at any factor (gdal_translate is off by half of what a pixel has grown)."
+        " The RPC is the one that counts, wherever it is kept; what is told of a refinement stays in the file, and its "
+        "original RPC, which `restore` of write-rpc brings back. With `extent` the window follows from the ground: "
+        "give `dem` or `height` with it. Bands, data type, masks, nodata and metadata are kept. The files are called "
+        "ID_crop; an RPC file alone becomes a _RPC.TXT."
     ),
     options=CropOptions,
     images_made="Cropped images",

@@ -23,7 +23,6 @@ class StripOptions:
         choices=("vrt", "gtiff", "cog"),
     )
     compression: str = compression_option()
-    overviews: bool = option(False, "Add overviews to a GeoTIFF", advanced=True)
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)
 

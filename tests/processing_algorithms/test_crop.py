@@ -122,7 +122,7 @@ def test_pixels_show_what_the_rpc_says(factor: float, resampling: str, format: s
 
 def test_bands_masks_and_metadata_are_kept(tmp_path: Path) -> None:
     bands = write_rich_image(tmp_path / "rich.tif")
-    output, _ = crop(tmp_path, tmp_path / "rich.tif", window="50,90,300,200", overviews=True)
+    output, _ = crop(tmp_path, tmp_path / "rich.tif", window="50,90,300,200")
     made = gdal.Open(output)
     np.testing.assert_array_equal(made.ReadAsArray(), bands[:, 90:290, 50:350])
     assert made.GetRasterBand(1).DataType == gdal.GDT_UInt16
@@ -134,7 +134,7 @@ def test_bands_masks_and_metadata_are_kept(tmp_path: Path) -> None:
     assert (mask[:10] == 0).all() and (mask[10:] == 255).all()
     assert read_rpc(output).rpc == CAMERA.shift(-50.0, -90.0)
     assert Path(output).parent.joinpath("report.json").exists()
-    big, _ = crop(tmp_path, tmp_path / "rich.tif", factor=2.0, overviews=True, overwrite=True)
+    big, _ = crop(tmp_path, tmp_path / "rich.tif", factor=2.0, format="cog", overwrite=True)
     assert gdal.Open(big).GetRasterBand(1).GetOverviewCount() == 1
     assert json.loads((tmp_path / "out" / "report.json").read_text())["images"]["rich"]["samples"] == 806
 

@@ -161,7 +161,7 @@ def test_masks_bands_and_metadata(tmp_path: Path) -> None:
             made.GetRasterBand(1).GetMaskBand().WriteArray(mask)
         del made
     parts = [str(tmp_path / f"part_{number}.tif") for number in (0, 1)]
-    output, _ = join(parts, tmp_path / "out", id="whole", format="gtiff", overviews=True)
+    output, _ = join(parts, tmp_path / "out", id="whole", format="gtiff")
     strip = gdal.Open(output)
     np.testing.assert_array_equal(strip.ReadAsArray(), pixels)
     mask = strip.GetRasterBand(1).GetMaskBand().ReadAsArray()

@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 from osgeo import gdal
@@ -11,75 +11,43 @@ from osgeo import gdal
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ...foundation.progress import Progress, silent
+from ...foundation.progress import Progress
 from ..opening.datasets import config_option, gdal_messages, metadata_of
 from ..opening.raster_datasets import open_raster
 from ..rpc_files import tiff_tag
+from ..rpc_files.crop import CropPlace
 from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
 from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
-from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat, add_overviews
+from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
 
 VRT = "vrt"
 _LINEAGE = "HRSI_"
 
 
-@dataclass(frozen=True)
-class CropWindow:
-    """A window of an image and the size that it is resampled to.
+class CropWindow(NamedTuple):
+    """A window of an image (first sample and line, samples, lines), and samples and lines that it is resampled to."""
 
-    Parameters
-    ----------
-    sample, line : int
-        First pixel.
-    samples, lines : int
-        Extent, in pixels of the image.
-    size : tuple of int
-        Samples and lines of the result.
-    """
-
-    sample: int
-    line: int
-    samples: int
-    lines: int
+    bounds: tuple[int, int, int, int]
     size: tuple[int, int]
 
     @property
-    def bounds(self) -> tuple[int, int, int, int]:
-        """First sample and line, samples, lines."""
-        return self.sample, self.line, self.samples, self.lines
-
-    @property
-    def resampled(self) -> bool:
-        """Whether the result has other pixels than the image."""
-        return self.size != (self.samples, self.lines)
+    def place(self) -> CropPlace:
+        """Where the result lies in the image."""
+        return CropPlace.from_window(self.bounds, self.size)
 
 
-@dataclass(frozen=True)
-class ImageStorage:
-    """How an image is stored.
+class ImageStorage(NamedTuple):
+    """How an image is stored: ``vrt`` or one of `orthoimages.FORMATS`, its compression, and threads that compress."""
 
-    Parameters
-    ----------
-    name : str
-        ``vrt``, or one of `orthoimages.FORMATS`.
-    compression : str
-        One of `orthoimages.COMPRESSION`; a VRT has none.
-    overviews : bool
-        Whether a GeoTIFF has overviews; a Cloud Optimized GeoTIFF always has.
-    threads : int
-        Threads that compress.
-    """
-
-    name: str
+    format: str
     compression: str
-    overviews: bool = False
-    threads: int = 1
+    threads: int
 
     @property
     def ending(self) -> str:
         """Ending of the file's name."""
-        return ".vrt" if self.name == VRT else ".tif"
+        return ".vrt" if self.format == VRT else ".tif"
 
 
 def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
@@ -89,7 +57,7 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
     """
     path = os.path.abspath(path) if os.path.exists(path) else path  # so that a VRT finds it from any folder
     whole = source = open_raster(path)
-    if window.resampled and whole.GetRasterBand(1).GetOverviewCount():
+    if window.size != window.bounds[2:] and whole.GetRasterBand(1).GetOverviewCount():
         source = gdal.OpenEx(path, gdal.OF_RASTER, open_options=["OVERVIEW_LEVEL=NONE"])
     virtual = None
     with gdal_messages() as messages:
@@ -171,27 +139,16 @@ def read_lineage(image: Image) -> Lineage:
 
 
 def save_image(
-    source: gdal.Dataset,
-    target_path: str,
-    rpc: RPC,
-    storage: ImageStorage,
-    lineage: Lineage,
-    progress: Progress = silent,
+    source: gdal.Dataset, target_path: str, rpc: RPC, storage: ImageStorage, lineage: Lineage, progress: Progress
 ) -> tuple[str, ...]:
     """Write a virtual image with its RPC, as it is or with pixels of its own; return notices for the log."""
-    if storage.name == VRT:
+    if storage.format == VRT:
         save_vrt(source, target_path, rpc, lineage)
         return ()
     band = source.GetRasterBand(1)
-    driver, _ = FORMATS[storage.name]
-    is_integer = not gdal.GetDataTypeName(band.DataType).endswith(("Float32", "Float64"))
-    options = OrthoFormat(storage.name, storage.compression).creation_options(is_integer, storage.threads)
+    is_integer = band.DataType not in (gdal.GDT_Float32, gdal.GDT_Float64)
+    options = OrthoFormat(storage.format, storage.compression).creation_options(is_integer, storage.threads)
     if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # no predictor works on packed pixels
         options = [option for option in options if not option.startswith("PREDICTOR")]
-
-    def finish(temporary: str) -> None:
-        if storage.overviews and driver == "GTiff":
-            add_overviews(temporary, "AVERAGE")
-
     with config_option(*INTERNAL_MASK):
-        return save_geotiff(source, target_path, rpc, driver, options, progress, lineage, finish)
+        return save_geotiff(source, target_path, rpc, FORMATS[storage.format][0], options, progress, lineage)

@@ -275,7 +275,7 @@ def write_orthoimage(
             plain = os.path.join(hidden, "chunks.tif")
             part = stage(progress, 0.0, CHUNKS.warped_share)
             _write_tiles(plain, path, [*TILED, "SPARSE_OK=TRUE"], source, grid, warp, lambda it: fill(it, part))
-            add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
+            _add_overviews(plain, OVERVIEW_RESAMPLING.get(warp.resampling, "AVERAGE"))
             part = stage(progress, CHUNKS.warped_share, 1.0)
             create_copy(gdal.Open(plain), temporary, path, FORMATS[form.name][0], options, part)
     return figures
@@ -345,7 +345,7 @@ def _write_chunk(dataset: gdal.Dataset, window: Any, pixels: Pixels, warp: Warp)
     return int(empty.size - np.count_nonzero(empty))
 
 
-def add_overviews(plain: str, resampling: str) -> None:
+def _add_overviews(plain: str, resampling: str) -> None:
     """Add overviews to the chunks, uncompressed: the COG driver would compress and unpack its own ones in between."""
     dataset = gdal.Open(plain, gdal.GA_Update)
     factors: list[int] = []

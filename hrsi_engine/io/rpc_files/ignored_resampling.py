@@ -21,7 +21,7 @@ from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of
 from .compare import difference_px
-from .content import Element, read_xml
+from .content import Element, finite_number, read_xml
 from .crop import CropPlace, crop_rpc
 from .find import read_rpc
 
@@ -78,9 +78,7 @@ def find_ignored_resampling(
         return None
     if dataset.GetDriver().ShortName == "VRT" and os.path.isfile(path):
         return _compare_with_source(path, rpc, size)
-    if stated_size is not None:
-        return _compare_sizes(size, stated_size)
-    return _find_other_centre(size, rpc) or _find_scaled_centre(size, rpc)
+    return _find_other_size(size, rpc, stated_size) or _find_scaled_centre(size, rpc)
 
 
 def _compare_with_source(path: str, rpc: RPC, size: _Size) -> IgnoredResampling | None:
@@ -90,75 +88,59 @@ def _compare_with_source(path: str, rpc: RPC, size: _Size) -> IgnoredResampling 
     if len(places) != 1:
         return None
     name, numbers = places.pop()
-    source, target = np.array(numbers[:4]), np.array(numbers[4:])
-    if not name or not np.isfinite(numbers).all() or not (target[2:] > 0.0).all() or (source == target)[2:].all():
+    first, extent, target_first, target_extent = np.reshape(numbers, (4, 2))
+    if not (name and (extent > 0.0).all() and (target_extent > 0.0).all()) or (extent == target_extent).all():
         return None
     relative = next(sources[0].iter("SourceFilename")).get("relativeToVRT") == "1"
     try:
         before = read_rpc(os.path.join(os.path.dirname(path), name) if relative else name).rpc
     except InputError:
         return None
-    step = source[2:] / target[2:]
-    place = CropPlace.from_corner(np.diag(step), source[:2] - step * target[:2])
-    right = crop_rpc(before, place, size)
+    step = extent / target_extent
     half = 0.5 * (1.0 - 1.0 / step)
-    offset, told = difference_px(right, rpc, size), f"its pixels are {step[0]:.4g} x {step[1]:.4g} of those of {name}"
-    if offset < IGNORED_RESAMPLING.same_px:
+    right = crop_rpc(before, CropPlace.from_corner(np.diag(step), first - step * target_first), size)
+    offset, same_px = difference_px(right, rpc, size), IGNORED_RESAMPLING.same_px
+    if offset < same_px:
         return None
-    if difference_px(rpc, right.shift(*half), size) < IGNORED_RESAMPLING.same_px:
-        return IgnoredResampling(float(np.abs(half).max()), f"{told}, and its RPC ignores half a pixel")
-    if any(
-        difference_px(rpc, wrong, size) < IGNORED_RESAMPLING.same_px for wrong in (before, before.shift(*-source[:2]))
-    ):
-        return IgnoredResampling(offset, f"{told}, which its RPC ignores")
-    return None
+    told = f"its pixels are {step[0]:.4g} x {step[1]:.4g} of those of {name}, and its RPC ignores"
+    if difference_px(rpc, right.shift(*half), size) < same_px:
+        return IgnoredResampling(float(np.abs(half).max()), f"{told} half a pixel")
+    left_alone = min(difference_px(rpc, wrong, size) for wrong in (before, before.shift(*-first))) < same_px
+    return IgnoredResampling(offset, f"{told} that") if left_alone else None
 
 
 def _read_rectangles(source: Element) -> tuple[float, ...]:
     """Return offset and size of the rectangle in the source and of that in the VRT; NaN where they are not told."""
-    names = ("xOff", "yOff", "xSize", "ySize")
-    found = [source.find(tag) for tag in ("SrcRect", "DstRect")]
-    return tuple(float("nan" if place is None else place.get(name, "nan")) for place in found for name in names)
+    told = [place.get(name) for tag in ("SrcRect", "DstRect") for place in [source.find(tag)] if place is not None
+            for name in ("xOff", "yOff", "xSize", "ySize")]  # fmt: skip
+    numbers = [finite_number(text) for text in told]
+    return tuple(float("nan") if number is None else number for number in numbers) if len(told) == 8 else (np.nan,) * 8
 
 
-def _compare_sizes(size: _Size, stated: _Size) -> IgnoredResampling | None:
-    """Compare an image's size with that of the image which its RPC belongs to."""
-    factor = stated[0] / size[0]
-    if max(factor, 1.0 / factor) < IGNORED_RESAMPLING.factor or abs(stated[1] / factor - size[1]) > 1.0:
-        return None
-    told = (
-        f"its RPC was delivered for {stated[0]} x {stated[1]} px, {factor:.4g} times as long and wide; if the pixels "
-        "were resampled, it is"
-    )
-    return IgnoredResampling(abs(factor - 1.0) * (max(size) - 1.0), told)
-
-
-def _find_other_centre(size: _Size, rpc: RPC) -> IgnoredResampling | None:
-    """Find an RPC whose middle is that of an image larger or smaller by one factor."""
+def _find_other_size(size: _Size, rpc: RPC, stated: _Size | None) -> IgnoredResampling | None:
+    """Find an RPC of an image larger or smaller by one factor: by the size that is stated, else by its middle."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
-    factors = (2.0 * off + 1.0) / size
     begins_at_zero = (np.abs(scale - off) < IGNORED_RESAMPLING.begin_share * np.abs(off)).all()
-    factor = float(factors.mean())
-    if not begins_at_zero or np.ptp(factors) > IGNORED_RESAMPLING.same_factor * factor:
+    factors = (2.0 * off + 1.0 if stated is None else np.array(stated)) / size
+    factor, same = float(factors.mean()), max(IGNORED_RESAMPLING.same_factor, 1.0 / min(size))
+    if (stated is None and not begins_at_zero) or not factor > 0.0 or not np.ptp(factors) <= same * factor:
         return None
     if max(factor, 1.0 / factor) < IGNORED_RESAMPLING.factor:
         return None
     told = f"its RPC is that of an image {factor:.4g} times as long and wide; if the pixels were resampled, it is"
-    return IgnoredResampling(abs(factor - 1.0) * (max(size) - 1.0), told)
+    return IgnoredResampling(float((np.abs(factors - 1.0) * (np.array(size) - 1.0)).max()), told)
 
 
 def _find_scaled_centre(size: _Size, rpc: RPC) -> IgnoredResampling | None:
     """Find an RPC whose OFF was scaled without half a pixel."""
     off, scale = np.array([rpc.samp_off, rpc.line_off]), np.array([rpc.samp_scale, rpc.line_scale])
-    beyond, begin = np.array(size) - 2.0 * off, scale - off
-    if (beyond <= 0.0).any() or (np.abs(beyond - np.round(beyond)) < IGNORED_RESAMPLING.whole).any():
+    beyond, whole = np.array(size) - 2.0 * off, IGNORED_RESAMPLING.whole
+    if not (beyond > 0.0).all() or (np.abs(beyond - np.round(beyond)) < whole).any():
         return None  # as vendors make them
-    doubled = (
-        np.abs(2.0 * begin - beyond) < IGNORED_RESAMPLING.whole * beyond
-    ).all()  # SPOT, WorldView: OFF + 1 is SCALE
+    doubled = (np.abs(2.0 * (scale - off) - beyond) < whole * beyond).all()  # SPOT, WorldView: OFF + 1 is SCALE
     factors = beyond / (2.0 if doubled else 1.0)
     originals = size / factors
-    if np.ptp(factors) > 1.0 / min(size) or (np.abs(originals - np.round(originals)) > IGNORED_RESAMPLING.whole).any():
+    if not np.ptp(factors) <= 1.0 / min(size) or not (np.abs(originals - np.round(originals)) <= whole).all():
         return None
     told = f"its RPC was scaled with an image resampled by {factors.mean():.4g} without half a pixel (gdal_translate)"
     return IgnoredResampling(float(np.abs(0.5 * (1.0 - factors)).max()), told)

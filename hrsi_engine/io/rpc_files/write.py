@@ -150,46 +150,10 @@ def write_geotiff_copy(
 
 
 def save_geotiff(
-    source: gdal.Dataset,
-    target_path: str,
-    rpc: RPC,
-    driver: str,
-    options: Sequence[str],
-    progress: Progress = silent,
-    lineage: Lineage = UNTOLD,
-    finish: Callable[[str], None] = lambda temporary: None,
-) -> tuple[str, ...]:
-    """Write a dataset, which may be virtual, as a GeoTIFF with an RPC; return notices for the log.
-
-    Parameters
-    ----------
-    source : gdal.Dataset
-        Pixels and metadata.
-    target_path : str
-        The file, replaced in one step.
-    rpc : RPC
-        The camera of these pixels.
-    driver, options : str and sequence of str
-        ``GTiff`` or ``COG``, and its creation options.
-    progress : Progress
-        Callback; False cancels.
-    lineage : Lineage, optional
-        What the file tells of itself.
-    finish : callable, optional
-        Called with the file under its temporary name, to add overviews.
-
-    Returns
-    -------
-    tuple of str
-        Notices for the log.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    Cancelled
-        When ``progress`` asks to stop.
-    """
+    source: gdal.Dataset, target_path: str, rpc: RPC, driver: str, options: Sequence[str],
+    progress: Progress = silent, lineage: Lineage = UNTOLD,
+) -> tuple[str, ...]:  # fmt: skip
+    """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; as `write_geotiff_copy` otherwise."""
     notices: tuple[str, ...] = ()
     # A virtual dataset brings the new RPC and metadata, so that the tags are written once
     virtual = gdal.GetDriverByName("VRT").CreateCopy("", source)
@@ -198,7 +162,6 @@ def save_geotiff(
         virtual.SetMetadataItem(name, value)
     with replacing(target_path) as temporary:
         create_copy(virtual, temporary, target_path, driver, options, progress)
-        finish(temporary)
         if lineage.original is not None:
             notices = _set_tag(temporary, target_path, rpc, gdal.Open(temporary), lineage)
         _require_tag(temporary, target_path, rpc)
@@ -242,30 +205,21 @@ def create_copy(
     source: gdal.Dataset, temporary: str, target_path: str, driver: str, options: Sequence[str], progress: Progress
 ) -> None:
     """Let GDAL copy pixels and metadata to a new file; ``target_path`` is what messages name."""
-    report, cancelled = _make_callback(progress, f"writing {os.path.basename(target_path)}")
-    written = False
+    written = cancelled = False
+
+    def report(fraction: float, _message: str, _data: Any) -> int:
+        nonlocal cancelled
+        cancelled = cancelled or progress(fraction, f"writing {os.path.basename(target_path)}") is False
+        return 0 if cancelled else 1
+
     with gdal_messages() as messages:
-        copy = gdal.GetDriverByName(driver).CreateCopy(
-            temporary, source, strict=0, options=list(options), callback=report
-        )
+        copy = gdal.GetDriverByName(driver).CreateCopy(temporary, source, 0, list(options), callback=report)
         written = copy is not None
         del copy  # closed here, so that failures of the last writing count
     if cancelled:
         raise Cancelled(f"cancelled; {target_path} was not written")
     if not written or messages:
         raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
-
-
-def _make_callback(progress: Progress, message: str) -> tuple[Callable[..., int], list[bool]]:
-    """Return a progress callback for GDAL, and a list that is not empty once the user cancelled."""
-    cancelled: list[bool] = []
-
-    def report(fraction: float, _message: str, _data: Any) -> int:
-        if progress(fraction, message) is False:
-            cancelled.append(True)
-        return 0 if cancelled else 1
-
-    return report, cancelled
 
 
 def _creation_options(source: gdal.Dataset) -> list[str]:
@@ -311,24 +265,7 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = U
 
 
 def save_vrt(source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
-    """Write a dataset that was opened under its absolute path, or a virtual one of such, as a VRT with an RPC.
-
-    Parameters
-    ----------
-    source : gdal.Dataset
-        Pixels and metadata.
-    target_path : str
-        The file, replaced in one step.
-    rpc : RPC
-        The camera of these pixels.
-    lineage : Lineage, optional
-        What the file tells of itself.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write a dataset that was opened under its absolute path, or a virtual one of such; as `write_vrt` otherwise."""
     with replacing(os.path.abspath(target_path)) as temporary:
         virtual = None
         with gdal_messages() as messages:
