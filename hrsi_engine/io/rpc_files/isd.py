@@ -65,7 +65,7 @@ def _side_names(stem: str) -> tuple[str, ...]:
     return tuple(f"{name}.xml" for name in dict.fromkeys([stem, _TILE.sub("", stem)]))
 
 
-def tile_origin(image_path: str, side_file: str) -> Origin | None:
+def _find_tile(image_path: str, side_file: str) -> Origin | None:
     """Return the product's (sample, line) of the first pixel of a tile ``…_R1C2-…``; None for other names.
 
     Raises `InputError` where the product's file does not place the tile.
@@ -81,4 +81,4 @@ def tile_origin(image_path: str, side_file: str) -> Origin | None:
     raise InputError(f"{image_path}: is a tile that {os.path.basename(side_file)} does not place: get that file again")
 
 
-READER = RpcReader("ISD XML", _side_names, _recognises, read, tile_origin)
+READER = RpcReader("ISD XML", _side_names, _recognises, read, _find_tile)
