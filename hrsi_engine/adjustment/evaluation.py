@@ -47,18 +47,12 @@ TREND_ROUNDS = 6
 class TrackFit:
     """How tracks fit one set of cameras; rows as in the observations, NaN where a point cannot be intersected.
 
-    Parameters
-    ----------
-    ground : (m, 3) ndarray
-        Where all rays of each point meet best.
-    by_ground : (n, 2, 3) ndarray
-        Derivatives of the image points by the ground, px per metre.
-    fit_px : (n, 2) ndarray
-        Observed - computed at that position.
-    predicted_px : (n, 2) ndarray
-        Observed - predicted from the other images alone; NaN where these do not determine it.
-    enlargement : (n,) ndarray
-        Standard deviation of that residual over the image point's own, root mean square of both coordinates.
+    ground : (m, 3) where all rays of each point meet best
+    by_ground : (n, 2, 3) derivatives of the image points by the ground, px per metre
+    fit_px : (n, 2) observed - computed at that position
+    predicted_px : (n, 2) observed - predicted from the other images alone; NaN where these do not determine it
+    enlargement : (n,) standard deviation of that residual over the image point's own, root mean square of both
+    coordinates
     """
 
     ground: np.ndarray
@@ -70,20 +64,12 @@ class TrackFit:
 
 @dataclass(frozen=True, eq=False)
 class PairFit:
-    """How the rays of two images miss each other.
+    """How the rays of two images (indices) miss each other.
 
-    Parameters
-    ----------
-    first, second : int
-        Indices of the images.
-    points : (k,) ndarray
-        Indices of their common points among the tracks.
-    across_px : (k,) ndarray
-        Residuals of these across the epipolar lines, shared by both images.
-    left_px : (k,) ndarray
-        The same without their affine trend over the first image: the noise of one image coordinate.
-    epipolar_px : (k, 2) ndarray
-        Distances of the first and of the second image's points from the epipolar lines of the others.
+    points : (k,) indices of their common points among the tracks
+    across_px : (k,) residuals of these across the epipolar lines, shared by both images
+    left_px : (k,) the same without their affine trend over the first image: the noise of one image coordinate
+    epipolar_px : (k, 2) distances of the first and of the second image's points from the epipolar lines of the others
     """
 
     first: int
@@ -97,17 +83,8 @@ class PairFit:
 def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit]:
     """Intersect points with the block's cameras and predict each of their image points from the others.
 
-    Parameters
-    ----------
-    block : Block
-        Cameras and image points; what is known of the points' positions is not used.
-    chosen : (points,) ndarray
-        True for the points that take part, each on two images or more.
-
-    Returns
-    -------
-    tuple of Observations and TrackFit
-        The rows that the fit's arrays refer to, and the fit.
+    Returns the rows that the fit's arrays refer to, and the fit. What is known of the points' positions is not used;
+    ``chosen (points,)`` is True for those that take part, each on two images or more.
     """
     observations = select_points(block, chosen)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
@@ -139,20 +116,7 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
 
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
-    """Return how the rays of each two images that share points miss each other.
-
-    Parameters
-    ----------
-    observations : Observations
-        The tracks.
-    fit : TrackFit
-        One set of cameras.
-
-    Returns
-    -------
-    list of PairFit
-        Of each pair with a common point.
-    """
+    """Return how the rays of each two images that share points miss each other."""
     pairs = []
     usable = finite_rows(fit.fit_px)
     rows_of = [rows[usable[rows]] for rows in observations.by_image]
@@ -196,19 +160,7 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
     of cameras two of its rays miss each other by ``reject`` times what is typical, trends apart. So no set gains or
     loses by what is left out.
 
-    Parameters
-    ----------
-    observations : Observations
-        The tracks.
-    sets : sequence of sequence of PairFit
-        The pairs of each set of cameras.
-    reject : float
-        In robust standard deviations; 0 leaves nothing out.
-
-    Returns
-    -------
-    (m,) ndarray
-        True for wrong tracks.
+    sets : the pairs of each set of cameras; reject : in robust standard deviations; 0 leaves nothing out
     """
     wrong = np.full(len(observations.points), bool(reject))
     for pairs in sets if reject else ():

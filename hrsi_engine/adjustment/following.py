@@ -54,14 +54,10 @@ class _PointReintersection(NamedTuple):
 class BlockUpdate:
     """The block with the edited points as they are now.
 
-    Parameters
-    ----------
-    values : (images, p) ndarray
-        Parameters of the model of the adjustment that is followed.
-    ground : (points, 3) ndarray
-        Positions of the watched points of that adjustment's block; NaN for all others, and for those edited.
-    edited_ground : (k, 3) ndarray
-        Positions of the points of the block of edited points; NaN for what cannot be computed.
+    values : (images, p) parameters of the model of the adjustment that is followed
+    ground : (points, 3) positions of the watched points of that adjustment's block; NaN for all others, and for those
+    edited
+    edited_ground : (k, 3) positions of the points of the block of edited points; NaN for what cannot be computed
     """
 
     values: np.ndarray
@@ -95,22 +91,10 @@ class Follower:
     def follow(self, edited: Collection[str], block: Block) -> BlockUpdate:
         """Return the block with some points as they are now.
 
-        Parameters
-        ----------
-        edited : collection of str
-            Ids of all points that are others than in the adjustment: moved, measured anew, added or removed.
-        block : Block
-            The images of the adjustment in their order, and those of the edited points that there are now.
+        edited : ids of all points that are others than in the adjustment: moved, measured anew, added or removed
+        block : the images of the adjustment in their order, and those of the edited points that there are now
 
-        Returns
-        -------
-        BlockUpdate
-            Cameras and positions.
-
-        Raises
-        ------
-        SolveError
-            The equations are singular now.
+        Raises `SolveError` where the equations are singular now.
         """
         is_edited = np.isin(self._ids, list(edited))
         now = self._select_now(block)

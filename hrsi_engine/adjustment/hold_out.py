@@ -17,19 +17,9 @@ from .options import HOLD_OUT
 
 
 def hold_out_ties(block: Block, share: float) -> Block:
-    """Return the block with some of its tie points as `Role.HELD_OUT`.
+    """Return the block with some of its tie points as `Role.HELD_OUT`; those of an earlier run, where it has such.
 
-    Parameters
-    ----------
-    block : Block
-        The block. Where an earlier run held out some of its tie points, these are the ones.
-    share : float
-        Share of the tie tracks to hold out, of blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none.
-
-    Returns
-    -------
-    Block
-        The same block, or one with other roles.
+    share : of the tie tracks to hold out, of blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none
     """
     role = block.points.role.copy()
     if share == 0.0:

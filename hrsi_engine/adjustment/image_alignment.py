@@ -56,8 +56,6 @@ def align_images(
 
     Surveys take no part: a wrong one would bend what the ties say of each other.
 
-    Parameters
-    ----------
     observations : measurements of the block
     model : of the corrections
     shift_weight, prior_weight : (cameras, 2) in 1/px² and (cameras, p), of a shift's and of the model's parameters;

@@ -229,8 +229,6 @@ class CrossValidation:
 class CameraEstimates:
     """The cameras as they were estimated, with the drift that the delivered model does not follow.
 
-    Parameters
-    ----------
     model : the model asked for, with the drift's parameters behind its own where there is such a drift
     values : (images, q) its parameters
     covariance : (images, q, q) of each image's parameters, sigma0 included; NaN where it was not computed

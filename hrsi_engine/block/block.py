@@ -61,14 +61,8 @@ class ArrayRaster:
 class Tile:
     """Position of an image in the scene of which it is a tile: all tiles of a scene have one camera.
 
-    Parameters
-    ----------
-    scene : str
-        Name of the scene: the file that holds its RPC.
-    first : tuple of float
-        The scene's sample and line at the image's first pixel.
-    size : tuple of int, optional
-        The scene's samples and lines, where known.
+    scene : name of the scene: the file that holds its RPC
+    first : the scene's sample and line at the image's first pixel; size : the scene's samples and lines, where known
     """
 
     scene: str

@@ -24,8 +24,6 @@ OUTLINE_PER_SIDE = 8
 def compute_footprint(image: Image, height_m: float | np.ndarray, per_side: int = OUTLINE_PER_SIDE) -> Polygon:
     """Return the outline of an image on the ground; empty where fewer than three of its points have a position.
 
-    Parameters
-    ----------
     height_m : of the ground (ellipsoidal), one for all or one for each point of ``image.outline_px(per_side)``
     """
     return make_polygon(image.rpc.localize(image.outline_px(per_side), height_m).ground)

@@ -27,30 +27,17 @@ class LASER_HEIGHT:
 
 @dataclass(frozen=True, eq=False)
 class LaserPoints(Columns):
-    """Laser heights and the quality figures of their files; NaN where a file has none.
+    """Laser heights and the quality figures of their files, ``(n,)`` each; NaN where a file has none.
 
-    Parameters
-    ----------
-    ids, track : (n,) ndarray of str
-        Ids; and the pass of the satellite, whose error is common to its points.
-    ground : (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
-    sigma_m : (n,) ndarray
-        Standard deviation of the height, as the file states it.
-    slope : (n,) ndarray
-        Of the ground along the track, metres per metre.
-    misfit_m : (n,) ndarray
-        Spread of the photons about the fitted segment.
-    photons : (n,) ndarray
-        Number of photons in the fit.
-    canopy_m : (n,) ndarray
-        Height of the vegetation above the ground.
-    doubt : (n,) ndarray of str
-        Why the file flags a point as unreliable; empty where it does not.
-    source : str
-        The file and layer, for messages.
-    operations : tuple of OperationUse
-        What brought the points to WGS84, with the errors that all of them share.
+    ids, track : ids; and the pass of the satellite, whose error is common to its points
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+    sigma_m : standard deviation of the height, as the file states it
+    slope : of the ground along the track, metres per metre
+    misfit_m : spread of the photons about the fitted segment; photons : number of photons in the fit
+    canopy_m : height of the vegetation above the ground
+    doubt : why the file flags a point as unreliable; empty where it does not
+    source : the file and layer, for messages
+    operations : what brought the points to WGS84, with the errors that all of them share
     """
 
     ids: np.ndarray
@@ -89,28 +76,7 @@ class LaserPoints(Columns):
         source: str = "",
         operations: tuple[OperationUse, ...] = (),
     ) -> LaserPoints:
-        """Make columns of matching length from arrays or single values.
-
-        Parameters
-        ----------
-        ground : (n, 3) array_like
-            Lon, lat in degrees, ellipsoidal height in metres.
-        ids : (n,) sequence of str, optional
-            By default numbers.
-        track, doubt : (n,) sequence of str or str
-            Pass; why a point is not trusted.
-        sigma_m, slope, misfit_m, photons, canopy_m : (n,) array_like or float
-            As the fields of the class.
-        source : str
-            The file and layer, for messages.
-        operations : tuple of OperationUse
-            What brought the points to WGS84.
-
-        Returns
-        -------
-        LaserPoints
-            The table.
-        """
+        """Make columns of matching length from arrays or single values; ids are numbers by default."""
         place = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
         count = len(place)
         names = np.char.add("L", np.char.zfill(np.arange(1, count + 1).astype(str), 6)) if ids is None else ids

@@ -13,12 +13,7 @@ import numpy as np
 class NameColumn:
     """A column of texts as distinct names and indices; NumPy functions accept it as the array of texts.
 
-    Parameters
-    ----------
-    names : (k,) ndarray of str
-        Distinct names; not all need to occur.
-    number : (n,) ndarray of int
-        Index of the name of each row.
+    names : (k,) distinct names; not all need to occur; number : (n,) index of the name of each row
     """
 
     dtype = np.dtype(str)
@@ -51,13 +46,7 @@ class NameColumn:
     __hash__ = None  # type: ignore[assignment]  # as an array
 
     def tolist(self) -> list[str]:
-        """Return the texts, equal ones as one object.
-
-        Returns
-        -------
-        list of str
-            One a row.
-        """
+        """Return the texts, one a row, equal ones as one object."""
         names = self.names.tolist()
         return [names[number] for number in self.number.tolist()]
 

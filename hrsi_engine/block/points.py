@@ -332,17 +332,9 @@ class Measurements(Columns):
 
 
 def are_apart(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return which positions of one id differ by more than `SAME_POINT.same_position_m`.
+    """Return which positions of one id differ by more than `SAME_POINT.same_position_m`, ``(n,)``.
 
-    Parameters
-    ----------
-    ground, reference : (n, 3) ndarray
-        Lon, lat in degrees in any turn, height in metres; heights that are not known do not differ.
-
-    Returns
-    -------
-    (n,) ndarray
-        True where they differ.
+    ground, reference : (n, 3) lon, lat in degrees in any turn, height in metres; unknown heights do not differ
     """
     known = np.isfinite(ground[:, 2]) & np.isfinite(reference[:, 2])
     first, second = (np.column_stack([xyz[:, :2], np.where(known, xyz[:, 2], 0.0)]) for xyz in (ground, reference))

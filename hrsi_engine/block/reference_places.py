@@ -13,18 +13,11 @@ REFERENCE_KIND = "reference"  # of their image points
 class ReferencePlaces:
     """Points of a reference orthoimage that determine a block in plan.
 
-    Parameters
-    ----------
-    ids : (k,) ndarray of str
-        Their names in the block.
-    ground : (k, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres; the height is where to begin.
-    sigma_m : float
-        Standard deviation of each horizontal coordinate of the reference.
-    over_rpcs : bool
-        True if the reference determines the block like surveyed GCPs, without the RPCs' own accuracy.
-    name : str
-        What reports call it.
+    ids : (k,) their names in the block
+    ground : (k, 3) lon, lat in degrees, ellipsoidal height in metres; the height is where to begin
+    sigma_m : standard deviation of each horizontal coordinate of the reference
+    over_rpcs : True if the reference determines the block like surveyed GCPs, without the RPCs' own accuracy
+    name : what reports call it
     """
 
     ids: np.ndarray

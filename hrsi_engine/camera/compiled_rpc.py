@@ -44,8 +44,6 @@ def project_point(
 ) -> None:  # fmt: skip
     """Write sample, line to ``computed[a]`` and their derivatives by metres east, north, up to ``by_ground[a]``.
 
-    Parameters
-    ----------
     rpcs : `rpc_tables`; i : which of them
     lon, lat, height : degrees, metres; east, north : metres per degree there
     terms : (20,) scratch
@@ -123,8 +121,6 @@ def invert_points(
 
     It ends at ``closure_px``, where a step brings nothing, or after a number of ``steps``.
 
-    Parameters
-    ----------
     normalised : `normalise_tables`; which : (n,) of them
     target, height : (n, 2), (n,) normalised sample, line and height; scale_px : (n, 2) pixels that normalise to 1
     place, least_px : (n, 2) normalised lon, lat, and (n,) what they are off in the image; both are written

@@ -160,8 +160,6 @@ def refit_rpc(
     A virtual control grid over the image and the height range is taken to the ground with ``rpc``, its image
     coordinates are corrected, and an RPC is fitted. The differences stated are those on another, staggered grid.
 
-    Parameters
-    ----------
     correct : function of image points (n, 2) and their ground points (n, 3), returns corrected image points (n, 2)
     domain_px : first and last sample, first and last line where the RPC must hold. OFF and SCALE of ``rpc`` are no
         substitute: a crop often carries those of the full scene

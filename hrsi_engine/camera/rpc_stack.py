@@ -20,13 +20,7 @@ from .rpc_terms import DERIVATIVES, EVALUATION, QUADRATIC_TERMS, chunks, monomia
 
 
 class RPCStack:
-    """RPCs by number; ``which (n,)`` is the number of each point's.
-
-    Parameters
-    ----------
-    rpcs : sequence of RPC
-        One or more.
-    """
+    """RPCs by number, one or more; ``which (n,)`` is the number of each point's."""
 
     def __init__(self, rpcs: Sequence[RPC]) -> None:
         self._rpcs = rpcs

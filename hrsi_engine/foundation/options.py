@@ -24,8 +24,6 @@ Described = TypeVar("Described")
 class Option:
     """What stands with a field.
 
-    Parameters
-    ----------
     help : one sentence without a closing full stop
     name : of the option, where it is not the field's own with ``-`` for ``_``: ``sigma-dem`` of ``sigma_dem_m``
     unit : of a number

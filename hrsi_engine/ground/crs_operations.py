@@ -357,23 +357,11 @@ class CrsOperations:
 
 @lru_cache(maxsize=_KEPT)
 def operations_of(crs: str, epoch: float | None = None) -> CrsOperations:
-    """Return the operations between a CRS and WGS84.
+    """Return the operations between a CRS and WGS84, for all threads.
 
-    Parameters
-    ----------
-    crs : str
-        Anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``.
-    epoch : float, optional
-        Year in which positions on a plate-fixed datum are wanted on WGS84.
+    crs : anything PROJ reads: ``EPSG:28355``, WKT, ``EPSG:25832+5783``
+    epoch : year in which positions on a plate-fixed datum are wanted on WGS84
 
-    Returns
-    -------
-    CrsOperations
-        They serve all threads.
-
-    Raises
-    ------
-    InputError
-        The CRS is not known, there is no way to WGS84, or no geoid grid for the heights.
+    Raises `InputError` where the CRS is not known, there is no way to WGS84, or no geoid grid for the heights.
     """
     return CrsOperations(parse_crs(crs), epoch)

@@ -40,17 +40,10 @@ def wrap_degrees(difference_deg: np.ndarray) -> np.ndarray:
 
 
 def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
-    """Return the longitudes of one place without the jump at 180 degrees.
+    """Return the longitudes ``(n,)`` of one place without the jump at 180 degrees; NaN stays.
 
-    Parameters
-    ----------
-    lon_deg : (n,) ndarray
-        Degrees in any turn; NaN stays.
-
-    Returns
-    -------
-    (n,) ndarray
-        In [-180, 180); where that tears a place of less than `ONE_PLACE_DEG` apart, those in the west go on beyond 180.
+    They are in [-180, 180); where that tears a place of less than `ONE_PLACE_DEG` apart, those in the west go on beyond
+    180.
     """
     wrapped = wrap_degrees(np.asarray(lon_deg, dtype=np.float64))
     known = wrapped[np.isfinite(wrapped)]
@@ -61,38 +54,19 @@ def continuous_longitudes(lon_deg: np.ndarray) -> np.ndarray:
 
 
 def are_continuous(lon_deg: np.ndarray) -> bool:
-    """Return whether longitudes, or the ends of them, are what `continuous_longitudes` makes of them; NaN counts not.
+    """Return whether longitudes ``(n,)``, or their ends, are as `continuous_longitudes` makes them; NaN counts not.
 
-    Parameters
-    ----------
-    lon_deg : (n,) ndarray
-        Degrees in any turn.
-
-    Returns
-    -------
-    bool
-        Whether all are in [-180, 180) and lie less than three quarters of a turn apart.
+    All are in [-180, 180) then, and lie less than three quarters of a turn apart.
     """
     west, east = np.fmin.reduce(lon_deg), np.fmax.reduce(lon_deg)
     return bool(west >= -180.0 and east < 180.0 and east - west <= 360.0 - ONE_PLACE_DEG)
 
 
 def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: float) -> np.ndarray:
-    """Return longitudes in the turn about the middle of an area, NaN for those on the other side of the Earth.
+    """Return longitudes ``(n,)`` within half a turn of an area's middle, NaN for those on the other side of the Earth.
 
-    There the turn begins and ends: what crosses the cut would seem to lie a whole turn wide.
-
-    Parameters
-    ----------
-    lon_deg : (n,) ndarray
-        Degrees in any turn.
-    middle_deg, half_width_deg : float
-        Of the area.
-
-    Returns
-    -------
-    (n,) ndarray
-        Degrees within half a turn of the middle; NaN from halfway between the area's end and the cut on.
+    There the turn begins and ends: what crosses the cut would seem to lie a whole turn wide. NaN begins halfway between
+    the area's end and the cut.
     """
     away = wrap_degrees(lon_deg - middle_deg)
     return np.where(np.abs(away) <= 0.5 * (180.0 + half_width_deg), middle_deg + away, np.nan)
@@ -119,15 +93,7 @@ def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray
 def distances_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return the straight distances between points, the same wherever they lie: at a pole, on both sides of 180°.
 
-    Parameters
-    ----------
-    ground, reference : (n, 3) ndarray
-        Lon, lat in degrees, height in metres.
-
-    Returns
-    -------
-    (n,) ndarray
-        Metres.
+    ground, reference : (n, 3) lon, lat in degrees, height in metres
     """
     return np.linalg.norm(to_ecef(ground) - to_ecef(reference), axis=1)
 

@@ -41,14 +41,8 @@ GEOID_GRIDS = {
 class Geoid:
     """A geoid grid that PROJ can read.
 
-    Parameters
-    ----------
-    name : str
-        ``egm96``, ``egm2008`` or the path of a grid.
-    file : str
-        What PROJ opens.
-    stands_for : str
-        The height datum that is meant, where this is not it.
+    name : ``egm96``, ``egm2008`` or the path of a grid; file : what PROJ opens
+    stands_for : the height datum that is meant, where this is not it
     """
 
     name: str
@@ -58,20 +52,9 @@ class Geoid:
     def heights(self, ground: np.ndarray) -> np.ndarray:
         """Return geoid undulations (m): ellipsoidal height = height above the geoid + undulation.
 
-        Parameters
-        ----------
-        ground : (n, 3) or (n, 2) ndarray
-            Lon, lat in degrees; a height is not used.
+        ground : (n, 3) or (n, 2) lon, lat in degrees; a height is not used
 
-        Returns
-        -------
-        (n,) ndarray
-            Metres.
-
-        Raises
-        ------
-        InputError
-            The grid does not cover a point, or holds what is no undulation.
+        Raises `InputError` where the grid does not cover a point, or holds what is no undulation.
         """
         undulation = np.full(len(ground), np.nan)
         if self._pipeline is not None:
@@ -91,22 +74,11 @@ class Geoid:
 
 
 def find_geoid(datum: str) -> Geoid:
-    """Return the grid of a geoid model or file; for a model that is not installed the nearest one that is.
+    """Return the grid of a geoid model or file; for a model that is not installed the nearest that is (``stands_for``).
 
-    Parameters
-    ----------
-    datum : str
-        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``).
+    datum : ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``)
 
-    Returns
-    -------
-    Geoid
-        With ``stands_for`` where it is another model.
-
-    Raises
-    ------
-    InputError
-        It is neither a model nor a grid, or no grid of a model is installed.
+    Raises `InputError` where it is neither a model nor a grid, or no grid of a model is installed.
     """
     names = GEOID_GRIDS.get(datum.lower())
     if names is None:

@@ -57,18 +57,7 @@ def map_epsg(lon_deg: float, lat_deg: float) -> int:
 
 
 def map_epsg_of(ground: np.ndarray) -> int:
-    """Return the EPSG code of the map of the middle of ground points.
-
-    Parameters
-    ----------
-    ground : (n, 2) or (n, 3) ndarray
-        Lon, lat in degrees; those without a position (NaN) do not count.
-
-    Returns
-    -------
-    int
-        As `map_epsg`.
-    """
+    """Return the EPSG code (`map_epsg`) of the middle of ground points ``(n, 2)`` or ``(n, 3)``; NaN counts not."""
     return map_epsg(*middle_position(ground)[:2])
 
 

@@ -27,22 +27,7 @@ class SunAngles(NamedTuple):
 
 
 def sun_at_hour_angle(declination_rad: float, hour_angle_rad: float, lat_deg: float) -> SunAngles:
-    """Return where the sun stands.
-
-    Parameters
-    ----------
-    declination_rad : float
-        Of the sun.
-    hour_angle_rad : float
-        Since it was in the south, westwards.
-    lat_deg : float
-        Latitude.
-
-    Returns
-    -------
-    SunAngles
-        Its azimuth and elevation.
-    """
+    """Return where the sun stands above a latitude; its hour angle counts from the south, westwards."""
     lat, hour, declination = np.radians(lat_deg), hour_angle_rad, declination_rad
     up = np.sin(lat) * np.sin(declination) + np.cos(lat) * np.cos(declination) * np.cos(hour)
     east = -np.cos(declination) * np.sin(hour)
@@ -51,20 +36,7 @@ def sun_at_hour_angle(declination_rad: float, hour_angle_rad: float, lat_deg: fl
 
 
 def sun_at_time(time: datetime, lon_deg: float, lat_deg: float) -> SunAngles:
-    """Return where the sun stands above a place.
-
-    Parameters
-    ----------
-    time : datetime
-        With its time zone.
-    lon_deg, lat_deg : float
-        The place.
-
-    Returns
-    -------
-    SunAngles
-        Its azimuth and elevation, to some hundredths of a degree.
-    """
+    """Return where the sun stands above a place, to some hundredths of a degree; the time has its zone."""
     days = (time - _EPOCH).total_seconds() / 86400.0
     mean_longitude = np.radians(280.460 + 0.9856474 * days)
     anomaly = np.radians(357.528 + 0.9856003 * days)

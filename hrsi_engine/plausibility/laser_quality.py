@@ -29,18 +29,7 @@ class LASER_QUALITY:
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:
-    """Return why each laser point is left out.
-
-    Parameters
-    ----------
-    points : LaserPoints
-        The points.
-
-    Returns
-    -------
-    (n,) ndarray of str
-        Empty where nothing speaks against a point.
-    """
+    """Return why each laser point is left out, ``(n,)``; empty where nothing speaks against a point."""
     with np.errstate(invalid="ignore"):
         tests = (
             (points.sigma_m > LASER_QUALITY.sigma_m, f"standard deviation above {LASER_QUALITY.sigma_m:g} m"),
@@ -61,15 +50,7 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
 def find_track_outliers(points: LaserPoints) -> np.ndarray:
     """Return which points differ from the median height of their neighbours on the track by more than slopes explain.
 
-    Parameters
-    ----------
-    points : LaserPoints
-        The points that are to be compared.
-
-    Returns
-    -------
-    (n,) ndarray
-        True for outliers; False where a point has too few neighbours.
+    False where a point has too few neighbours.
     """
     result = np.zeros(len(points), dtype=bool)
     order = np.argsort(points.track, kind="stable")

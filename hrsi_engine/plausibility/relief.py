@@ -43,25 +43,12 @@ class RELIEF:
 def find_relief_reasons(
     ground: np.ndarray, surface: HeightSurface, sigma_plan_m: float = 0.0, sigma_h_m: float = 0.0, holds: bool = False
 ) -> list[Reason]:
-    """Return the reason why a DEM does not show the ground of a block.
+    """Return the reason why a DEM does not show the ground of a block, if any and if enough points have heights in it.
 
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat, height of tie points as adjusted.
-    surface : HeightSurface
-        The DEM.
-    sigma_plan_m : float
-        Standard deviation of the block's position in plan: 0 where GCPs determine it.
-    sigma_h_m : float
-        Standard deviation of the height difference between points and DEM.
-    holds : bool
-        True if only the DEM determines the block's height.
-
-    Returns
-    -------
-    list of Reason
-        At most one; empty where too few points have a height in the DEM.
+    ground : (n, 3) lon, lat, height of tie points as adjusted
+    sigma_plan_m : standard deviation of the block's position in plan: 0 where GCPs determine it
+    sigma_h_m : standard deviation of the height difference between points and DEM
+    holds : True if only the DEM determines the block's height
     """
     ground = ground[:: 1 + len(ground) // RELIEF.most_points]
     of_dem = surface_heights(surface, ground[:, :2])

@@ -166,8 +166,6 @@ def linearise_by_rays(
 ) -> None:  # fmt: skip
     """Write the observation equations of an image point; the formula of compiled loops and NumPy alike.
 
-    Parameters
-    ----------
     used : (q,) the quantities that are corrected
     constants, coefficients, i, rays, row : as in `intersect_frame_height`; xy : (n, 2) observed, px
     position, axes : of the ground point: geocentric, and the unit vectors east, north, up there

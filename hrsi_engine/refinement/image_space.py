@@ -133,8 +133,6 @@ def correct_in_image(
 ) -> None:  # fmt: skip
     """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
-    Parameters
-    ----------
     powers : (m, 2); constants : (images, 2) px; coefficients : (images, 2, m)
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
     terms : (n, m) output, the monomials

@@ -175,18 +175,7 @@ def select_priors(image: Image, controlled: bool) -> Priors:
 
 
 def estimate_priors(image: Image) -> Priors:
-    """Return the a priori accuracy of an image's RPC, from the pointing of its sensor.
-
-    Parameters
-    ----------
-    image : Image
-        The image.
-
-    Returns
-    -------
-    Priors
-        Standard deviations of its shift and of its change across the image.
-    """
+    """Return the a priori accuracy of an image's RPC, its shift and drift, from the pointing of its sensor."""
     pointing = estimate_pointing(image)
     return Priors(pointing.sigma_m / compute_gsd_m(image), pointing.drift)
 

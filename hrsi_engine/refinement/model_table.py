@@ -12,8 +12,6 @@ from typing import Any, NamedTuple, TypeVar
 class ModelEntry(NamedTuple):
     """A model before it is made.
 
-    Parameters
-    ----------
     title : what it corrects, in a few words
     maker : which of the family's makers makes it
     settings : what the maker takes after name and title

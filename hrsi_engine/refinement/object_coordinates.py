@@ -96,8 +96,6 @@ def correct_by_ground(
 ) -> None:  # fmt: skip
     """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
-    Parameters
-    ----------
     powers : (m, 3); constants : (images, 6); coefficients : (images, 2, m)
     lon, lat, height : degrees, metres; east, north : metres per degree there
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera

@@ -130,8 +130,6 @@ def move_position(
 
     Shared by compiled loops and NumPy.
 
-    Parameters
-    ----------
     constants : (images, 13); coefficients : (images, 3, 4) m
     position : geocentric x, y, z, m
     terms : (n, 1 or 4) output, the first terms; a : row, or all rows
@@ -159,8 +157,6 @@ def rotate_derivatives(
 ) -> None:  # fmt: skip
     """Transform derivatives by the corrected ground to those by the frame's coordinates and by the given ground.
 
-    Parameters
-    ----------
     constants, coefficients, i : as in `move_position`
     there, here : geocentric unit vectors east, north, up at the corrected and at the given position
     by_ground : (n, 2, 3) px/m at the corrected position; overwritten by those at the given one

@@ -161,8 +161,6 @@ def place_in_frame(
 ) -> tuple[Triple[Number], Triple[Number], Triple[Number]]:
     """Return X, Y, z of a ground point of an image point, and their derivatives by sample and by line at its height.
 
-    Parameters
-    ----------
     constants : `SensorFrame.constants` of many images; i : the image
     position, axes : geocentric position, and unit vectors east, north, up there
     by_ground : (n, 2, 3) derivatives of sample and line by metres east, north, up; a : in which row, or all of them

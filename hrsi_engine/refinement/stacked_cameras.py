@@ -29,8 +29,6 @@ def linearise_images(
 ) -> Equations:  # fmt: skip
     """Return the linearised equations of points that were observed at ``xy (n, 2)``; see `RefinementModel.equations`.
 
-    Parameters
-    ----------
     model, images, which, values, ground : see the module
     xy : (n, 2) sample, line
     """

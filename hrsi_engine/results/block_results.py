@@ -38,18 +38,9 @@ class RPC_AGREEMENT:
 class BlockResult:
     """A block's results before anything is written.
 
-    Parameters
-    ----------
-    adjustment : Adjustment
-        The adjustment.
-    left : Residuals
-        What it left over.
-    refined : sequence of RefitRPC
-        The refined RPCs, one an image.
-    report : dict
-        Entries of ``report.json``; what is written, and where, is entered by who writes it.
-    verdict : Verdict
-        Whether it is usable, and why not.
+    left : residuals of the adjustment; refined : the refined RPCs, one an image
+    report : entries of ``report.json``; what is written, and where, is entered by who writes it
+    verdict : whether it is usable, and why not
     """
 
     adjustment: Adjustment
@@ -99,25 +90,10 @@ def assemble_result(
 ) -> BlockResult:
     """Return what an adjustment comes to.
 
-    Parameters
-    ----------
-    adjustment : Adjustment
-        The adjustment.
-    record : mapping
-        What the report says of the run: version, options, inputs.
-    warnings : sequence of str
-        Those from before the adjustment.
-    reasons : sequence of Reason
-        What was found in the inputs.
-    entries : mapping
-        What the report has besides a block's entries.
-    lap : callable
-        Called with the name of each part that is done.
-
-    Returns
-    -------
-    BlockResult
-        The results.
+    record : what the report says of the run: version, options, inputs
+    warnings : those from before the adjustment; reasons : what was found in the inputs
+    entries : what the report has besides a block's entries
+    lap : called with the name of each part that is done
     """
     images, model = adjustment.block.images, adjustment.model
     left = compute_residuals(adjustment)

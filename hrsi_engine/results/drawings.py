@@ -70,23 +70,11 @@ class _PointSelection:
 def report_figures(
     result: Adjustment, left: Residuals, refined: Sequence[Image] = (), outline: Outline | None = None
 ) -> ReportFigures:
-    """Return the figures of an adjusted block.
+    """Return the figures of an adjusted block, which `io.pages.report` writes.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-    left : Residuals
-        What it left over.
-    refined : sequence of Image
-        The block's images with their refined RPCs: what lies on the map lies where these have it. Without, the block's.
-    outline : callable, optional
-        What finds the outline of a target that was measured: with image and position it gives polylines.
-
-    Returns
-    -------
-    ReportFigures
-        What `io.pages.report` writes.
+    refined : the block's images with their refined RPCs: what lies on the map lies where these have it; else the
+    block's
+    outline : finds the outline of a target that was measured: with image and position it gives polylines
     """
     shown = _choose_points(result, left)
     images = refined or result.block.images

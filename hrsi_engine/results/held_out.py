@@ -32,20 +32,10 @@ NONE_HELD_OUT = {"points": 0, "observations": 0, "rmse_px": None, "epipolar_rmse
 
 
 def summarise_held_out(result: Adjustment, refined: Sequence[RefitRPC]) -> dict[str, Any]:
-    """Return the report's entry on held-out tie points.
+    """Return the report's entry on held-out tie points, which took no part in the adjustment.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment in which they took no part.
-    refined : sequence of RefitRPC
-        The refined RPCs, one an image.
-
-    Returns
-    -------
-    dict
-        ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches that
-        these are without, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
+    ``points``, ``observations``, ``rmse_px`` (2D), ``epipolar_rmse_px``, the number of ``wrong`` matches that these are
+    without, and under ``ties`` the same figures of as many tie points that adjusted the cameras.
     """
     block = result.block
     held = block.points.role == Role.HELD_OUT

@@ -41,19 +41,9 @@ FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 
 
 def state_accuracy(result: Adjustment, refined: Sequence[RefitRPC]) -> list[RefitRPC]:
-    """Return refined RPCs with ERR_BIAS and ERR_RAND as the adjustment predicts them.
+    """Return refined RPCs, in their order, with ERR_BIAS and ERR_RAND as the adjustment predicts them.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-    refined : sequence of RefitRPC
-        One an image. An RPC keeps its vendor's figures where nothing was estimated, or no covariance is known.
-
-    Returns
-    -------
-    list of RefitRPC
-        In the same order.
+    An RPC keeps its vendor's figures where nothing was estimated, or no covariance is known.
     """
     height = float(middle_position(choose_positions(result))[2])
     images = result.block.images
@@ -116,20 +106,7 @@ def _compute_image_shifts_m(result: Adjustment, images: np.ndarray) -> np.ndarra
 
 
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:
-    """Return what a refined image tells of itself, by the names of its metadata.
-
-    Parameters
-    ----------
-    report : mapping
-        The report of the run.
-    report_path : str
-        Where it will lie.
-
-    Returns
-    -------
-    dict of str to str
-        ``HRSI_VERSION`` and the like.
-    """
+    """Return what a refined image tells of itself, by the names of its metadata (``HRSI_VERSION`` and the like)."""
     accuracy, source = block_accuracy(report)
     operations = _name_operations(report.get("crs_operations") or ())
     return {

@@ -28,8 +28,6 @@ class OUTLIER:
 def compute_statistic(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return the length of residuals in sigmas ``(n,)``, over the coordinates that exist; NaN without any.
 
-    Parameters
-    ----------
     residual, sigma : (n, k) in the same unit; NaN where a coordinate was not measured, or has no sigma
     """
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -133,23 +133,9 @@ def survey_residuals_px(block: Block, model: RefinementModel, values: np.ndarray
 
 
 def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Return observed - projected of points at some positions.
+    """Return observed - projected ``(measurements, 2)`` of points at some positions; NaN where there is no position.
 
-    Parameters
-    ----------
-    block : Block
-        The block.
-    model : RefinementModel
-        Of the cameras.
-    values : (images, p) ndarray
-        Its parameters.
-    ground : (points, 3) ndarray
-        Positions; NaN for those without.
-
-    Returns
-    -------
-    (measurements, 2) ndarray
-        In pixels; NaN where there is no position.
+    values : (images, p) parameters of the model; ground : (points, 3) positions; NaN for those without
     """
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
@@ -161,23 +147,10 @@ def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, gr
 
 
 def ground_residuals_m(block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Return survey - computed of the known points, NaN for all others.
+    """Return survey - computed of the known points, ``(points, 3)`` east, north, up; NaN for all others.
 
-    Parameters
-    ----------
-    block : Block
-        The block.
-    model : RefinementModel
-        Of the cameras.
-    values : (images, p) ndarray
-        Its parameters.
-    ground : (points, 3) ndarray
-        Adjusted positions; those of GCPs are where the intersection of their rays begins.
-
-    Returns
-    -------
-    (points, 3) ndarray
-        East, north, up in metres.
+    values : (images, p) parameters of the model
+    ground : (points, 3) adjusted positions; those of GCPs are where the intersection of their rays begins
     """
     computed = np.where(block.known[:, None], ground, np.nan)
     control = _select_control(block, ground)

@@ -50,16 +50,9 @@ EARLIEST = "1957-10-04T00:00:00Z"  # of an image from space, for one of unknown 
 class DeliveryFiles:
     """Where a refined image's files are.
 
-    Parameters
-    ----------
-    folder : str
-        That the items are written for: addresses below it or near it are relative.
-    image : str
-        Of the file with the pixels.
-    rpc : str, optional
-        Of the file with the refined RPC, where that is another one.
-    staged : mapping of str to str
-        Where files lie now that will lie in the folder, by their paths there; sizes are taken from them.
+    folder : that the items are written for: addresses below it or near it are relative
+    image, rpc : files with the pixels, and with the refined RPC where that is another one
+    staged : where files lie now that will lie in the folder, by their paths there; sizes are taken from them
     """
 
     folder: str
@@ -69,24 +62,7 @@ class DeliveryFiles:
 
 
 def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a refined image as a STAC item.
-
-    Parameters
-    ----------
-    image : Image
-        As it was opened.
-    refined : RefitRPC
-        Its new camera, with ERR_BIAS and ERR_RAND where they are known.
-    files : RefinedFiles
-        Where its files are.
-    report : mapping
-        The run's report, finished but for the times.
-
-    Returns
-    -------
-    dict
-        The item, as JSON takes it.
-    """
+    """Return a refined image as a STAC item, as JSON takes it; the report is finished but for the times."""
     new, height = replace(image, rpc=refined.rpc), image.middle_height_m
     outline = _orient_outline(compute_footprint(new, height))
     assets = {"image": _make_asset(files.image, files, "data")}

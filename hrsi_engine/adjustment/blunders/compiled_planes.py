@@ -12,8 +12,6 @@ def find_nearest_planes(
 
     A plane is given up as soon as more parallaxes are at least as far as the best one's distance than may be.
 
-    Parameters
-    ----------
     terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
     tried : (p, t, c) planes, c of 3 or 1 for level ones
     kept : (p,) numbers

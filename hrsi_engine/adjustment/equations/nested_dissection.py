@@ -234,8 +234,6 @@ def mirror_lower(lower: np.ndarray) -> np.ndarray:
 class SparseFactor:
     """Cholesky factor of a block matrix given by its upper blocks.
 
-    Parameters
-    ----------
     graph : symmetric adjacency of the n cameras
     start, columns : compressed rows of the upper blocks
     size : p, unknowns of a camera

@@ -99,8 +99,6 @@ class Elimination(Protocol):
 class NormalEquations:
     """What the solver asks of the normal equations; ``weight (n,)`` in 1/px², 0 for image points without a say.
 
-    Parameters
-    ----------
     observations : measurements and points, in the solver's order
     model : of the cameras' corrections
     pattern : which cameras share points

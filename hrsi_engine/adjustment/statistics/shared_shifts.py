@@ -24,23 +24,10 @@ from ..gauss_newton import GaussNewton, Solution
 
 
 def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray, shifts_m: np.ndarray) -> np.ndarray:
-    """Return by how much each point moves where the GCPs are shifted.
+    """Return by how much each point moves, ``(m, 3, k)`` east, north, up, where the GCPs are shifted.
 
-    Parameters
-    ----------
-    loop : GaussNewton
-        With the normal equations.
-    solution : Solution
-        Where it ended.
-    surveyed : (m,) ndarray
-        Mask of the points that carry a survey.
-    shifts_m : (m, 3, k) ndarray
-        East, north and up of each point's survey, for k shifts.
-
-    Returns
-    -------
-    (m, 3, k) ndarray
-        East, north and up.
+    surveyed : (m,) mask of the points that carry a survey
+    shifts_m : (m, 3, k) east, north and up of each point's survey, for k shifts
     """
     priors, moved = solution.weighting.points, np.zeros_like(shifts_m)
     given = solution.state, solution.weight, priors, solution.weighting.contributes
