@@ -271,12 +271,9 @@ class Judges:
 
 
 def _read_points(
-    options: EvaluateOptions,
-    images: Sequence[Image],
-    surface: HeightSurface | None,
-    files: Mapping[str, Sequence[str]],
-    context: Context,
-) -> Judges:
+    options: EvaluateOptions, images: Sequence[Image], surface: HeightSurface | None,
+    files: Mapping[str, Sequence[str]], context: Context,
+) -> Judges:  # fmt: skip
     """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
 
     What made one of the sets, whose RPC ``files`` are named, is left out. Where that leaves no tracks, others are found
@@ -327,25 +324,22 @@ def _set_entry(
     one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray, surface: HeightSurface | None
 ) -> Report:
     """Return the figures of one set of RPCs."""
-    fit, used = one.fit, kept[observations.point]
+    fit, used, rays = one.fit, kept[observations.point], np.diff(observations.first)
     length = np.hypot(*fit.predicted_px[predicted].T)
     entry: Report = {
-        "source": one.source,
-        "made_by": one.made_by,
-        "predictions": int(predicted.sum()),
+        "source": one.source, "made_by": one.made_by, "predictions": int(predicted.sum()),
         "predicted_rmse_px": radial_rmse(fit.predicted_px[predicted]),
         "predicted_median_px": float(np.median(length)) if len(length) else None,
         "predicted_p90_px": float(np.percentile(length, 90.0)) if len(length) else None,
-        "noise_enlargement": rmse(fit.enlargement[predicted]),
-        "fit_rmse_px": radial_rmse(fit.fit_px[used]),
-        "fit_by_views": _fit_by_views(observations, fit, kept),
+        "noise_enlargement": rmse(fit.enlargement[predicted]), "fit_rmse_px": radial_rmse(fit.fit_px[used]),
+        "fit_by_views": {
+            str(k): radial_rmse(fit.fit_px[(kept & (rays == k))[observations.point]])
+            for k in np.unique(rays[kept]).tolist()
+        },
         "scatter_px": rmse(np.concatenate([np.zeros(0), *(pair.left_px[kept[pair.points]] for pair in one.pairs)])),
-        "images": {},
-        "pairs": [],
-        "control": _survey_entry(one, Role.GCP),
-        "check": _survey_entry(one, Role.CHECK),
+        "images": {}, "pairs": [], "control": _survey_entry(one, Role.GCP), "check": _survey_entry(one, Role.CHECK),
         "dem": None if surface is None else _height_entry(one.fit.ground[kept], surface),
-    }
+    }  # fmt: skip
     for index, image in enumerate(one.block.images):
         rows = observations.by_image[index]
         rows, told = rows[used[rows]], rows[predicted[rows]]
@@ -365,14 +359,6 @@ def _set_entry(
                 "rmse_px": rmse(across),
             })  # fmt: skip
     return entry
-
-
-def _fit_by_views(observations: Observations, fit: TrackFit, kept: np.ndarray) -> dict[str, float | None]:
-    rays = np.diff(observations.first)
-    return {
-        str(k): radial_rmse(fit.fit_px[(kept & (rays == k))[observations.point]])
-        for k in np.unique(rays[kept]).tolist()
-    }
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
@@ -486,6 +472,7 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
 def summarise(report: Report) -> str:
     """Return the sets of RPCs side by side, by image, and what comes out first."""
     sets, tracks = report["sets"], report["tracks"]
+    any_set = next(iter(sets.values()))
     rows = {
         "tracks: predicted RMSE px": [entry["predicted_rmse_px"] for entry in sets.values()],
         "        median px": [entry["predicted_median_px"] for entry in sets.values()],
@@ -494,23 +481,22 @@ def summarise(report: Report) -> str:
         "pairs: scatter px": [entry["scatter_px"] for entry in sets.values()],
     }
     for role in ("control", "check"):
-        if next(iter(sets.values()))[role]["points"]:
+        if any_set[role]["points"]:
             for key in ("rmse_east_m", "rmse_north_m", "rmse_height_m", "ce90_m", "le90_m", "rmse_sample_px",
                         "rmse_line_px"):  # fmt: skip
                 rows[f"{role}: {key.replace('_', ' ')}"] = [entry[role][key] for entry in sets.values()]
-    if next(iter(sets.values()))["dem"] is not None:
+    if any_set["dem"] is not None:
         rows |= {
             f"above the DEM: {key.replace('_', ' ')}": [entry["dem"][key] for entry in sets.values()]
             for key in ("median_m", "nmad_m", "p90_m")
         }
-    images = next(iter(sets.values()))["images"]
     rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-             for name in list(images)[:COMPARISON.most_pairs]}  # fmt: skip
+             for name in list(any_set["images"])[:COMPARISON.most_pairs]}  # fmt: skip
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [
         f"{tracks['points']} tracks ({views or 'none'} images), {tracks['wrong']} wrong ones left out, "
-        f"{next(iter(sets.values()))['predictions']} predictions",
+        f"{any_set['predictions']} predictions",
         f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
         *(f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
           for label, values in rows.items() if any(value is not None for value in values)),

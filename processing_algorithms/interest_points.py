@@ -44,7 +44,12 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     # Where the sun stood: as its delivery tells, else as given, for then its elevation is not known
     given = None if options.sun_azimuth is None else SunReading(SunAngles(options.sun_azimuth, float("nan")), "given")
     suns = [None if image.rpc is None else read_sun(image.path, image.rpc) or given for image in images]
-    shadows = [_shadow_words(image, table, sun) for image, table, sun in zip(images, tables, suns, strict=True)]
+    # Of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``
+    shadows = [np.full(len(table), "unknown") for table in tables]
+    for number, (image, table, sun) in enumerate(zip(images, tables, suns, strict=True)):
+        if image.rpc is not None and sun is not None:
+            direction = compute_image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
+            shadows[number] = np.where(find_shadows(image.raster, table, direction), "yes", "no")
     grounds = [ground_of(image, table.xy, surface) for image, table in zip(images, tables, strict=True)]
     warnings = [f"{image.id}: no point" for image, table in zip(images, tables, strict=True) if not len(table)]
     warnings += ground_warnings(images, grounds)
@@ -75,14 +80,6 @@ def _image_entry(image: ImagePixels, points: InterestPoints, sun: SunReading | N
         entry["sun"] = {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source}
         entry["shadows"] = int(np.sum(words == "yes"))
     return entry
-
-
-def _shadow_words(image: ImagePixels, points: InterestPoints, sun: SunReading | None) -> np.ndarray:
-    """Return of each point ``yes`` or ``no``, whether it is a dark centre on the shadow side; else ``unknown``."""
-    if image.rpc is None or sun is None:
-        return np.full(len(points), "unknown")
-    direction = compute_image_direction(image.rpc, image.raster.size, sun.angles.azimuth_deg)
-    return np.where(find_shadows(image.raster, points, direction), "yes", "no")
 
 
 def _make_layer(

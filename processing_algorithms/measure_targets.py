@@ -1,7 +1,7 @@
 """`measure-targets`: sub-pixel centres and corners near approximate positions, or from hand-measured edge points."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,9 +68,15 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
         if all(refusals):
             warnings.append(f"{paths.get(image, image)}: none of {len(refusals)} targets is measured ({refusals[0]})")
     tell(warnings, context)
+    rows = [
+        {"id": one.id, "image": one.image, "kind": found.kind, "sample": float(found.xy[0]), "line": float(found.xy[1]),
+         "sigma_px": found.sigma_px, "rmse_px": found.rmse_px, "edge_points": int(found.used.sum()),
+         "stray_points": int((~found.used).sum()), "quality": found.quality, "refusal": found.refusal}
+        for one in targets for found in [one.measurement]
+    ]  # fmt: skip
     report: Report = {
         **context.record, "measured": len(made),
-        "refused": len(targets) - len(made), "targets": [_target_row(target) for target in targets],
+        "refused": len(targets) - len(made), "targets": rows,
         "chips_left_out": max(len(targets) - TARGET_PAGE.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
@@ -82,16 +88,6 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     page = "targets.html.j2" if options.report else ""
     write_folder(options.folder, report, LAYERS_FILE, _make_layers(targets, by_id), context, page, chips=chips)
     return report
-
-
-def _target_row(target: Target) -> dict[str, Any]:
-    made = target.measurement
-    return {
-        "id": target.id, "image": target.image, "kind": made.kind,
-        "sample": float(made.xy[0]), "line": float(made.xy[1]),
-        "sigma_px": made.sigma_px, "rmse_px": made.rmse_px, "edge_points": int(made.used.sum()),
-        "stray_points": int((~made.used).sum()), "quality": made.quality, "refusal": made.refusal,
-    }  # fmt: skip
 
 
 def _open_images(paths: Sequence[str]) -> list[ImagePixels]:

@@ -1,6 +1,6 @@
 """`rpc-info`: how images see the ground and each other, and whether their RPCs are sound."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -154,25 +154,18 @@ def summarise(report: Report) -> str:
     ]
     if report["pairs"]:
         lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]
-        lines += [_pair_line(pair, width) for pair in report["pairs"]]
+        for pair in report["pairs"]:
+            overlap = f"{pair['overlap_first']:4.0%} / {pair['overlap_second']:4.0%}"
+            line = f"{pair['first']:{width}} - {pair['second']:{width}}   {overlap}"
+            if pair["convergence_deg"] is not None:
+                line += f"   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"
+            lines.append(line)
     if report["crs_operations"]:
         lines += ["", "         accuracy  coordinate operation to WGS84"]
-        lines += [_operation_line(row) for row in report["crs_operations"]]
+        for row in report["crs_operations"]:
+            state = "taken" if row["taken"] else "missing" if row["missing"] else ""
+            accuracy = "?" if row["accuracy_m"] is None else f"{row['accuracy_m']:g} m"
+            grid = f"; grid {row['grid']}" if row["grid"] else ""
+            advice = f": {row['advice']}" if row["advice"] else ""
+            lines.append(f"{state:8} {accuracy:>8}  {row['name']} ({row['code'] or 'no code'}){grid}{advice}")
     return "\n".join(lines)
-
-
-def _operation_line(row: Mapping[str, Any]) -> str:
-    state = "taken" if row["taken"] else "missing" if row["missing"] else ""
-    accuracy = "?" if row["accuracy_m"] is None else f"{row['accuracy_m']:g} m"
-    grid = f"; grid {row['grid']}" if row["grid"] else ""
-    return f"{state:8} {accuracy:>8}  {row['name']} ({row['code'] or 'no code'}){grid}" + (
-        f": {row['advice']}" if row["advice"] else ""
-    )
-
-
-def _pair_line(pair: Mapping[str, Any], width: int) -> str:
-    name = f"{pair['first']:{width}} - {pair['second']:{width}}"
-    overlap = f"{pair['overlap_first']:4.0%} / {pair['overlap_second']:4.0%}"
-    if pair["convergence_deg"] is None:
-        return f"{name}   {overlap}"
-    return f"{name}   {overlap}   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"

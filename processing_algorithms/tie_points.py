@@ -23,6 +23,7 @@ from .block_steps.tie_search import connection_entries, count_pairs, find_ties
 from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
 from .files.dry_run import plan
 from .files.image_files import open_input_images
+from .files.result_folder import tell
 from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
@@ -78,8 +79,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
         report = with_earlier(_make_report(images, found, context.record), earlier.report)
         report |= {"seconds": clock.total(), "outputs": outputs}
         write_report_json(str(folder / "report.json"), report)
-    for warning in found.warnings:
-        context.log(f"warning: {warning}")
+    tell(found.warnings, context)
     advance(context.progress, 1.0, "done")
     return report
 

@@ -168,11 +168,8 @@ def laser_entries(result: Adjustment, options: LaserFile) -> Report:
     residual = found.residual_m[holds]
     return {
         "laser": {
-            "path": options.laser,
-            "height_datum": options.laser_datum,
-            "points": len(found.reason),
-            "used": int(holds.sum()),
-            "ties": int(found.ties[holds].sum()),
+            "path": options.laser, "height_datum": options.laser_datum, "points": len(found.reason),
+            "used": int(holds.sum()), "ties": int(found.ties[holds].sum()),
             "median_m": float(np.median(residual)) if residual.size else None,
             "rmse_m": float(np.sqrt(np.mean(residual**2))) if residual.size else None,
             "left_out": dict(Counter(found.reason[~holds].tolist()).most_common()),
@@ -183,10 +180,7 @@ def laser_entries(result: Adjustment, options: LaserFile) -> Report:
 def laser_warnings(result: Adjustment) -> list[str]:
     """Return what a user should know where few laser points hold anything."""
     found = result.laser
-    if found is None:
-        return []
-    used = int((found.reason == "").sum())
-    if used >= LASER_LOOK.few_points:
+    if found is None or (used := int((found.reason == "").sum())) >= LASER_LOOK.few_points:
         return []
     most = Counter(found.reason[found.reason != ""].tolist()).most_common(1)
     why = f"; most of the others: {most[0][0]}" if most else ""

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -27,7 +28,12 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
         words = line.replace(",", " ").split()
         if not words:
             continue
-        values = _leading_numbers(words[: len(names)])
+        values: list[float] = []
+        with suppress(ValueError):  # the first word that is no number
+            for word in words[: len(names)]:
+                if not math.isfinite(value := float(word)):
+                    break
+                values.append(value)
         if len(values) < len(names) - 1:
             raise InputError(f"line {count}: {line.strip()[:60]!r} does not begin with {' '.join(names)}: correct it")
         rest.append(" ".join(words[len(values) :]))
@@ -35,25 +41,10 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
     return np.array(numbers, dtype=np.float64).reshape(-1, len(names)), rest
 
 
-def _leading_numbers(words: Sequence[str]) -> list[float]:
-    values: list[float] = []
-    for word in words:
-        try:
-            value = float(word)
-        except ValueError:
-            break
-        if not math.isfinite(value):
-            break
-        values.append(value)
-    return values
-
-
 def format_lines(rows: Iterable[Sequence[float | str | None]], separator: str = " ") -> str:
     """Return rows as text with 15 significant digits, ``nan`` where there is no value."""
-    return "\n".join(separator.join(_format_number(value) for value in row if value != "") for row in rows)
-
-
-def _format_number(value: float | str | None) -> str:
-    if value is None:
-        return "nan"
-    return value if isinstance(value, str) else f"{value:.15g}"
+    texts = (
+        ["nan" if cell is None else cell if isinstance(cell, str) else f"{cell:.15g}" for cell in row if cell != ""]
+        for row in rows
+    )
+    return "\n".join(map(separator.join, texts))

@@ -51,7 +51,7 @@ class PlacedOrtho(NamedTuple):
     ortho: OrthoRaster
     offset: tuple[int, int]
 
-    def reader(self, area: tuple[int, int, int, int], shift: Sequence[int] = (0, 0)) -> Read:
+    def reader(self, area: tuple[int, int, int, int], shift: Sequence[int] | np.ndarray = (0, 0)) -> Read:
         """Return a function that reads windows, moved by a shift, counted from the corner of an area."""
         column, row = (np.subtract(area[:2], self.offset) + shift).tolist()
         return lambda x, y, columns, rows: self.ortho.raster.read(x + column, y + row, columns, rows)

@@ -182,15 +182,9 @@ def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> l
     operations = [*(json.dumps(use.entry()) for use in ground.operations), ""]  # the last one is that of number -1
     return [
         SurveyPoint(
-            str(ground.ids[row]),
-            float(ground.ground[row, 0]),
-            float(ground.ground[row, 1]),
-            float(ground.ground[row, 2]),
-            role=_ROLES.get(ground.role[row], ROLES[0]),
-            sigma_xy=float(ground.sigma_m[row, 0]),
-            sigma_h=float(ground.sigma_m[row, 1]),
-            operation=operations[ground.operation[row]],
+            str(ground.ids[row]), float(ground.ground[row, 0]), float(ground.ground[row, 1]),
+            float(ground.ground[row, 2]), _ROLES.get(ground.role[row], ROLES[0]), float(ground.sigma_m[row, 0]),
+            float(ground.sigma_m[row, 1]), operations[ground.operation[row]],
         )
-        for row in range(len(ground))
-        if _ROLES.get(ground.role[row]) != TIE or ground.ids[row] in listed_ties
-    ]
+        for row in range(len(ground)) if _ROLES.get(ground.role[row]) != TIE or ground.ids[row] in listed_ties
+    ]  # fmt: skip
