@@ -72,12 +72,9 @@ class Follower:
     """
 
     def __init__(
-        self,
-        block: Block,
-        options: AdjustOptions | None = None,
-        progress: Progress = silent,
+        self, block: Block, options: AdjustOptions | None = None, progress: Progress = silent,
         watched: Collection[str] = (),
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Adjust a block; raises what `adjust` raises."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution

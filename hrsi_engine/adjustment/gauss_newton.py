@@ -156,13 +156,9 @@ class GaussNewton:
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
-            begin(),
-            step,
-            lambda at: max(1.0, 2.0 * at.cost / self._count_redundancy(at.weighting)),
-            self.max_iterations,
-            (lambda at: self._reweight(at, robustly)) if reweighting else None,
-            tolerance,
-        )
+            begin(), step, lambda at: max(1.0, 2.0 * at.cost / self._count_redundancy(at.weighting)),
+            self.max_iterations, (lambda at: self._reweight(at, robustly)) if reweighting else None, tolerance,
+        )  # fmt: skip
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweight(self, at: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:

@@ -46,12 +46,9 @@ class IMAGE_ALIGNMENT:
 
 
 def align_images(
-    observations: Observations,
-    model: RefinementModel,
-    shift_weight: np.ndarray,
-    prior_weight: np.ndarray,
+    observations: Observations, model: RefinementModel, shift_weight: np.ndarray, prior_weight: np.ndarray,
     threads: int = 0,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return values of a model ``(cameras, p)`` by which the images meet in the tie points; zero without any.
 
     Surveys take no part: a wrong one would bend what the ties say of each other.

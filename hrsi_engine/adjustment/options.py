@@ -60,12 +60,8 @@ class AdjustOptions:
     reject_sigma: float = option(
         4.0,
         "Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0 keeps all",
-        name="reject",
-        minimum=0.0,
-        unit="sigma",
-        advanced=True,
-        metavar="SIGMAS",
-    )
+        name="reject", minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
+    )  # fmt: skip
     check_as_ties: bool = option(
         False, "Image points of check points take part like tie points (never their survey)", advanced=True
     )
@@ -81,11 +77,9 @@ class AdjustOptions:
         advanced=True,
     )
     variance_groups: str = option(
-        "kind-sensor",
-        "What tells groups of image points apart when their sigmas are estimated",
-        choices=GROUPING_NAMES,
-        advanced=True,
-    )
+        "kind-sensor", "What tells groups of image points apart when their sigmas are estimated",
+        choices=GROUPING_NAMES, advanced=True,
+    )  # fmt: skip
     sensor_images: tuple[tuple[str, ...], ...] = option(
         (),
         "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
@@ -98,40 +92,23 @@ class AdjustOptions:
         (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
     )
     shared_images: tuple[tuple[str, ...], ...] = option(
-        (),
-        "Images of one strip or orbit that get the same correction; groups joined by +",
-        advanced=True,
+        (), "Images of one strip or orbit that get the same correction; groups joined by +", advanced=True,
         metavar="A+B,C+D,…",
-    )
+    )  # fmt: skip
     dem: HeightSurface | None = None
     sigma_dem_m: float | None = option(
-        None,
-        "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
-        name="sigma-dem",
-        minimum=1e-6,
-        unit="m",
-        advanced=True,
-        metavar="M",
-    )
+        None, "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
+        name="sigma-dem", minimum=1e-6, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
     laser: LaserPoints | None = None
     laser_reach_m: float = option(
-        25.0,
-        "How far from a laser point tie points tell the ground's shape, and are held by its height",
-        name="laser-reach",
-        minimum=0.1,
-        unit="m",
-        advanced=True,
-        metavar="M",
-    )
+        25.0, "How far from a laser point tie points tell the ground's shape, and are held by its height",
+        name="laser-reach", minimum=0.1, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
     sigma_laser_m: float = option(
-        0.1,
-        "Standard deviation of every laser height beside the one that its file states",
-        name="sigma-laser",
-        minimum=0.0,
-        unit="m",
-        advanced=True,
-        metavar="M",
-    )
+        0.1, "Standard deviation of every laser height beside the one that its file states", name="sigma-laser",
+        minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
     reference: ReferencePlaces | None = None
     sigma_shift_px: float | None = option(
         None,

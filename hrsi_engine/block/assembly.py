@@ -21,13 +21,9 @@ UNSURVEYED = (Role.TIE, Role.HELD_OUT)
 
 
 def assemble(
-    images: Sequence[Image],
-    ground_points: Iterable[GroundPoints],
-    image_points: Iterable[ImagePoints],
-    gcp_ids: Sequence[str] | None = None,
-    check_ids: Sequence[str] | None = None,
-    defaults: DefaultSigmas | None = None,
-) -> Block:
+    images: Sequence[Image], ground_points: Iterable[GroundPoints], image_points: Iterable[ImagePoints],
+    gcp_ids: Sequence[str] | None = None, check_ids: Sequence[str] | None = None, defaults: DefaultSigmas | None = None,
+) -> Block:  # fmt: skip
     """Put images, ground points and measurements together.
 
     A known point is a GCP unless its role says otherwise. With ``gcp_ids``, those are the GCPs and all other known
@@ -113,14 +109,10 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     if not tables:
         return GroundPoints.create([], np.empty((0, 3)))
     merged = GroundPoints(
-        np.concatenate([t.ids for t in tables]),
-        np.concatenate([t.ground for t in tables]),
-        np.concatenate([t.role for t in tables]),
-        np.concatenate([t.sigma_m for t in tables]),
-        tables[0].source,
-        join_covariances(tables),
-        *join_operations(tables),
-    )
+        np.concatenate([t.ids for t in tables]), np.concatenate([t.ground for t in tables]),
+        np.concatenate([t.role for t in tables]), np.concatenate([t.sigma_m for t in tables]), tables[0].source,
+        join_covariances(tables), *join_operations(tables),
+    )  # fmt: skip
     _, first, inverse = np.unique(merged.ids, return_index=True, return_inverse=True)
     apart = are_apart(merged.ground, merged.ground[first[inverse]])
     if apart.any():

@@ -161,13 +161,10 @@ class ViewDirection:
         steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
         east, north, up = compute_view_directions(self.image.rpc, self.centre)[0]
         return ViewGeometry(
-            centre=self.centre[0],
-            gsd_sample_m=float(np.hypot(*steps[:, 0])),
-            gsd_line_m=float(np.hypot(*steps[:, 1])),
+            centre=self.centre[0], gsd_sample_m=float(np.hypot(*steps[:, 0])), gsd_line_m=float(np.hypot(*steps[:, 1])),
             incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
-            azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
-            footprint=list_corners(self.footprint),
-        )
+            azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0), footprint=list_corners(self.footprint),
+        )  # fmt: skip
 
 
 def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:
@@ -226,11 +223,9 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
     """
     warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
     _, (ground, converged) = make_virtual_grid(
-        image.rpc,
-        image.domain_px,
-        image.rpc.height_range,
+        image.rpc, image.domain_px, image.rpc.height_range,
         (GEOMETRY.volume_grid, GEOMETRY.volume_grid, GEOMETRY.volume_heights),
-    )
+    )  # fmt: skip
     if not converged.all():
         share = 1.0 - np.mean(converged)
         warnings.append(

@@ -62,20 +62,12 @@ class LaserPoints(Columns):
 
     @classmethod
     def create(
-        cls,
-        ground: np.ndarray,
-        *,
-        ids: Sequence[str] | np.ndarray | None = None,
-        track: Sequence[str] | np.ndarray | str = "",
-        sigma_m: np.ndarray | float = np.nan,
-        slope: np.ndarray | float = np.nan,
-        misfit_m: np.ndarray | float = np.nan,
-        photons: np.ndarray | float = np.nan,
-        canopy_m: np.ndarray | float = np.nan,
-        doubt: Sequence[str] | np.ndarray | str = "",
-        source: str = "",
+        cls, ground: np.ndarray, *, ids: Sequence[str] | np.ndarray | None = None,
+        track: Sequence[str] | np.ndarray | str = "", sigma_m: np.ndarray | float = np.nan,
+        slope: np.ndarray | float = np.nan, misfit_m: np.ndarray | float = np.nan, photons: np.ndarray | float = np.nan,
+        canopy_m: np.ndarray | float = np.nan, doubt: Sequence[str] | np.ndarray | str = "", source: str = "",
         operations: tuple[OperationUse, ...] = (),
-    ) -> LaserPoints:
+    ) -> LaserPoints:  # fmt: skip
         """Make columns of matching length from arrays or single values; ids are numbers by default."""
         place = np.asarray(ground, dtype=np.float64).reshape(-1, 3)
         count = len(place)

@@ -158,14 +158,9 @@ class GroundPoints(Columns):
 
     @classmethod
     def create(
-        cls,
-        ids: Sequence[str] | np.ndarray,
-        ground: np.ndarray,
-        role: np.ndarray | int = UNSET,
-        sigma_m: np.ndarray | float = np.nan,
-        source: str = "",
-        covariance_m2: np.ndarray | None = None,
-    ) -> GroundPoints:
+        cls, ids: Sequence[str] | np.ndarray, ground: np.ndarray, role: np.ndarray | int = UNSET,
+        sigma_m: np.ndarray | float = np.nan, source: str = "", covariance_m2: np.ndarray | None = None,
+    ) -> GroundPoints:  # fmt: skip
         """Make columns of matching length from arrays or single values.
 
         Parameters
@@ -278,15 +273,10 @@ class ImagePoints(Columns):
 
     @classmethod
     def create(
-        cls,
-        ids: Sequence[str] | np.ndarray,
-        image_ids: Sequence[str] | np.ndarray,
-        xy: np.ndarray,
-        sigma_px: np.ndarray | float = np.nan,
-        kind: Sequence[str] | np.ndarray | str = "",
-        quality: np.ndarray | float = np.nan,
-        source: str = "",
-    ) -> ImagePoints:
+        cls, ids: Sequence[str] | np.ndarray, image_ids: Sequence[str] | np.ndarray, xy: np.ndarray,
+        sigma_px: np.ndarray | float = np.nan, kind: Sequence[str] | np.ndarray | str = "",
+        quality: np.ndarray | float = np.nan, source: str = "",
+    ) -> ImagePoints:  # fmt: skip
         """Make columns of matching length from arrays or single values.
 
         Parameters

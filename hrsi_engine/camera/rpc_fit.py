@@ -81,13 +81,9 @@ class RpcFit:
 
 
 def fit_rpc(
-    ground: np.ndarray,
-    image: np.ndarray,
-    *,
-    weights: np.ndarray | None = None,
-    ridge: float = FIT.ridges[0],
+    ground: np.ndarray, image: np.ndarray, *, weights: np.ndarray | None = None, ridge: float = FIT.ridges[0],
     common_denominator: bool = False,
-) -> RpcFit:
+) -> RpcFit:  # fmt: skip
     """Return the RPC that maps ground points to image points best.
 
     With few points (fewer than 45) only the lower terms are estimated, with flat points none in height; the result's
@@ -302,12 +298,9 @@ def make_virtual_grid(
 
 
 def _make_virtual_points(
-    rpc: RPC,
-    correct: Correct,
-    domain_px: tuple[float, float, float, float],
-    heights: tuple[float, float],
+    rpc: RPC, correct: Correct, domain_px: tuple[float, float, float, float], heights: tuple[float, float],
     shape: tuple[int, int, int],
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     image, (ground, converged) = make_virtual_grid(rpc, domain_px, heights, shape)
     if np.count_nonzero(converged) < 0.5 * len(image):
         raise SolveError(

@@ -18,11 +18,9 @@ Rectangle = tuple[float, float, float, float]  # low x, low y, high x, high y
 
 
 def choose_operations(
-    xy: np.ndarray,
-    operations: Sequence[CrsOperation],
-    areas: Sequence[Sequence[Rectangle]],
+    xy: np.ndarray, operations: Sequence[CrsOperation], areas: Sequence[Sequence[Rectangle]],
     without: Mapping[int, np.ndarray],
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the number of the operation for each point ``(n,)`` by PROJ's rule, -1 where none is left.
 
     ``xy (n, 2 or 3)`` and the ``areas`` where each of the ``operations`` can be used are in the same coordinates;

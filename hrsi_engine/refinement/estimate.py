@@ -343,15 +343,7 @@ def _compute_estimate(at: EquationState, sigmas: np.ndarray, iterations: int, st
     not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
     left_out = np.linalg.solve(not_below, whitened[:, :, None])
     return Estimate(
-        values=at.values,
-        covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T,
-        residual_px=at.residual,
-        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0],
-        roots=at.roots,
-        share=share,
-        sigma0=sigma0,
-        redundancy=redundancy,
-        iterations=iterations,
-        converged=status == CONVERGED,
-        status=status,
-    )
+        values=at.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T, residual_px=at.residual,
+        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0], roots=at.roots, share=share, sigma0=sigma0,
+        redundancy=redundancy, iterations=iterations, converged=status == CONVERGED, status=status,
+    )  # fmt: skip

@@ -81,13 +81,9 @@ class BlockResult:
 
 @one_thread_calls()  # cameras are refitted by small matrices, between which BLAS's other threads would spin
 def assemble_result(
-    adjustment: Adjustment,
-    record: Mapping[str, Any],
-    warnings: Sequence[str],
-    reasons: Sequence[Reason],
-    entries: Mapping[str, Any],
-    lap: Callable[[str], None],
-) -> BlockResult:
+    adjustment: Adjustment, record: Mapping[str, Any], warnings: Sequence[str], reasons: Sequence[Reason],
+    entries: Mapping[str, Any], lap: Callable[[str], None],
+) -> BlockResult:  # fmt: skip
     """Return what an adjustment comes to.
 
     record : what the report says of the run: version, options, inputs

@@ -81,13 +81,11 @@ def report_figures(
     cards = _make_cards(result, shown)
     pictures = _read_pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
-        map=_make_map(result, left, shown, images, pictures),
-        points=_point_columns(result, left, shown),
-        pictures=list(pictures.values()),
-        cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
+        map=_make_map(result, left, shown, images, pictures), points=_point_columns(result, left, shown),
+        pictures=list(pictures.values()), cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
         chips=_make_chips(result, shown, outline),
         normalised={axis: _thin_values(values) for axis, values in normalise_residuals(result).items()},
-    )
+    )  # fmt: skip
 
 
 def _thin_values(values: np.ndarray) -> np.ndarray:
@@ -168,12 +166,9 @@ def _point_rms(block: Block, shown: _PointSelection) -> np.ndarray:
 
 
 def _make_map(
-    result: Adjustment,
-    left: Residuals,
-    shown: _PointSelection,
-    images: Sequence[Image],
+    result: Adjustment, left: Residuals, shown: _PointSelection, images: Sequence[Image],
     pictures: Mapping[str, Picture],
-) -> BlockMap:
+) -> BlockMap:  # fmt: skip
     """Return footprints, points with their residuals, and tie points by cells where they are too many."""
     block, place = result.block, choose_positions(result)
     height = middle_position(place)[2]
@@ -186,14 +181,10 @@ def _make_map(
     residual = left.ground_m[shown.points]
     return BlockMap(
         footprints={image.id: area for image, area in zip(images, compute_footprints(images, height), strict=True)},
-        lonlat=place[shown.points, :2],
-        roles=block.points.role[shown.points],
-        residual_en_m=residual[:, :2],
-        ids=block.points.ids[shown.points],
-        residual_h_m=residual[:, 2],
-        ties=field if many else None,
+        lonlat=place[shown.points, :2], roles=block.points.role[shown.points], residual_en_m=residual[:, :2],
+        ids=block.points.ids[shown.points], residual_h_m=residual[:, 2], ties=field if many else None,
         pictures=_lay_out([image for image in images if image.id in pictures], pictures, height),
-    )
+    )  # fmt: skip
 
 
 # ---- images ----------------------------------------------------------------------------------------------------

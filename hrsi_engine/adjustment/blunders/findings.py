@@ -58,13 +58,8 @@ def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect)
             "kept: check them, or measure more"
         )
     return Finding(
-        id=name,
-        what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),
-        statistic=suspect.statistic,
-        left_out=suspect.is_clear,
-        message=message,
-        size=size,
-        unit=unit,
+        id=name, what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),
+        statistic=suspect.statistic, left_out=suspect.is_clear, message=message, size=size, unit=unit,
         group=tuple(str(one) for one in ids[list(suspect.group)]),
         rivals=tuple(str(one) for one in ids[list(suspect.rivals)]),
-    )
+    )  # fmt: skip

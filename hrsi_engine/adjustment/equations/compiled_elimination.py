@@ -51,14 +51,9 @@ class NumbaElimination:
         return out
 
     def substitute_back(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        step: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         out: np.ndarray,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """See `Elimination`."""
         kernels.substitute_back(
             self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
@@ -66,14 +61,9 @@ class NumbaElimination:
         )  # fmt: skip
 
     def compute_cofactors(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        cameras: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
         out: Cofactors,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """See `Elimination`."""
         kernels.compute_cofactors(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,

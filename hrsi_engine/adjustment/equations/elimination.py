@@ -113,14 +113,9 @@ class NumpyElimination:
         return self.observations.find_rows(part.points)[0]
 
     def substitute_back(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        step: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         out: np.ndarray,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """See `Elimination`."""
         moved = np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
         pulled = (linear.by_ground * moved[:, :, None]).sum(axis=1)
@@ -128,14 +123,9 @@ class NumpyElimination:
         out[:] = np.einsum("mij,mj->mi", normals.inverse, right)
 
     def compute_cofactors(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        cameras: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
         out: Cofactors,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """See `Elimination`."""
         out.points[:] = normals.inverse
         by_values = _compose_derivatives(linear)

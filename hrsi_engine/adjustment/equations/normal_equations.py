@@ -74,25 +74,15 @@ class Elimination(Protocol):
         """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
 
     def substitute_back(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        step: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         out: np.ndarray,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
 
     def compute_cofactors(
-        self,
-        part: Portion,
-        linear: Linearisation,
-        weight: np.ndarray,
-        normals: Normals,
-        cameras: np.ndarray,
+        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
         out: Cofactors,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
 
 

@@ -78,12 +78,9 @@ def find_pattern(
     shared = sparse.triu(together, format="csr")
     shared.sort_indices()
     return Pattern(
-        observations.cameras,
-        parameters,
-        shared.indptr.astype(np.int64),
-        shared.indices.astype(np.int32),
+        observations.cameras, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32),
         _locate_cameras(observations),
-    )
+    )  # fmt: skip
 
 
 def _count_common_points(observations: Observations) -> sparse.csr_matrix:

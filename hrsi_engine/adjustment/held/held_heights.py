@@ -203,15 +203,10 @@ def _summarise_source(
     within, out = at[used], at[~used]
     cofactor = np.bincount(rows.of, rows.share**2 * of_points[rows.point] + rows.share * of_cameras[rows.point], count)
     return HeightAgreement(
-        source=one.source.name,
-        observations=count,
-        left_out=int((~used).sum()),
+        source=one.source.name, observations=count, left_out=int((~used).sum()),
         determines=float(np.sum(np.minimum(one.weights * cofactor, 1.0))),
         rmse_m=float(np.sqrt(np.mean(within**2))) if within.size else float("nan"),
         left_out_median_m=float(np.median(out)) if out.size else float("nan"),
-        sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)),
-        sigma_factor=one.sigma_factor,
-        share=one.weight / total if total > 0.0 else float("nan"),
-        alone_m=one.offset_m,
-        groups=tuple(one.groups),
-    )
+        sigma_m=float(one.sigma_factor * np.median(rows.sigma_m)), sigma_factor=one.sigma_factor,
+        share=one.weight / total if total > 0.0 else float("nan"), alone_m=one.offset_m, groups=tuple(one.groups),
+    )  # fmt: skip
