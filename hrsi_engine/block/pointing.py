@@ -135,9 +135,14 @@ def find_sensor(*names: str) -> SensorAccuracy | None:
     return None
 
 
+def find_image_sensor(image: Image) -> SensorAccuracy | None:
+    """Return the published accuracy of an image's sensor, recognised by its metadata or its names; None if unknown."""
+    return find_sensor(image.sensor, os.path.basename(image.path), image.id)
+
+
 def estimate_pointing(image: Image) -> Pointing:
     """Return the pointing accuracy of an image: from its RPC, from publications of its sensor, or the default."""
-    published = find_sensor(image.sensor, os.path.basename(image.path), image.id)
+    published = find_image_sensor(image)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
     reasons, drift = [published.title if published else "unknown sensor"], POINTING.least_drift
     if stated:

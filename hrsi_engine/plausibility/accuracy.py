@@ -10,6 +10,9 @@ class of the sensor:
     GSD 10 to 20 m  100 to 500 m for SPOT 1-4 and wide-field cameras
 
 A standard deviation of 12 pixels and at least 15 m describes them all.
+
+Products exceed their figure. An RPC that lies up to ten times the CE90 off, the same for all points, is a biased RPC,
+which GCPs mend like any other; what lies beyond has another cause.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block.block import Image
-from ..block.pointing import compute_gsds_m
+from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
 from ..foundation.thresholds import threshold, thresholds
 
 #: Where most thresholds of this room come from.
@@ -36,7 +39,9 @@ class ACCURACY:
     unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
     least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
-    large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift of an image is reported as far", SIMULATED)
+    biased_ce90: float = threshold(3.0, "CE90", "a larger shift of an image is reported as a bias of its RPC")
+    most_biased_ce90: float = threshold(10.5, "CE90", "up to this, a shift alike for all points is a bias of the RPC")
+    large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift, of a drift that the user states", SIMULATED)
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "no RPC errs by more than this and the next", SIMULATED)
     impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED)
     misfit_px: float = threshold(
@@ -51,13 +56,15 @@ class ImageAccuracy:
     """A priori accuracy of an image's RPC.
 
     gsd_m : ground sample distance; sigma_m : standard deviation of each horizontal coordinate of the shift
-    large_m : a larger shift is reported; far_m : a larger shift is no error of an RPC
+    ce90_m : the figure that a shift is compared with: of that sigma, or published of the sensor, the larger one
+    biased_m : up to this, a shift alike for all points is a bias of the RPC; far_m : a larger one is no error of an RPC
     misfit_m : largest difference between the misfits of two points; drift : standard deviation, px/px
     """
 
     gsd_m: float
     sigma_m: float
-    large_m: float
+    ce90_m: float
+    biased_m: float
     far_m: float
     misfit_m: float
     drift: float
@@ -75,9 +82,12 @@ def estimate_accuracies(
         else:
             sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
         sigma = max(sigma, sigma_shift_px * gsd)
-        far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m)
-        drift = max(ACCURACY.largest_drift, ACCURACY.large_shift_sigmas * sigma_drift)
+        published = find_image_sensor(image)
+        ce90_m = max(SIGMAS_OF_CE90 * sigma, published.ce90_m if published else 0.0)
+        biased_m = ACCURACY.most_biased_ce90 * ce90_m
+        far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
+        drift = max(ACCURACY.largest_drift, ACCURACY.large_drift_sigmas * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
-        large_m = ACCURACY.large_shift_sigmas * sigma
-        found.append(ImageAccuracy(gsd, sigma, large_m, far_m, misfit_m, max(ACCURACY.usual_drift, sigma_drift)))
+        usual_drift = max(ACCURACY.usual_drift, sigma_drift)
+        found.append(ImageAccuracy(gsd, sigma, ce90_m, biased_m, far_m, misfit_m, usual_drift))
     return found

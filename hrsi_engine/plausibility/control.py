@@ -134,9 +134,14 @@ class ControlFit:
     scatter: np.ndarray
 
     @cached_property
+    def shift_length_m(self) -> np.ndarray:
+        """Length of each image's shift in metres ``(images,)``, 0 without points."""
+        return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T))
+
+    @cached_property
     def shift_sigmas(self) -> np.ndarray:
-        """Length of each image's shift in standard deviations of its RPC ``(images,)``, 0 without points."""
-        return np.asarray(np.hypot(*np.nan_to_num(self.shift_m).T) / self.control.get_figures("sigma_m"))
+        """The same in standard deviations of its RPC ``(images,)``."""
+        return np.asarray(self.shift_length_m / self.control.get_figures("sigma_m"))
 
     @cached_property
     def belongs(self) -> np.ndarray:
@@ -153,7 +158,7 @@ class ControlFit:
         control = self.control
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
-        near = np.hypot(*np.nan_to_num(self.shift_m).T) <= control.get_figures("far_m")
+        near = self.shift_length_m <= control.get_figures("far_m")
         return np.asarray((agree >= np.where(count < 4, count, CONTROL_FIT.agreeing_share * count)) & near)
 
     @property

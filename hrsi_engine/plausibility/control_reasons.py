@@ -15,7 +15,7 @@ from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import SIMULATED
+from .accuracy import ACCURACY, SIMULATED
 from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
@@ -69,7 +69,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     apart = find_disagreement(given)
     if not _is_suspicious(given) and apart is None:
         return []
-    named_slip = _find_best_slip(control, given)
+    named_slip, datum = _find_best_slip(control, given)
     if named_slip is not None:
         return [_make_slip_reason(control, given, named_slip)]
     if apart is not None:
@@ -77,7 +77,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
         return [_make_disagreement_reason(control, given, apart) if single is None else single]
     if not given.fits:
         return [_make_misfit_reason(control, given)]
-    return [*_find_large_shifts(control, given), *_find_common_height_offset(control, given)]
+    return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
 
 
 def _is_suspicious(given: ControlFit) -> bool:
@@ -94,8 +94,14 @@ def _is_suspicious(given: ControlFit) -> bool:
 # ---- the mistake that explains -------------------------------------------------------------------------------------
 
 
-def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypothesis | None:
-    """Return the mistake that explains the misfit clearly better than every other; None where there is none."""
+def _find_best_slip(
+    control: ControlMeasurements, given: ControlFit
+) -> tuple[SlipHypothesis | None, SlipHypothesis | None]:
+    """Return the mistake that explains the misfit clearly better than every other; None where there is none.
+
+    A datum moves all points alike, as a biased RPC does. Of the handful of datums in use at a place one often comes
+    near such a bias, so that it is named only where no RPC is so biased; otherwise the second place has it.
+    """
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
         saved = given.cost - reading.cost
@@ -103,11 +109,13 @@ def _find_best_slip(control: ControlMeasurements, given: ControlFit) -> SlipHypo
             code = reading.slip.code
             if code not in best or reading.cost < best[code].cost:
                 best[code] = reading
+    biased = bool((given.shift_length_m <= control.get_figures("biased_m")).all())
+    datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
     rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= HEIGHT_CODES]
     if not ranked or (rivals and rivals[0].cost - ranked[0].cost < SLIP.least_lead):
-        return None
-    return ranked[0]
+        return None, datum
+    return ranked[0], datum
 
 
 def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
@@ -288,7 +296,7 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
-    far = (np.hypot(*np.nan_to_num(given.shift_m).T) > control.get_figures("far_m"))[control.image]
+    far = (given.shift_length_m > control.get_figures("far_m"))[control.image]
     points = np.unique(control.point[rows & (far | ~given.belongs)])
     alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
     return Reason(
@@ -303,21 +311,32 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
     )  # fmt: skip
 
 
-def _find_large_shifts(control: ControlMeasurements, given: ControlFit) -> list[Reason]:
-    size = np.hypot(*np.nan_to_num(given.shift_m).T)
-    large = np.flatnonzero(size > control.get_figures("large_m"))
+def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: SlipHypothesis | None) -> list[Reason]:
+    """Return the reason for RPCs that are biased beyond their figure, or lie farther off than biased ones do."""
+    figures, size = control.get_figures("ce90_m"), given.shift_length_m
+    large = np.flatnonzero(size > ACCURACY.biased_ce90 * figures)
     if not len(large):
         return []
-    sigma = max(control.accuracies[index].sigma_m for index in large)
+    worst = int(large[np.argmax((size / figures)[large])])
+    where = list_ids(control.image_ids(large))
+    off = f"{_format_distance(float(size[worst]))} off, {size[worst] / figures[worst]:.2g} times their figure (CE90 "
+    off += f"{figures[worst]:.3g} m; {_format_shifts(control, large)})"
+    concerned = control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)]))
+    if (size > control.get_figures("biased_m")).any():
+        return [
+            Reason(
+                "control-far", Level.DOUBTFUL,
+                f"the RPCs of {where} see all ground points {off}: farther than biased RPCs do",
+                "check the datum of the ground points, and that RPC and image points are of these pixels, not of a "
+                "crop or the whole scene", *concerned,
+            )
+        ]  # fmt: skip
+    also = "" if datum is None else f", which would look alike where {datum.slip.what}"
     return [
         Reason(
-            "control-far", Level.DOUBTFUL,
-            f"the ground points on {list_ids(control.image_ids(large))} lie "
-            f"{_format_distance(float(size[large].max()))} from where the RPCs put them, which is much for RPCs of "
-            f"about {sigma:.3g} m ({_format_shifts(control, large)})",
-            "check the datum of the ground points, and that RPC and image points are of these pixels, not of a crop or "
-            "the whole scene",
-            control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)])),
+            "rpc-biased", Level.DOUBTFUL,
+            f"the RPCs of {where} are biased: they see all ground points alike, {off}; the GCPs take that away",
+            f"check the datum of the ground points{also}; if it is right, nothing needs to be done", *concerned,
         )
     ]  # fmt: skip
 

@@ -22,7 +22,7 @@ class CONNECTION:
     """When an image is not reliably connected to its block."""
 
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
-    left_out_share: float = threshold(0.5, "", "share of tie measurements left out that makes a block unusable")
+    left_out_share: float = threshold(0.5, "", "share of wrong tie measurements that makes a block unusable")
     fewest_ties: int = threshold(4, "points", "that hold an image: two for its shift, and two that would show an error")
     fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
     kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
@@ -49,7 +49,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",
-            Level.UNUSABLE if share > CONNECTION.left_out_share else Level.DOUBTFUL,
+            Level.UNUSABLE if wrong > CONNECTION.left_out_share else Level.DOUBTFUL,
             f"{out} of {total} tie measurements ({100.0 * share:.0f} %) do not fit and are left out{where}",
             "look where they lie (flags in the layer image_points): clouds, water and repeated texture give wrong "
             "matches; a whole image or link may have a wrong RPC or wrong ids",

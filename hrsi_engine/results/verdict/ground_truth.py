@@ -7,7 +7,7 @@ deviations of survey and measurement.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy import special
@@ -39,6 +39,9 @@ class GroundTruthThresholds:
     outlier_ratio: float = threshold(4.0, "", "GCP's misfit over its image's RMS: the point is wrong", SOUND_BLOCKS)
     single_error: float = threshold(3.0, "", "error of one check point over the others' that is reported", SOUND_BLOCKS)
     wrong_share: float = threshold(0.3, "", "share of GCPs left out beyond which the others may be the wrong ones")
+    fewest_agreeing: int = threshold(3, "points", "check points from which on their agreement counts")
+    agreeing_error: float = threshold(2.0, "", "RMS check point error over prediction up to which they agree")
+    fewest_rest: int = threshold(3, "points", "GCPs that must be left where wrong ones were left out: a plane")
     ambiguous_sigmas: float = threshold(10.0, "sigma", "unresolved contradiction of GCPs: block unusable", SOUND_BLOCKS)
 
 
@@ -132,13 +135,8 @@ def _compute_misfit_px(evidence: Evidence, name: str) -> float:
 
 def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for check points with errors beyond their predicted covariance: all together, or single ones."""
-    result, points = evidence.result, evidence.result.block.points
-    check = np.flatnonzero(points.role == Role.CHECK)
-    error = evidence.left.ground_m[check]
-    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
-    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
-    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
-    check, error, covariance = check[usable], error[usable], covariance[usable]
+    points = evidence.result.block.points
+    check, error, covariance = _compare_check_points(evidence)
     if not len(check):
         return
     squares, freedom = _compute_chi_squares(error, covariance)
@@ -171,6 +169,38 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
             "compare these points with their source and their measurements in the images",
             points=ids,
         )  # fmt: skip
+
+
+def _compare_check_points(evidence: Evidence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the check points that can be compared, their errors ``(k, 3)`` m and the predicted covariances."""
+    result = evidence.result
+    check = np.flatnonzero(result.block.points.role == Role.CHECK)
+    error = evidence.left.ground_m[check]
+    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
+    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
+    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
+    return check[usable], error[usable], covariance[usable]
+
+
+def do_check_points_agree(evidence: Evidence) -> bool:
+    """Return whether several check points lie where the block puts them, as nearly as predicted."""
+    check, error, covariance = _compare_check_points(evidence)
+    if len(check) < GROUND_TRUTH.fewest_agreeing:
+        return False
+    squares, freedom = _compute_chi_squares(error, covariance)
+    return float(np.sqrt(squares.sum() / freedom.sum())) < GROUND_TRUTH.agreeing_error
+
+
+def is_rest_sound(evidence: Evidence, wrong: Sequence[str]) -> bool:
+    """Return whether the ``wrong`` points (ids) were left out, and the other GCPs outnumber them and are enough.
+
+    A few GCPs that agree could all be the wrong ones, and the larger part of them that was left out the right one.
+    """
+    points = evidence.result.block.points
+    out = {finding.id for finding in evidence.result.findings if finding.left_out}
+    gcps = set(points.ids[points.role == Role.GCP].tolist())
+    named, rest = gcps & set(wrong), gcps - out
+    return bool(named) and named <= out and len(rest) >= max(GROUND_TRUTH.fewest_rest, len(gcps & out) + 1)
 
 
 def _compute_ray_cofactors(evidence: Evidence, chosen: np.ndarray) -> np.ndarray:

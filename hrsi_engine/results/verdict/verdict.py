@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor, log10
 from typing import Any
 
@@ -98,7 +98,8 @@ class Verdict:
 def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reason]:
     """Return all reasons against a block: those found before its adjustment, and those of the result.
 
-    Where the inputs are unusable, residuals and corrections are consequences: they are left out.
+    Where the inputs are unusable, residuals and corrections are consequences: they are left out. Wrong GCPs that the
+    adjustment left out, with a sound rest, make no block unusable; nor does any misfit where check points agree.
 
     Parameters
     ----------
@@ -113,6 +114,18 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
         Empty where nothing speaks against it.
     """
     found = [reason for check in CHECKS for reason in check(evidence)]
+    if ground_truth.do_check_points_agree(evidence):
+        found = [
+            replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in CONSEQUENCES else reason
+            for reason in found
+        ]
+    if all(reason.level is not Level.UNUSABLE for reason in found):
+        before = [
+            replace(reason, level=Level.DOUBTFUL)
+            if reason.level is Level.UNUSABLE and ground_truth.is_rest_sound(evidence, reason.points)
+            else reason
+            for reason in before
+        ]
     if any(reason.level is Level.UNUSABLE for reason in before):
         found = [reason for reason in found if reason.code not in CONSEQUENCES]
     return [*before, *found]
