@@ -12,7 +12,8 @@ class of the sensor:
 A standard deviation of 12 pixels and at least 15 m describes them all.
 
 Products exceed their figure. An RPC that lies up to ten times the CE90 off, the same for all points, is a biased RPC,
-which GCPs mend like any other; what lies beyond has another cause.
+which GCPs mend like any other; what lies beyond has another cause. The standard deviation of products that state
+nothing allows for such biases, up to ten times as well.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class ACCURACY:
     unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
     least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
-    biased_ce90: float = threshold(3.0, "CE90", "a larger shift of an image is reported as a bias of its RPC")
+    large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift is reported where no CE90 is known", SIMULATED)
+    biased_ce90: float = threshold(2.0, "CE90", "a larger shift of an image is reported as a bias of its RPC")
     most_biased_ce90: float = threshold(10.5, "CE90", "up to this, a shift alike for all points is a bias of the RPC")
     large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift, of a drift that the user states", SIMULATED)
     impossible_shift_sigmas: float = threshold(15.0, "sigma", "no RPC errs by more than this and the next", SIMULATED)
@@ -57,13 +59,15 @@ class ImageAccuracy:
 
     gsd_m : ground sample distance; sigma_m : standard deviation of each horizontal coordinate of the shift
     ce90_m : the figure that a shift is compared with: of that sigma, or published of the sensor, the larger one
-    biased_m : up to this, a shift alike for all points is a bias of the RPC; far_m : a larger one is no error of an RPC
+    large_m : a larger shift is reported; biased_m : up to this, one that is alike for all points is a bias of the RPC
+    far_m : a larger one is no error of an RPC
     misfit_m : largest difference between the misfits of two points; drift : standard deviation, px/px
     """
 
     gsd_m: float
     sigma_m: float
     ce90_m: float
+    large_m: float
     biased_m: float
     far_m: float
     misfit_m: float
@@ -77,17 +81,21 @@ def estimate_accuracies(
     found = []
     for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True):
         stated = image.rpc.err_bias
-        if stated and stated > 0.0 and np.isfinite(stated):
-            sigma = max(float(stated), ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
+        sigma = float(stated) if stated and stated > 0.0 and np.isfinite(stated) else 0.0
+        published = find_image_sensor(image)
+        has_figure = sigma > 0.0 or published is not None
+        if sigma > 0.0:
+            sigma = max(sigma, ACCURACY.least_sigma_m, ACCURACY.least_sigma_px * gsd)
         else:
             sigma = max(ACCURACY.unknown_sigma_m, ACCURACY.unknown_sigma_px * gsd)
         sigma = max(sigma, sigma_shift_px * gsd)
-        published = find_image_sensor(image)
         ce90_m = max(SIGMAS_OF_CE90 * sigma, published.ce90_m if published else 0.0)
-        biased_m = ACCURACY.most_biased_ce90 * ce90_m
+        large_m = biased_m = ACCURACY.large_shift_sigmas * sigma
+        if has_figure:
+            large_m, biased_m = ACCURACY.biased_ce90 * ce90_m, ACCURACY.most_biased_ce90 * ce90_m
         far_m = max(ACCURACY.impossible_shift_sigmas * sigma, ACCURACY.impossible_shift_m, biased_m)
         drift = max(ACCURACY.largest_drift, ACCURACY.large_drift_sigmas * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
-        found.append(ImageAccuracy(gsd, sigma, ce90_m, biased_m, far_m, misfit_m, usual_drift))
+        found.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))
     return found

@@ -15,7 +15,7 @@ from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import ACCURACY, SIMULATED
+from .accuracy import SIMULATED
 from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
@@ -314,7 +314,7 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
 def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: SlipHypothesis | None) -> list[Reason]:
     """Return the reason for RPCs that are biased beyond their figure, or lie farther off than biased ones do."""
     figures, size = control.get_figures("ce90_m"), given.shift_length_m
-    large = np.flatnonzero(size > ACCURACY.biased_ce90 * figures)
+    large = np.flatnonzero(size > control.get_figures("large_m"))
     if not len(large):
         return []
     worst = int(large[np.argmax((size / figures)[large])])

@@ -22,7 +22,8 @@ class CONNECTION:
     """When an image is not reliably connected to its block."""
 
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
-    left_out_share: float = threshold(0.5, "", "share of wrong tie measurements that makes a block unusable")
+    most_wrong: float = threshold(0.4, "", "share of wrong tie measurements that makes a block unusable")
+    left_out_share: float = threshold(0.5, "", "share of an image's tie measurements left out that is reported")
     fewest_ties: int = threshold(4, "points", "that hold an image: two for its shift, and two that would show an error")
     fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
     kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
@@ -40,7 +41,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     point = block.measurements.point
     rays = np.bincount(point[ties], minlength=len(block.points.ids))
     rays_out = np.bincount(point[ties & evidence.left_out], minlength=len(block.points.ids))
-    wrong = (out - int(((rays == 2) & (rays_out == 2)).sum())) / total  # of two rays one is wrong, it is unknown which
+    wrong = (out - int(((rays > 0) & (rays_out == rays)).sum())) / total  # of rays that all disagree one may be right
     count = np.bincount(block.measurements.image[ties], minlength=len(block.images))
     lost = np.bincount(block.measurements.image[ties & evidence.left_out], minlength=len(block.images))
     bad = np.flatnonzero((count >= CONNECTION.fewest_of_pair) & (lost > CONNECTION.left_out_share * count))
@@ -49,7 +50,7 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
         where = f"; more than half of those on image {list_ids(images)}" if images else ""
         yield Reason(
             "ties-left-out",
-            Level.UNUSABLE if wrong > CONNECTION.left_out_share else Level.DOUBTFUL,
+            Level.UNUSABLE if wrong > CONNECTION.most_wrong else Level.DOUBTFUL,
             f"{out} of {total} tie measurements ({100.0 * share:.0f} %) do not fit and are left out{where}",
             "look where they lie (flags in the layer image_points): clouds, water and repeated texture give wrong "
             "matches; a whole image or link may have a wrong RPC or wrong ids",

@@ -19,7 +19,7 @@ from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
 from ..residuals import by_image
-from .evidence import Evidence
+from .evidence import CAMERA, Evidence
 from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
 
@@ -135,8 +135,13 @@ def _compute_misfit_px(evidence: Evidence, name: str) -> float:
 
 def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for check points with errors beyond their predicted covariance: all together, or single ones."""
-    points = evidence.result.block.points
-    check, error, covariance = _compare_check_points(evidence)
+    result, points = evidence.result, evidence.result.block.points
+    check = np.flatnonzero(points.role == Role.CHECK)
+    error = evidence.left.ground_m[check]
+    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
+    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
+    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
+    check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
     squares, freedom = _compute_chi_squares(error, covariance)
@@ -171,24 +176,30 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
-def _compare_check_points(evidence: Evidence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the check points that can be compared, their errors ``(k, 3)`` m and the predicted covariances."""
-    result = evidence.result
-    check = np.flatnonzero(result.block.points.role == Role.CHECK)
-    error = evidence.left.ground_m[check]
-    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
-    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
-    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
-    return check[usable], error[usable], covariance[usable]
-
-
 def do_check_points_agree(evidence: Evidence) -> bool:
-    """Return whether several check points lie where the block puts them, as nearly as predicted."""
-    check, error, covariance = _compare_check_points(evidence)
-    if len(check) < GROUND_TRUTH.fewest_agreeing:
+    """Return whether several check points agree on the ground and in the images, by the sigmas stated of both.
+
+    What the block says of its own errors is no measure of it: these grow with what is wrong in it.
+    """
+    block = evidence.result.block
+    check = np.flatnonzero(block.points.role == Role.CHECK)
+    pixel = np.hypot(np.median(block.measurements.sigma_px), CAMERA.unmodelled_px)
+    covariance = block.points.survey_covariance_m2(check) + pixel**2 * _compute_ray_cofactors(evidence, check)
+    error = evidence.left.ground_m[check]
+    usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
+    if usable.sum() < GROUND_TRUTH.fewest_agreeing:
         return False
-    squares, freedom = _compute_chi_squares(error, covariance)
-    return float(np.sqrt(squares.sum() / freedom.sum())) < GROUND_TRUTH.agreeing_error
+    squares, freedom = _compute_chi_squares(error[usable], covariance[usable])
+    in_images = [0.0]
+    rows = block.measurements
+    for index, here in by_image(block, np.isin(rows.point, check[usable]) & finite_rows(evidence.left.at_known_px)):
+        _, by_ground = block.images[index].rpc.project_with_metric_jacobian(block.points.ground[rows.point[here]])
+        survey = block.points.survey_covariance_m2(rows.point[here])
+        expected = pixel**2 * np.eye(2) + by_ground @ survey @ by_ground.swapaxes(1, 2)
+        miss = evidence.left.at_known_px[here]
+        in_images += (np.einsum("ki,kij,kj->k", miss, np.linalg.inv(expected), miss) / 2.0).tolist()
+    factor = np.sqrt(max(squares.sum() / freedom.sum(), np.sum(in_images) / max(len(in_images) - 1, 1)))
+    return float(factor) < GROUND_TRUTH.agreeing_error
 
 
 def is_rest_sound(evidence: Evidence, wrong: Sequence[str]) -> bool:

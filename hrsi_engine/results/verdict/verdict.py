@@ -30,6 +30,9 @@ CONSEQUENCES = frozenset({
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
     "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
 })  # fmt: skip
+#: Reasons that do not stand against check points that agree. What check points share with GCPs they cannot tell: a
+#: datum, and with it a correction beyond any error of an RPC.
+MISFITS = frozenset({"residuals-too-large", "control-misfit", "control-ambiguous"})
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     """Return all reasons against a block: those found before its adjustment, and those of the result.
 
     Where the inputs are unusable, residuals and corrections are consequences: they are left out. Wrong GCPs that the
-    adjustment left out, with a sound rest, make no block unusable; nor does any misfit where check points agree.
+    adjustment left out, with a sound rest, make no block unusable; nor do misfits where check points agree.
 
     Parameters
     ----------
@@ -116,7 +119,7 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     found = [reason for check in CHECKS for reason in check(evidence)]
     if ground_truth.do_check_points_agree(evidence):
         found = [
-            replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in CONSEQUENCES else reason
+            replace(reason, level=min(reason.level, Level.DOUBTFUL)) if reason.code in MISFITS else reason
             for reason in found
         ]
     if all(reason.level is not Level.UNUSABLE for reason in found):

@@ -1,0 +1,54 @@
+"""RPCs biased beyond their figure are said to be biased, and blamed on nothing else; GCPs take the bias away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from long_tests import mark_beyond
+
+from hrsi.benchmarks.biased_rpcs import DIRECTIONS, FIGURES_M, judge_block, make_block
+from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.foundation.reasons import Level
+from hrsi.hrsi_engine.ground.geodesy import move_ground
+
+
+@pytest.mark.parametrize("sensor", mark_beyond(2, "coverage", ["worldview-2", "spot5", *sorted(FIGURES_M)[:4]]))
+def test_no_datum_is_blamed(sensor: str) -> None:
+    """5 and 10 times the sensor's CE90, to the east at a place where NTF and NAD27 lie east and west of WGS84."""
+    for number, factor in enumerate((5.0, 10.0)):
+        for direction in range(2, DIRECTIONS, 4):
+            verdict = judge_block(make_block(sensor, factor * FIGURES_M[sensor], direction, 3 * number))
+            assert [(reason.code, reason.level) for reason in verdict.reasons] == [("rpc-biased", Level.DOUBTFUL)]
+
+
+def test_the_message_has_the_figure() -> None:
+    (reason,) = check_block(make_block("pleiades", 43.4, 2, 0))
+    assert reason.code == "rpc-biased" and reason.images == ("image_1", "image_2")
+    # Position 1 m and attitude 6 microrad at 694 km and more, along an oblique ray: 4.3 to 4.6 m a coordinate
+    assert "43.5 m off, 4.6 times their figure (CE90 9.53 m" in reason.message
+    assert "NTF" in reason.advice and "NTF" not in reason.message
+
+
+def with_wrong_heights(block: Block, count: int) -> Block:
+    step = np.zeros((len(block.points), 3))
+    step[np.flatnonzero(block.points.role == Role.GCP)[:count], 2] = np.resize([25.0, -30.0], count)
+    return replace(block, points=replace(block.points, ground=move_ground(block.points.ground, step)))
+
+
+def test_blunders_that_were_left_out_make_no_block_unusable() -> None:
+    """Two of eight heights wrong: both are found, the rest is right. With half of them wrong, nobody can say which."""
+    right = make_block("pleiades", 1.0, 0, 7)
+    for count, level in ((2, Level.DOUBTFUL), (4, Level.UNUSABLE)):
+        block = with_wrong_heights(right, count)
+        before = check_block(block)
+        assert max(reason.level for reason in before) is Level.UNUSABLE
+        result = adjust(block, AdjustOptions())
+        verdict = judge(result, before)
+        assert verdict.level is level
+        if count == 2:
+            wrong = right.points.ids[np.flatnonzero(right.points.role == Role.GCP)[:2]].tolist()
+            assert {finding.id for finding in result.findings if finding.left_out} == set(wrong)
+            assert set(verdict.reasons[0].points) == set(wrong)
