@@ -6,21 +6,18 @@ start without the numerics. Every room of the engine shows more in a face of its
 
 from .foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "foundation": "HrsiError",
-        "camera": "RPC fit_rpc",
-        "block": "Block GroundPoints Image ImagePoints Role assemble",
-        "adjustment": "AdjustOptions Adjustment adjust",
-        "refinement": "MODELS",
-        "refinement.estimate": "Control",
-        "refinement.refine": "compare_models refine_rpc",
-        "refinement.selection": "choose_model",
-        "measurement": "TieOptions find_tie_points",
-        "plausibility": "check_block",
-        "results.residuals": "compute_residuals",
-        "results.verdict": "judge",
-        "io": "open_image read_rpc",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "foundation": "HrsiError",
+    "camera": "RPC fit_rpc",
+    "block": "Block GroundPoints Image ImagePoints Role assemble",
+    "adjustment": "AdjustOptions Adjustment adjust",
+    "refinement": "MODELS",
+    "refinement.estimate": "Control",
+    "refinement.refine": "compare_models refine_rpc",
+    "refinement.selection": "choose_model",
+    "measurement": "TieOptions find_tie_points",
+    "plausibility": "check_block",
+    "results.residuals": "compute_residuals",
+    "results.verdict": "judge",
+    "io": "open_image read_rpc",
+})  # fmt: skip

@@ -81,12 +81,9 @@ class AdjustOptions:
         choices=GROUPING_NAMES, advanced=True,
     )  # fmt: skip
     sensor_images: tuple[tuple[str, ...], ...] = option(
-        (),
-        "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
-        "resolution",
-        advanced=True,
-        metavar="A+B,C+D,…",
-    )
+        (), "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
+        "resolution", advanced=True, metavar="A+B,C+D,…",
+    )  # fmt: skip
     cross_validate: bool = option(False, "Predict each GCP by an adjustment without it", advanced=True)
     fixed_images: tuple[str, ...] = option(
         (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
@@ -113,22 +110,15 @@ class AdjustOptions:
     sigma_shift_px: float | None = option(
         None,
         "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS, what is "
-        "published of the sensor, or 7 m on the ground",
-        name="sigma-shift",
-        minimum=1e-9,
-        unit="px",
-        advanced=True,
+        "published of the sensor, or 7 m on the ground", name="sigma-shift", minimum=1e-9, unit="px", advanced=True,
         metavar="PX",
-    )
+    )  # fmt: skip
     sigma_drift: float | None = option(
         None,
         "Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the model does not "
-        "follow drift, which then is an error, what is believed of the sensor, at least 3e-5; 0: no drift",
-        minimum=0.0,
-        unit="px/px",
-        advanced=True,
-        metavar="X",
-    )
+        "follow drift, which then is an error, what is believed of the sensor, at least 3e-5; 0: no drift", minimum=0.0,
+        unit="px/px", advanced=True, metavar="X",
+    )  # fmt: skip
     earlier: JointCameras | None = None
     max_iterations: int = 30
     tolerance: float = 1e-9

@@ -2,12 +2,9 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "assembly": "assemble",
-        "block": "Block Image Raster",
-        "points": "GroundPoints ImagePoints Role",
-        "imaging_geometry": "PairGeometry ViewDirection ViewGeometry compute_all_pairs",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "assembly": "assemble",
+    "block": "Block Image Raster",
+    "points": "GroundPoints ImagePoints Role",
+    "imaging_geometry": "PairGeometry ViewDirection ViewGeometry compute_all_pairs",
+})  # fmt: skip

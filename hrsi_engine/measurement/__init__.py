@@ -2,16 +2,13 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "interest_points": "DetectionOptions InterestPoints detect_interest_points",
-        "control_network": "ControlNetworkMatch ControlNetworkOptions match_windows",
-        "tie_options": "TieOptions",
-        "tie_points": "TiePoints find_tie_points",
-        "targets.options": "TargetOptions",
-        "targets.measuring": "TargetMeasurement measure_edges measure_target",
-        "reference.options": "ReferenceOptions",
-        "reference.matching": "ReferenceControl match_reference",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "interest_points": "DetectionOptions InterestPoints detect_interest_points",
+    "control_network": "ControlNetworkMatch ControlNetworkOptions match_windows",
+    "tie_options": "TieOptions",
+    "tie_points": "TiePoints find_tie_points",
+    "targets.options": "TargetOptions",
+    "targets.measuring": "TargetMeasurement measure_edges measure_target",
+    "reference.options": "ReferenceOptions",
+    "reference.matching": "ReferenceControl match_reference",
+})  # fmt: skip

@@ -53,26 +53,17 @@ class TieOptions:
     per_cell: int = option(
         AUTOMATIC_CELLS,
         f"Tie points of a cell; 0 takes {TIE_SEARCH.full_per_cell} for images up to 2048 px, which are matched "
-        f"everywhere, else {TIE_SEARCH.sampled_per_cell} from a small window in the cell",
-        minimum=0,
-        advanced=True,
+        f"everywhere, else {TIE_SEARCH.sampled_per_cell} from a small window in the cell", minimum=0, advanced=True,
         metavar="N",
-    )
+    )  # fmt: skip
     dense: bool = option(
-        False,
-        "Match all of every image, with small windows first, and keep all tie points: for terrain through them "
-        "(orthorectify's `terrain_points`); some 15 s of one core for a pair's megapixel",
-        advanced=True,
-    )
+        False, "Match all of every image, with small windows first, and keep all tie points: for terrain through them "
+        "(orthorectify's `terrain_points`); some 15 s of one core for a pair's megapixel", advanced=True,
+    )  # fmt: skip
     most_partners: int = option(
-        8,
-        "Match each image with so many others on average: all that overlap where these are few, else those that a "
-        "probe says will match, in spanning trees of the block",
-        name="partners",
-        minimum=1,
-        advanced=True,
-        metavar="N",
-    )
+        8, "Match each image with so many others on average: all that overlap where these are few, else those that a "
+        "probe says will match, in spanning trees of the block", name="partners", minimum=1, advanced=True, metavar="N",
+    )  # fmt: skip
     smallest_overlap: float = option(
         0.02, "Share of an image that another must show to be matched", name="min-overlap", minimum=0.0, maximum=1.0,
         advanced=True, metavar="SHARE",

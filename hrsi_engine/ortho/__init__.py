@@ -12,13 +12,10 @@ Layers, each importing only those above it::
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "grid": "MapGrid",
-        "mapping": "OrthoMapping",
-        "options": "MisregistrationOptions",
-        "misregistration": "WindowShifts measure_shifts shift_statistics window_centres",
-        "point_surface": "surface_of_points",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "grid": "MapGrid",
+    "mapping": "OrthoMapping",
+    "options": "MisregistrationOptions",
+    "misregistration": "WindowShifts measure_shifts shift_statistics window_centres",
+    "point_surface": "surface_of_points",
+})  # fmt: skip

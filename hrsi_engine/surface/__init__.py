@@ -2,10 +2,7 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "dem": "HeightSurface Status SurfaceIntersection intersect_surface surface_heights",
-        "grid_surface": "ConstantHeight GridSurface",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "dem": "HeightSurface Status SurfaceIntersection intersect_surface surface_heights",
+    "grid_surface": "ConstantHeight GridSurface",
+})  # fmt: skip

@@ -27,17 +27,13 @@ class CropOptions:
     extent: str | None = option(
         None,
         "A box on the ground, in degrees or in the CRS that stands in brackets behind it: the window that shows all of "
-        "it is cut, as far as the image reaches",
-        kind=Kind.EXTENT,
-        metavar="W,S,E,N [CRS]",
-    )
+        "it is cut, as far as the image reaches", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
+    )  # fmt: skip
     factor: float | None = option(
         None,
         "Size of the result to that of the window, or of the whole image: 0.5 halves the number of samples and lines. "
-        "Both are rounded to whole pixels, and the RPC follows what comes out",
-        minimum=1e-3,
-        maximum=64.0,
-    )
+        "Both are rounded to whole pixels, and the RPC follows what comes out", minimum=1e-3, maximum=64.0,
+    )  # fmt: skip
     resampling: str = option("cubic", "GDAL's resampling kernel; only with `factor`", choices=KERNELS)
     terrain: TerrainOptions = nest_options(TerrainOptions)
     format: str = option(

@@ -17,12 +17,9 @@ Layers, each importing only those above it::
 
 from ...foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "options": "DETECTOR_SETS STRONG_QUALITY CentreOptions CornerOptions DetectionOptions",
-        "detectors": "DETECTORS Detector detect_interest_points clip_to_image",
-        "points": "InterestPoints select_best_per_cell",
-        "windows": "Area",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {
+    "options": "DETECTOR_SETS STRONG_QUALITY CentreOptions CornerOptions DetectionOptions",
+    "detectors": "DETECTORS Detector detect_interest_points clip_to_image",
+    "points": "InterestPoints select_best_per_cell",
+    "windows": "Area",
+})  # fmt: skip
