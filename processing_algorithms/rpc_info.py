@@ -5,12 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..hrsi_engine.block.imaging_geometry import (
-    ViewDirection,
-    ViewGeometry,
-    compute_all_pairs,
-    find_rpc_warnings,
-)
+from ..hrsi_engine.block.imaging_geometry import ViewDirection, ViewGeometry, compute_all_pairs, find_rpc_warnings
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.ground.geodesy import WGS84

@@ -31,10 +31,7 @@ class GEOID:
 
 
 #: Geoid models by the name used on the command line, the finest first: PROJ's file name, then older names of it.
-GEOID_GRIDS = {
-    "egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"),
-    "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
-}
+GEOID_GRIDS = {"egm2008": ("us_nga_egm08_25.tif", "egm08_25.gtx"), "egm96": ("us_nga_egm96_15.tif", "egm96_15.gtx")}
 
 
 @dataclass(frozen=True)

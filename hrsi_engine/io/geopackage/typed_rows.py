@@ -182,10 +182,7 @@ SHARED_COLUMNS: dict[str, tuple[str, str]] = {
     "path": ("File of the image", ""),
     "samples": ("Columns of the image", "px"),
     "lines": ("Rows of the image", "px"),
-    "role": (
-        "gcp: control; check: known, and took no part; tie: unknown; held_out: tie that took no part",
-        "",
-    ),
+    "role": ("gcp: control; check: known, and took no part; tie: unknown; held_out: tie that took no part", ""),
     "height": ("Height above the WGS84 ellipsoid", "m"),
     "views": ("Images on which the point was found", ""),
     "image": ("Id of the image", ""),

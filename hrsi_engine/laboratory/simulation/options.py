@@ -70,12 +70,7 @@ class Noise:
         metavar="M",
     )
     gcp_h_m: float = option(
-        0.15,
-        "Standard deviation of the height of known points",
-        name="noise-gcp-h",
-        minimum=0.0,
-        unit="m",
-        metavar="M",
+        0.15, "Standard deviation of the height of known points", name="noise-gcp-h", minimum=0.0, unit="m", metavar="M"
     )
     blunders: float = option(
         0.0, "Share of tie measurements that are gross errors", minimum=0.0, maximum=1.0, metavar="SHARE"
