@@ -16,6 +16,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.thresholds import threshold, thresholds
@@ -35,8 +36,9 @@ class DELIVERY:
 
     fewest_gcps: int = threshold(3, "GCPs", "that judge models by leave-one-out")
     most_left: float = threshold(
-        0.05, "", "sum of squares of the drift that a model leaves, over that of all residuals, which ties show"
+        0.05, "", "sum of squares of the drift that a model leaves in ties, over that of their residuals"
     )
+    risk: float = threshold(0.01, "", "error probability of the chi² test whether the same is a drift at all")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,7 @@ def predict_left_out(
         (by_ties.weight * by_ties.weighting.contributes[problem.observations.point])
         @ np.sum(solution.normals.residual**2, axis=1)
     )
+    unit_variance = max(loop.sum_of_squares(solution) / loop.count_redundancy(solution.weighting), 1.0)
     squared, too_simple = {}, []
     for name in NESTED_MODELS if asked in NESTED_MODELS else (asked,):
         own = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
@@ -101,7 +104,8 @@ def predict_left_out(
         left = np.zeros((*values.shape, len(rest)))  # of the drift, in the parameters of the camera
         left[:, own], left[:, rest] = -compute_gain(squares, loop.prior_weight, own, rest), np.eye(len(rest))
         drift = np.einsum("cpr,cr->cp", left, values[:, rest])
-        if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > most_left:
+        chance = unit_variance * special.chdtri(max(len(rest), 1) * len(values), DELIVERY.risk)
+        if np.einsum("cp,cpq,cq->", drift, tie_squares, drift) > max(most_left, chance):
             too_simple.append(name)
         of_model = []
         for gcp, point in enumerate(control.points.tolist()):

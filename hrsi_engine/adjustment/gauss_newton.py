@@ -156,7 +156,7 @@ class GaussNewton:
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or bool(self.held)
         ended = descend(
-            begin(), step, lambda at: max(1.0, 2.0 * at.cost / self._count_redundancy(at.weighting)),
+            begin(), step, lambda at: max(1.0, 2.0 * at.cost / self.count_redundancy(at.weighting)),
             self.max_iterations, (lambda at: self._reweight(at, robustly)) if reweighting else None, tolerance,
         )  # fmt: skip
         return replace(ended.at, converged=ended.converged, status=ended.status)
@@ -190,7 +190,7 @@ class GaussNewton:
         used = np.repeat(contributes, self.rows_per_point)
         return float(lengths @ used) + at.weighting.points.sum_of_squares(at.state.ground, contributes)
 
-    def _count_redundancy(self, weighting: Weighting) -> float:
+    def count_redundancy(self, weighting: Weighting) -> float:
         """Return the redundancy, 1 where there is none; priors of the cameras are left out of it."""
         rows = int(((weighting.image > 0.0) & np.repeat(weighting.contributes, self.rows_per_point)).sum())
         surveyed = int(weighting.points.observed[weighting.contributes].sum())
