@@ -320,9 +320,7 @@ def _collect_warnings(
     names = [image.id for image in observations.images]
     warnings = [f"{len(lost)} points could not be intersected and are left out: {list_ids(lost)}"] if len(lost) else []
     warnings += weak
-    alone = [
-        names[part.images[0]] for part, any_ in zip(parts, located, strict=True) if len(part.images) == 1 and not any_
-    ]
+    alone = [names[part.images[0]] for part, ok in zip(parts, located, strict=True) if len(part.images) == 1 and not ok]
     if alone:
         warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
     if len(rest) > 1:

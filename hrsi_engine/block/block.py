@@ -182,9 +182,7 @@ class Image:
             Sample, line in pixels.
         """
         reach = (1.0 + margin) * self.half_size_px
-        axes = [
-            c + r * np.linspace(-1.0, 1.0, n) for c, r, n in zip(self.centre_px, reach, (samples, lines), strict=True)
-        ]
+        axes = [c + r * np.linspace(-1, 1, n) for c, r, n in zip(self.centre_px, reach, (samples, lines), strict=True)]
         return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
     def outline_px(self, per_side: int = 5) -> np.ndarray:
@@ -282,9 +280,7 @@ class Block:
             "point": (len(self.points) + point).astype(self.measurements.point.dtype), "image": image, "xy": ties.xy,
             "sigma_px": ties.sigma_px, "kind": ties.kind, "quality": ties.quality,
         }  # fmt: skip
-        rows = {
-            name: np.concatenate([getattr(self.measurements, name), values[order]]) for name, values in columns.items()
-        }
+        rows = {name: np.concatenate([getattr(self.measurements, name), new[order]]) for name, new in columns.items()}
         own = self.points
         points = GroundPoints(
             np.concatenate([own.ids, added.ids]), np.concatenate([own.ground, added.ground]),

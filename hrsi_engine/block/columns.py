@@ -15,9 +15,7 @@ class Columns:
     def select(self, keep: np.ndarray) -> Self:
         """Return the chosen rows (mask or indices)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        chosen = {
-            name: column[keep] for name, column in columns.items() if isinstance(column, (np.ndarray, NameColumn))
-        }
+        chosen = {name: one[keep] for name, one in columns.items() if isinstance(one, (np.ndarray, NameColumn))}
         return replace(self, **chosen)  # type: ignore[type-var]
 
     def __repr__(self) -> str:

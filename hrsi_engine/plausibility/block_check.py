@@ -13,13 +13,9 @@ from .ties import find_tie_reasons
 
 #: Reasons that explain points outside an image.
 PIXEL_SLIP_CODES = {
-    "sample-line-swapped",
-    "lines-from-below",
-    "samples-from-right",
-    "image-turned",
-    "image-scale",
+    "sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale",
     "image-ids-permuted",
-}
+}  # fmt: skip
 #: Reasons that rounded coordinates explain.
 SCATTER_CODES = {"control-implausible", "control-groups", "control-outliers"}
 #: Reasons that explain heights outside the RPC's range.

@@ -106,9 +106,7 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
         if step[cut] < least_m:
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
-        within = max(
-            _compute_cluster_width(along[low]), _compute_cluster_width(along[high]), float(np.median(expected))
-        )
+        within = max(*(_compute_cluster_width(along[part]) for part in (low, high)), float(np.median(expected)))
         gap = float(step[cut] / within)
         if gap > GROUP.gap_ratio and (best is None or gap > best[1]):
             smaller = np.zeros(count, dtype=bool)

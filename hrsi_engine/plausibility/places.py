@@ -137,9 +137,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     reasons = []
     covered = np.array([_compute_coverage(image, block, surface) for image in block.images])
     if covered.mean() < PLACEMENT.covered_share:
-        ids = tuple(
-            image.id for image, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share
-        )
+        ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
         reasons.append(
             Reason(
                 "dem-coverage", Level.DOUBTFUL,

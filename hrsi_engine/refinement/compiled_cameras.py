@@ -183,12 +183,8 @@ class Family(NamedTuple):
 
 
 FAMILIES: dict[type, Family] = {
-    ImagePolynomial: Family(
-        _linearise_image_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)
-    ),
-    GroundPolynomial: Family(
-        _linearise_ground_polynomials, lambda model: np.ascontiguousarray(model.powers, dtype=np.int64)
-    ),
+    ImagePolynomial: Family(_linearise_image_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
+    GroundPolynomial: Family(_linearise_ground_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
     GroundCorrection: Family(_linearise_ground_corrections, lambda model: model.entries),
     PseudoSensor: Family(_linearise_pseudo_sensors, lambda model: model.used, COLUMNS, _write_rays),
 }

@@ -211,11 +211,6 @@ def linearise_by_rays(
 
 #: Functions that compiled loops call.
 CORRECTION_FORMULAS = (
-    _rotate,
-    _differentiate_rotation,
-    _differentiate_tangents,
-    _rotate_direction,
-    _rotate_ray,
-    intersect_frame_height,
+    _rotate, _differentiate_rotation, _differentiate_tangents, _rotate_direction, _rotate_ray, intersect_frame_height,
     linearise_by_rays,
-)
+)  # fmt: skip

@@ -38,9 +38,7 @@ def compute_ground_area(image: Image) -> GroundArea:
 
     Raises `SolveError` where the RPC has no ground position for the image.
     """
-    corners = image.camera_centre_px + image.camera_half_size_px * np.array(
-        [[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]]
-    )
+    corners = image.camera_centre_px + image.camera_half_size_px * [[0, 0], [-1, -1], [1, -1], [-1, 1], [1, 1]]
     ground = image.rpc.localize(corners, image.rpc.height_off).ground
     if not np.isfinite(ground).all():
         raise SolveError(f"{image.id}: the RPC has no ground positions for the image: check that both belong together")

@@ -55,9 +55,7 @@ class ImagePolynomial:
         by_monomial = np.where(
             degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
         )
-        return np.asarray(
-            np.where((self.mixing != 0.0).any(axis=0), by_monomial[:, None], 0.0).max(axis=0, initial=0.0)
-        )
+        return np.asarray(np.where((self.mixing != 0.0).any(0), by_monomial[:, None], 0.0).max(axis=0, initial=0.0))
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on the observed positions."""

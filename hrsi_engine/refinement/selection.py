@@ -314,9 +314,7 @@ def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     if not verdicts:
         return []
     common = set(verdicts[0]).intersection(*verdicts[1:])
-    suspects = [
-        SuspectGcp(str(control.ids[index]), image.id, *min(verdict[index] for verdict in verdicts)) for index in common
-    ]
+    suspects = [SuspectGcp(str(control.ids[k]), image.id, *min(verdict[k] for verdict in verdicts)) for k in common]
     return sorted(suspects, key=lambda suspect: -suspect.deviation_px)
 
 

@@ -18,16 +18,6 @@ from .pattern import Pattern, find_pattern, make_diagonal_pattern
 from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointJacobians, PointPriors, State
 
 __all__ = [
-    "FREE_POINT_SIGMA_M",
-    "CameraSystem",
-    "Cofactors",
-    "NormalEquations",
-    "Normals",
-    "Pattern",
-    "PointJacobians",
-    "PointPriors",
-    "State",
-    "choose_camera_system",
-    "find_pattern",
-    "make_diagonal_pattern",
-]
+    "FREE_POINT_SIGMA_M", "CameraSystem", "Cofactors", "NormalEquations", "Normals", "Pattern", "PointJacobians",
+    "PointPriors", "State", "choose_camera_system", "find_pattern", "make_diagonal_pattern",
+]  # fmt: skip

@@ -66,9 +66,7 @@ def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = (
     order = np.argsort(size)
     another = np.r_[True, size[order][1:] > VARIANCE.same_gsd * size[order][:-1]][: len(rest)]
     number[rest[order]] = len(groups) - 1 + np.cumsum(another)
-    names += [
-        f"{np.median(size[order][part]):.2g} m" for part in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]
-    ]
+    names += [f"{np.median(size[order][p]):.2g} m" for p in np.split(np.arange(len(rest)), np.flatnonzero(another))[1:]]
     return number, names if len(names) > 1 else [""]
 
 

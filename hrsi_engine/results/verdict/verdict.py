@@ -204,9 +204,7 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     part = next(iter(report["parts"]), None)
     if part is None or part["ce90_m"] is None:
         return ""
-    told = ", ".join(
-        f"{name} {format_figure(part[key])} m" for name, key in ACCURACIES.items() if part[key] is not None
-    )
+    told = ", ".join(f"{name} {format_figure(part[k])} m" for name, k in ACCURACIES.items() if part[k] is not None)
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
     return f"predicted {told}{of_gcps}"
 
