@@ -11,9 +11,14 @@ is the share of the tie measurements without a blunder that were left out.
 
 from __future__ import annotations
 
+import json
+import resource
+import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +28,10 @@ from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.intersection import compute_image_residuals, intersect_points
 from hrsi.hrsi_engine.adjustment.observations import select_points
 from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
+from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.io.rpc_files.write import write_rpc_text
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
 from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
@@ -92,5 +100,81 @@ def print_strips(count: int) -> None:
             )
 
 
+def write_frames(folder: Path, count: int, per_frame: int = 300, pointing_px: float = 20.0, seed: int = 1) -> None:
+    """Write RPC files of frames of 2560 x 1080 px in two looks, ten strips side by side, and their tie points."""
+    rng, gsd, half_px = np.random.default_rng(seed), 0.8, np.array([1280.0, 540.0])
+    place = np.column_stack(np.divmod(np.arange(count // LOOKS), 10))[:, ::-1] * 2.0 * half_px * gsd * [0.9, 0.8]
+    area = np.ptp(place, axis=0) + 2.0 * half_px * gsd
+    total = round(count * per_frame * 0.9 * 0.8 / LOOKS)
+    origin = np.array([[15.0, 5.0, 500.0]])
+    metres = np.column_stack(
+        [rng.uniform(-half_px * gsd, area - half_px * gsd, (total, 2)), rng.uniform(-80, 80, total)]
+    )
+    truth, middle = (
+        move_ground(np.repeat(origin, total, axis=0), metres),
+        np.column_stack([place, np.zeros(len(place))]),
+    )
+    centre = move_ground(np.repeat(origin, len(place), axis=0), middle)
+    with open(folder / "ties.csv", "w", encoding="ascii") as table:
+        table.write("id,image,sample,line\n")
+        for look, tilt in enumerate((0.25, -0.25)):
+            for number, (lon, lat, _) in enumerate(centre.tolist()):
+                name, rpc = f"f{look}_{number:04d}", make_frame(lon, lat, tilt, half_px, gsd)
+                near = np.flatnonzero((np.abs(metres[:, :2] - place[number]) < 1.2 * half_px * gsd).all(axis=1))
+                xy = rpc.project(truth[near])
+                inside = (np.abs(xy - half_px) < half_px).all(axis=1)
+                offset = (xy[inside] - half_px) / half_px
+                xy = xy[inside] + rng.normal(0, pointing_px, 2) + offset @ rng.normal(0, 0.05, (2, 2))
+                xy += rng.normal(0, 0.1, xy.shape)
+                write_rpc_text(str(folder / f"{name}_RPC.TXT"), rpc)
+                rows = zip(near[inside].tolist(), *xy.T.tolist(), strict=True)
+                table.writelines(f"t{point},{name},{sample:.3f},{line:.3f}\n" for point, sample, line in rows)
+
+
+def make_frame(lon: float, lat: float, tilt: float, half_px: np.ndarray, gsd: float) -> RPC:
+    """Return a parallel-ray camera over a place; ``tilt`` is metres along the flight per metre of height."""
+    sample, line, one = np.zeros(20), np.zeros(20), np.zeros(20)
+    sample[1], line[2], line[3], one[0] = 1.0, -1.0, -tilt * 500.0 / (half_px[1] * gsd), 1.0
+    reach = half_px * gsd / [111_320.0 * np.cos(np.radians(lat)), 110_574.0]
+    return RPC(
+        half_px[1], half_px[0], lat, lon, 500.0, half_px[1], half_px[0], reach[1], reach[0], 500.0,
+        line, one, sample, one,
+    )  # fmt: skip
+
+
+def print_thousand(count: int) -> None:
+    """Print what the whole command takes for many frames."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_frames(folder, count)
+        for model in ("auto", "shift"):
+            print(
+                f"| {count} frames, {model} | " + describe_run(folder, sorted(folder.glob("*_RPC.TXT")), model),
+                flush=True,
+            )
+
+
+def describe_run(folder: Path, rpcs: list[Path], model: str) -> str:
+    """Adjust RPC files by the command line; return the cells of a table."""
+    spent, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    out = folder / f"result_{model}"
+    command = [sys.executable, "-m", "hrsi", "adjust", *map(str, rpcs), "--tie-points", str(folder / "ties.csv")]
+    done = subprocess.run([*command, "--model", model, "--output-dir", str(out)], capture_output=True, text=True)
+    after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - began
+    if not (out / "report.json").exists():
+        return done.stderr.strip().splitlines()[-1] + " |"
+    report, ties = json.loads((out / "report.json").read_text()), None
+    ties = report["ties"]
+    cpu = after.ru_utime - spent.ru_utime + after.ru_stime - spent.ru_stime
+    print({k: v for k, v in report["seconds"].items() if v})
+    return (
+        f"{ties['observations']} | {ties['before_rmse_px']:.3f} | {ties['rmse_px']:.3f} | {report['iterations']} | "
+        f"{'yes' if report['converged'] else 'no'} | {report['verdict']['level']} | {cpu:.1f} | {wall:.1f} |"
+    )
+
+
 if __name__ == "__main__":
-    print_strips(int(sys.argv[1]))
+    if sys.argv[1] == "strips":
+        print_strips(int(sys.argv[2]))
+    else:
+        print_thousand(int(sys.argv[2]))

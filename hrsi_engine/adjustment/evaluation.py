@@ -18,12 +18,13 @@ images, the image points lie n'e / |n1| and n'e / |n2| from each other's epipola
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ..block.block import Block
 from ..foundation.large_arrays import finite_rows
-from ..foundation.robust_scale import robust_sigma
+from ..foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import ground_difference_m, move_ground
 from ..refinement.models import MODELS
@@ -41,6 +42,7 @@ class PREDICTION:
 
 
 TREND_ROUNDS = 6
+PARALLEL_SINE = 1e-5  # of the angle between rays that are parallel: 0.1 px of 0.5 m is 5 km of height there
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,39 +119,65 @@ def fit_tracks(block: Block, chosen: np.ndarray) -> tuple[Observations, TrackFit
 
 def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     """Return how the rays of each two images that share points miss each other."""
-    pairs = []
-    usable = finite_rows(fit.fit_px)
-    rows_of = [rows[usable[rows]] for rows in observations.by_image]
-    for i, first in enumerate(rows_of):
-        for j in range(i + 1, len(rows_of)):
-            second = rows_of[j]
-            points, a, b = np.intersect1d(observations.point[first], observations.point[second], return_indices=True)
-            if not len(points):
-                continue
-            both = np.concatenate([fit.by_ground[first[a]], fit.by_ground[second[b]]], axis=1)
-            residual = np.concatenate([fit.fit_px[first[a]], fit.fit_px[second[b]]], axis=1)
-            normal = _compute_null_vectors(both)
-            across = np.einsum("nk,nk->n", normal, residual)
-            lines = np.linalg.norm(
-                normal.reshape(-1, 2, 2), axis=2
-            )  # n is (n1, n2): n1 is normal to the line in image 1
-            image = observations.images[i]
-            position = (observations.xy[first[a]] - image.centre_px) / np.maximum(image.half_size_px, 1.0)
-            epipolar = across[:, None] / np.maximum(lines, 1e-12)
-            pairs.append(PairFit(i, j, points, across, _remove_trend(position, across), epipolar))
-    return pairs
+    usable = np.flatnonzero(finite_rows(fit.fit_px))
+    point, count = observations.point[usable], len(observations.images)
+    ones, others = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for step in range(1, int(np.diff(observations.first).max(initial=1))):  # rows of one point follow one another
+        here = np.flatnonzero(point[step:] == point[:-step])
+        one, other = usable[here], usable[here + step]
+        turned = observations.image[one] > observations.image[other]
+        ones.append(np.where(turned, other, one))
+        others.append(np.where(turned, one, other))
+    first, second = np.concatenate(ones), np.concatenate(others)
+    # rays that are parallel never miss each other
+    ray = np.cross(fit.by_ground[:, 0], fit.by_ground[:, 1])
+    apart = np.linalg.norm(np.cross(ray[first], ray[second]), axis=1)
+    crossing = apart > PARALLEL_SINE * np.linalg.norm(ray[first], axis=1) * np.linalg.norm(ray[second], axis=1)
+    first, second = first[crossing], second[crossing]
+    key = observations.image[first].astype(np.int64) * count + observations.image[second]
+    order = np.lexsort((observations.point[first], key))
+    if not len(order):
+        return []
+    first, second, key = first[order], second[order], key[order]
+    begin = np.flatnonzero(np.diff(key, prepend=-1))
+    group = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(key)))
+    normal = _compute_null_vectors(np.concatenate([fit.by_ground[first], fit.by_ground[second]], axis=1), begin, group)
+    across = np.einsum("nk,nk->n", normal, np.concatenate([fit.fit_px[first], fit.fit_px[second]], axis=1))
+    lines = np.linalg.norm(normal.reshape(-1, 2, 2), axis=2)  # n is (n1, n2): n1 is normal to the line in image 1
+    epipolar = across[:, None] / np.maximum(lines, 1e-12)
+    left = _remove_trends(observations.places[first], across, begin, group)
+    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
+    return [
+        PairFit(
+            *divmod(int(key[part.start]), count), observations.point[first[part]], across[part], left[part],
+            epipolar[part],
+        )
+        for part in parts
+    ]  # fmt: skip
 
 
-def _remove_trend(position: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Return values ``(k,)`` without their affine trend over positions ``(k, 2)``; with few of them, their mean.
+def _remove_trends(position: np.ndarray, across: np.ndarray, begin: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return values ``(n,)`` without the affine trend of each group over positions ``(n, 2)``.
 
-    Values that stand out from the trend have no say in it.
+    Groups ``group (n,)`` begin at the rows ``begin``; small ones lose their mean. Values that stand out from the trend
+    have no say in it.
     """
-    terms = np.column_stack([np.ones(len(across)), position])[:, : 3 if len(across) >= PREDICTION.least_of_trend else 1]
-    left = across - np.median(across)
+    size = np.diff(begin, append=len(across))
+    terms = np.column_stack([np.ones(len(across)), position])
+    terms[:, 1:] *= (size >= PREDICTION.least_of_trend)[group, None]
+
+    def find_medians(values: np.ndarray) -> np.ndarray:
+        ordered = values[np.lexsort((values, group))]
+        return np.asarray(0.5 * (ordered[begin + (size - 1) // 2] + ordered[begin + size // 2]))
+
+    left = across - find_medians(across)[group]
     for _ in range(TREND_ROUNDS):
-        kept = np.abs(left) <= PREDICTION.trend_limit * max(float(robust_sigma(left)), 1e-9)
-        left = across - terms @ np.linalg.lstsq(terms[kept], across[kept], rcond=None)[0]
+        limit = PREDICTION.trend_limit * np.maximum(MAD_TO_SIGMA * find_medians(np.abs(left)), 1e-9)
+        kept = terms * (np.abs(left) <= limit[group])[:, None]
+        normal = np.add.reduceat(kept[:, :, None] * kept[:, None, :], begin)
+        right = np.add.reduceat(kept * across[:, None], begin)
+        trend = (np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right[:, :, None])[:, :, 0]
+        left = across - np.einsum("nt,nt->n", terms, trend[group])
     return left
 
 
@@ -172,16 +200,17 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
     return wrong
 
 
-def _compute_null_vectors(derivatives: np.ndarray) -> np.ndarray:
-    """Return unit vectors n ``(k, 4)`` with n'B = 0 of derivatives B ``(k, 4, 3)``, all to one side.
+def _compute_null_vectors(derivatives: np.ndarray, begin: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return unit vectors n ``(n, 4)`` with n'B = 0 of derivatives B ``(n, 4, 3)``, those of a group to one side.
 
     The components are the signed 3 x 3 minors of B.
     """
     vectors = np.stack([(-1.0) ** row * np.linalg.det(np.delete(derivatives, row, axis=1)) for row in range(4)], axis=1)
     vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
-    vectors *= np.where(vectors @ vectors[0] < 0.0, -1.0, 1.0)[:, None]
-    middle = vectors.mean(axis=0)[:2]
-    return np.asarray(vectors * (1.0 if middle[np.argmax(np.abs(middle))] >= 0.0 else -1.0))
+    vectors *= np.where(np.einsum("nk,nk->n", vectors, vectors[begin][group]) < 0.0, -1.0, 1.0)[:, None]
+    middle = np.add.reduceat(vectors[:, :2], begin)
+    largest = middle[np.arange(len(begin)), np.argmax(np.abs(middle), axis=1)]
+    return np.asarray(vectors * np.where(largest >= 0.0, 1.0, -1.0)[group, None])
 
 
 def compute_survey_residuals_px(block: Block) -> np.ndarray:

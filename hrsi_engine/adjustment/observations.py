@@ -69,6 +69,13 @@ class Observations:
         """Set of parameters of each measurement, ``(n,)``."""
         return self.camera_of_image[self.image]
 
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Position of each measurement in its image, -1 to 1 in sample and line, ``(n, 2)``."""
+        middle = np.array([image.centre_px for image in self.images]).reshape(-1, 2)
+        half = np.array([image.half_size_px for image in self.images]).reshape(-1, 2)
+        return np.asarray((self.xy - middle[self.image]) / half[self.image])
+
     @property
     def surveyed(self) -> np.ndarray:
         """Mask of the points with a survey of any coordinate."""

@@ -104,7 +104,7 @@ class RPC:
         return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
     def __hash__(self) -> int:
-        return hash((self.line_off, self.samp_off, self.line_num.tobytes(), self.samp_num.tobytes()))
+        return hash((self.lat_off, self.long_off, self.line_off, self.line_num.tobytes(), self.samp_num.tobytes()))
 
     # ---- rasterio ----------------------------------------------------------------------------------------------
 

@@ -158,8 +158,6 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
     An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
     """
     order, rows, bounds = _sort_by_image_pair(observations, pairs)
-    middle = np.array([image.centre_px for image in observations.images])
-    half = np.array([image.half_size_px for image in observations.images])
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
@@ -168,8 +166,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
     def fit(part: np.ndarray, three: np.ndarray) -> None:
         """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample of a plane at a time."""
         size, span = count[part], slice(bounds[part[0]], bounds[part[-1] + 1])
-        begin, image = bounds[part] - span.start, observations.image[rows[span]]
-        place = (observations.xy[rows[span]] - middle[image]) / half[image]
+        begin, place = bounds[part] - span.start, observations.places[rows[span]]
         terms = np.column_stack([np.ones(len(place)), place])
         y, sigma = pairs.y[order[span]], pairs.sigma[order[span]]
         # evenly over the parallaxes of each image pair; those of a small one more than once

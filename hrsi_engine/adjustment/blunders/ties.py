@@ -166,9 +166,7 @@ def evaluate_trends(observations: Observations, trends: np.ndarray, rows: np.nda
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:
     """Return the monomials up to the second degree of positions in their images, -1 to 1, ``(k, 6)``."""
-    middle = np.array([image.centre_px for image in observations.images])
-    half = np.array([image.half_size_px for image in observations.images])
-    u, v = ((observations.xy[rows] - middle[observations.image[rows]]) / half[observations.image[rows]]).T
+    u, v = observations.places[rows].T
     return np.column_stack([np.ones(len(rows)), u, v, u * u, u * v, v * v])
 
 
