@@ -19,6 +19,7 @@ from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, format_size
 from ..hrsi_engine.io.safety.transactions import Transaction
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
+from .block_steps.rpc_outputs import has_file
 from .declarations.crop import CropOptions
 from .files.dry_run import REPORT_FILE, plan
 from .files.image_files import open_input_images
@@ -53,7 +54,7 @@ def run(options: CropOptions, context: Context) -> Report:
     jobs: list[CropJob] = []
     for image in images:
         window = _choose_window(image, options, surface, warnings)
-        ending = "_RPC.TXT" if image.raster is None else storage.ending
+        ending = storage.ending if has_file(image) else "_RPC.TXT"
         jobs.append(CropJob(image, window, crop_rpc(image.rpc, window.place, window.size), f"{image.id}_crop{ending}"))
     folder = options.folder.output_dir
     if context.dry_run:
@@ -128,7 +129,7 @@ def _write_crop(
         "HRSI_CROP_WINDOW": ",".join(map(str, window.bounds)),
         SIZE_ITEM: format_size(window.size),
     }
-    if job.image.raster is None:
+    if not has_file(job.image):
         write_rpc_text(target, job.rpc, Lineage(items))
         return ()
     told = read_lineage(job.image)

@@ -17,6 +17,7 @@ from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.rasters.cropping import ImageStorage, join_images, read_lineage, save_image
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
 from ..hrsi_engine.io.safety.transactions import Transaction
+from .block_steps.rpc_outputs import has_file
 from .declarations.strip import StripOptions
 from .files.dry_run import REPORT_FILE, plan
 from .files.image_files import open_input_images
@@ -34,7 +35,7 @@ def run(options: StripOptions, context: Context) -> Report:
     require_plain_name(name, "the id")
     places = place_parts(parts)
     strip = fit_strip(parts, places.first)
-    with_pixels = all(part.raster is not None for part in parts)
+    with_pixels = all(map(has_file, parts))
     storage = ImageStorage(options.format, options.compression, thread_count(options.common.threads))
     file = name + (storage.ending if with_pixels else "_RPC.TXT")
     grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""

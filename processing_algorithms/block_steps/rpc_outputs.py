@@ -33,7 +33,7 @@ WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 
 def plan_file_names(images: Sequence[Image], how: str) -> dict[str, str]:
     """Return the names of the new files with refined RPCs, by image id."""
-    choices = {image.id: how if _has_file(image) or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
+    choices = {image.id: how if has_file(image) or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
     return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
 
 
@@ -52,7 +52,7 @@ def write_new_files(
             continue
         part = stage(progress, done / len(images), (done + 1) / len(images))
         advance(part, 0.0, f"writing {image.id}")
-        _, write = NEW_FILES[how if _has_file(image) else WITHOUT_PIXELS]
+        _, write = NEW_FILES[how if has_file(image) else WITHOUT_PIXELS]
         write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
     return names
 
@@ -85,9 +85,9 @@ def prepare_images(
 
 def images_with_pixels(images: Sequence[Image], refined: Sequence[RefitRPC]) -> list[tuple[Image, RefitRPC]]:
     """Return the images that are files with pixels, with their refined RPCs."""
-    return [(image, new) for image, new in zip(images, refined, strict=True) if _has_file(image)]
+    return [(image, new) for image, new in zip(images, refined, strict=True) if has_file(image)]
 
 
-def _has_file(image: Image) -> bool:
+def has_file(image: Image) -> bool:
     """Tell whether an image has pixels in a file: not one that is an RPC alone, or comes from arrays."""
     return image.raster is not None and bool(image.path)

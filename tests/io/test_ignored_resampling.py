@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 from dataclasses import replace
@@ -18,6 +19,7 @@ from hrsi.hrsi_engine.io.rasters.images import open_image, resampling_doubt
 from hrsi.hrsi_engine.io.rpc_files import write_rpb
 from hrsi.hrsi_engine.io.rpc_files.isd import text_of
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.interface.cli import main
 
 SIZE = (400, 300)
 #: OFF and SCALE as vendors have them: Airbus and `simulate`, then SPOT 6 and WorldView-1.
@@ -95,6 +97,28 @@ def test_an_rpc_of_twice_the_size(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     with caplog.at_level(logging.WARNING, logger="hrsi"):
         hrsi.open(str(tmp_path / "half.tif"))
     assert "up to 199 px off" in caplog.text
+
+
+def test_blocks_are_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Half the pixels with the whole RPC make a block doubtful; GDAL's quarter of a pixel is a warning in the log."""
+    block = tmp_path / "block"
+    run("simulate", images=2, along="-6,6", size=300, gcps=4, checks=0, ties=20, output_dir=str(block))
+    first, second = str(block / "image_1.tif"), str(block / "image_2.tif")
+    for name in ("half", "wrong"):
+        (tmp_path / name).mkdir()
+    half, wrong = (str(tmp_path / name / "image_1.tif") for name in ("half", "wrong"))
+    gdal.Translate(half, first, width=150, height=150)
+    shutil.copy(half, wrong)
+    run("write-rpc", images=[wrong], rpc=first, write="in-place")
+    for image, doubted in ((wrong, True), (half, False)):
+        points = ["--gcps", str(block / "ground_points.csv"), "--image-points", str(block / "image_points.csv")]
+        words = ["adjust", image, second, *points, "--height-datum", "ellipsoidal", "--dry-run", "--json"]
+        capsys.readouterr()
+        main([*words, "--output-dir", str(tmp_path / "out")])
+        out, told = capsys.readouterr()
+        codes = [reason["code"] for reason in json.loads(out)["verdict"]["reasons"]]
+        assert ("resampled-rpc" in codes) is doubted
+        assert ("up to 149 px off" if doubted else "up to 0.25 px off") in told
 
 
 def test_a_vrt_with_the_rpc_of_its_source(tmp_path: Path) -> None:

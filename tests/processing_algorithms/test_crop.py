@@ -14,6 +14,7 @@ from osgeo import gdal
 from rasterio.transform import RPCTransformer
 from rpc_samples import ground_grid, sample_rpc, write_image
 
+import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -225,6 +226,14 @@ def test_an_rpc_file_alone(tmp_path: Path, real_data: Path) -> None:
     write_rpc_text(str(tmp_path / "b_RPC.TXT"), CAMERA)
     with pytest.raises(InputError, match="size of the image is not known"):
         crop(tmp_path, tmp_path / "b_RPC.TXT", factor=0.5, overwrite=True)
+
+
+def test_an_image_in_memory_gives_its_rpc(tmp_path: Path) -> None:
+    """Python alone knows such an image: there is no file whose pixels could be cut."""
+    result = hrsi.crop(hrsi.open(np.zeros(SIZE[::-1]), rpc=CAMERA, id="m"), window="40,60,200,150", output_dir=tmp_path)
+    assert read_rpc(result.report["images"]["m"]["output"]).rpc == CAMERA.shift(-40.0, -60.0)
+    with pytest.raises(InputError, match="output_dir"):
+        hrsi.crop(hrsi.open(np.zeros(SIZE[::-1]), rpc=CAMERA, id="m"), factor=0.5)
 
 
 def test_what_only_side_files_tell_goes_along(tmp_path: Path) -> None:
