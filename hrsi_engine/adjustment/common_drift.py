@@ -153,13 +153,9 @@ class CommonDrift:
 
 
 def find_common_drift(
-    observations: Observations,
-    model: RefinementModel,
-    images: np.ndarray,
-    free: np.ndarray,
-    sigma: np.ndarray,
+    observations: Observations, model: RefinementModel, images: np.ndarray, free: np.ndarray, sigma: np.ndarray,
     only_ties: bool,
-) -> CommonDrift | None:
+) -> CommonDrift | None:  # fmt: skip
     """Return the common drifts of a part of a block, None where it has none.
 
     ``images`` are its images, ``free (cameras, p)`` which parameters are drifts, and ``sigma (cameras, p)`` the a

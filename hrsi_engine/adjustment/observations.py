@@ -177,21 +177,12 @@ def select_points(
     has_survey = surveyed[points][:, None] & np.isfinite(survey)
     weight, correlation = _weigh_surveys(block, points, surveyed[points])
     return Observations(
-        images=block.images,
-        rows=rows,
-        points=points,
-        point=point,
-        image=chosen.image,
-        xy=chosen.xy,
-        sigma_px=chosen.sigma_px,
-        first=np.searchsorted(point, np.arange(len(points) + 1)),
-        survey=np.where(has_survey, survey, np.nan),
-        survey_weight=np.where(has_survey, weight, 0.0),
-        contributes=contributing[chosen.point],
-        camera_of_image=np.arange(len(block.images), dtype=np.int32),
-        survey_correlation=correlation,
-        alike=_find_reference_matches(block, rows, point, surveyed[points]),
-    )
+        images=block.images, rows=rows, points=points, point=point, image=chosen.image, xy=chosen.xy,
+        sigma_px=chosen.sigma_px, first=np.searchsorted(point, np.arange(len(points) + 1)),
+        survey=np.where(has_survey, survey, np.nan), survey_weight=np.where(has_survey, weight, 0.0),
+        contributes=contributing[chosen.point], camera_of_image=np.arange(len(block.images), dtype=np.int32),
+        survey_correlation=correlation, alike=_find_reference_matches(block, rows, point, surveyed[points]),
+    )  # fmt: skip
 
 
 def _find_reference_matches(

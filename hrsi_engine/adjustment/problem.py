@@ -164,11 +164,9 @@ class Problem:
         surveyed = self.observations.survey_weight > 0.0
         fresh = PointPriors.from_surveys(self.observations, self.start.ground, survey)
         priors = PointPriors(
-            np.where(surveyed, fresh.target, points.target),
-            np.where(surveyed, fresh.weight, points.weight),
-            np.where(surveyed, fresh.observed, points.observed),
-            fresh.mixed,
-        )
+            np.where(surveyed, fresh.target, points.target), np.where(surveyed, fresh.weight, points.weight),
+            np.where(surveyed, fresh.observed, points.observed), fresh.mixed,
+        )  # fmt: skip
         return Weighting(
             image,
             priors,
@@ -374,12 +372,9 @@ def _add_drift(model: RefinementModel, options: AdjustOptions) -> RefinementMode
 
 
 def _weigh_priors(
-    observations: Observations,
-    model: RefinementModel,
-    guessed: np.ndarray,
-    parts: Sequence[Part],
+    observations: Observations, model: RefinementModel, guessed: np.ndarray, parts: Sequence[Part],
     options: AdjustOptions,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the weights ``(cameras, p)`` of the parameters' priors, and standard deviations of their drifts.
 
     Weights of fixed images are infinite. The standard deviations ``(cameras, p)`` are those that sensors are known to
@@ -414,13 +409,9 @@ def _weigh_priors(
 
 
 def _find_common_drifts(
-    observations: Observations,
-    camera: RefinementModel,
-    parts: Sequence[Part],
-    prior_weight: np.ndarray,
-    usual_drift: np.ndarray,
-    options: AdjustOptions,
-) -> tuple[CommonDrift, ...]:
+    observations: Observations, camera: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
+    usual_drift: np.ndarray, options: AdjustOptions,
+) -> tuple[CommonDrift, ...]:  # fmt: skip
     """Return the common drifts of the parts that nothing but their ties and their RPCs hold."""
     if options.sigma_drift is not None or not (options.test_sigmas or options.variance_components):
         return ()

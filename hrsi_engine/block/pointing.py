@@ -16,8 +16,6 @@ gyroscopes grows with the root of the time; within a second of flight, `POINTING
 the time itself.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

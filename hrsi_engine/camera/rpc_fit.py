@@ -14,8 +14,6 @@ observation equations are reduced to their triangular factor part by part (norma
 number), so that the memory needed does not grow with them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

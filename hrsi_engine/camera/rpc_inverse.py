@@ -7,8 +7,6 @@ derivatives stand for the inverse Jacobian in Newton's method. Two evaluations o
 analytic Jacobian.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

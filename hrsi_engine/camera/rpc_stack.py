@@ -6,8 +6,6 @@ compiled loops of `compiled_rpc`. The order of terms is that of `rpc_terms`. `RP
 points on an image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

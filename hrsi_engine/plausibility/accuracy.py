@@ -16,8 +16,6 @@ which GCPs mend like any other; what lies beyond has another cause. The standard
 nothing allows for such biases, up to ten times as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

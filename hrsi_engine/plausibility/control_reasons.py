@@ -4,8 +4,6 @@ Each typical mistake (`slips`) is undone and the points are fitted again. It is 
 clearly better than without every other mistake. Else the reason states the misfit without a cause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -149,11 +147,9 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
         survey = control.block.points.ground[points[owners]]
         moved = owners != np.arange(len(points))
         slip = Slip(
-            "point-ids-permuted",
-            _describe_point_exchange(control.block.points.ids[points], owners),
-            "correct the ids of these points",
-            4.0,
-        )
+            "point-ids-permuted", _describe_point_exchange(control.block.points.ids[points], owners),
+            "correct the ids of these points", 4.0,
+        )  # fmt: skip
         yield SlipHypothesis(
             slip, fit_control(control, survey[np.searchsorted(points, control.point)]), points=points[moved]
         )
@@ -195,14 +191,11 @@ def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: Sl
     images = control.images if found.images is None else found.images
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
-        found.slip.code,
-        Level.UNUSABLE if sure else Level.DOUBTFUL,
+        found.slip.code, Level.UNUSABLE if sure else Level.DOUBTFUL,
         f"{found.slip.what}{where}: the ground points lie {_format_median_distance(given)} from where the RPCs put "
-        f"them, and {_format_median_distance(found.fit)} when this is undone",
-        found.slip.advice,
-        control.image_ids(images),
-        control.point_ids(points),
-    )
+        f"them, and {_format_median_distance(found.fit)} when this is undone", found.slip.advice,
+        control.image_ids(images), control.point_ids(points),
+    )  # fmt: skip
 
 
 def _format_median_distance(read: ControlFit) -> str:

@@ -1,7 +1,5 @@
 """What keeps measurements when QGIS is closed, or was killed."""
 
-from __future__ import annotations
-
 from datetime import datetime
 from typing import Any
 

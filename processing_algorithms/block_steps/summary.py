@@ -10,14 +10,11 @@ COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "
 
 
 @thresholds
-class SummaryThresholds:
+class SUMMARY:
     """How much the last lines on the terminal name."""
 
     most_outliers: int = threshold(5, "outliers", "outliers named")
     most_parts: int = threshold(3, "parts", "parts of a block named")
-
-
-SUMMARY = SummaryThresholds()
 
 
 def summarise(report: Report) -> str:

@@ -34,7 +34,7 @@ from ..files.terrain import open_terrain
 
 
 @thresholds
-class OrthoGridThresholds:
+class ORTHO_GRID:
     """Which grids of orthoimages are accepted and warned of."""
 
     largest_ratio: float = threshold(
@@ -43,8 +43,6 @@ class OrthoGridThresholds:
     nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is carried to another CRS")
     notable_height_m: float = threshold(10.0, "m", "error of the constant height for which the warning gives the shift")
 
-
-ORTHO_GRID = OrthoGridThresholds()
 
 METRES_PER_DEGREE = 111_320.0
 

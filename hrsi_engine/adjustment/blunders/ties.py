@@ -89,17 +89,9 @@ def compute_point_squares(
 
 
 def judge_ties(
-    equations: NormalEquations,
-    observations: Observations,
-    solution: Solution,
-    all_in: Weighting,
-    ties: np.ndarray,
-    sigmas: float,
-    variance: float,
-    freedom: float,
-    squares: np.ndarray,
-    used: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    equations: NormalEquations, observations: Observations, solution: Solution, all_in: Weighting, ties: np.ndarray,
+    sigmas: float, variance: float, freedom: float, squares: np.ndarray, used: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
 
     Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out when the

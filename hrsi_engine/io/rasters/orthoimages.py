@@ -34,7 +34,7 @@ FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
 
 
 @thresholds
-class ChunkThresholds:
+class CHUNKS:
     """How an orthoimage is cut into chunks that are warped and written."""
 
     tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
@@ -46,9 +46,6 @@ class ChunkThresholds:
     warped_share: float = threshold(
         0.85, "", "share of the time that the chunks of a COG take; the rest goes into the finished format", "measured"
     )
-
-
-CHUNKS = ChunkThresholds()
 
 
 _PREDICTED = ("deflate", "lzw", "zstd")

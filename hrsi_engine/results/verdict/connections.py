@@ -1,7 +1,5 @@
 """Connection of each image to the block: tie points left out, too few tie points, parts without control, corners."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

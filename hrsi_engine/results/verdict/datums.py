@@ -1,7 +1,5 @@
 """Coordinate operations: did a missing grid or geoid cost more than the block is good for."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
