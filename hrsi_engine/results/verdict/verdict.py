@@ -30,6 +30,8 @@ CONSEQUENCES = frozenset({
     "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out", "systematic-residuals",
     "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
 })  # fmt: skip
+#: Reasons for single wrong GCPs, of which no slip is known that the user could mend.
+WRONG_POINTS = frozenset({"control-groups", "control-outliers"})
 #: Reasons that do not stand against check points that agree. What check points share with GCPs they cannot tell: a
 #: datum, and with it a correction beyond any error of an RPC.
 MISFITS = frozenset({"residuals-too-large", "control-misfit", "control-ambiguous"})
@@ -124,8 +126,8 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
         ]
     if all(reason.level is not Level.UNUSABLE for reason in found):
         before = [
-            replace(reason, level=Level.DOUBTFUL)
-            if reason.level is Level.UNUSABLE and ground_truth.is_rest_sound(evidence, reason.points)
+            replace(reason, level=min(reason.level, Level.DOUBTFUL))
+            if reason.code in WRONG_POINTS and ground_truth.is_rest_sound(evidence, reason.points)
             else reason
             for reason in before
         ]
