@@ -1094,7 +1094,7 @@ def strip(
     images: Images,
     *,
     id: str | None = None,
-    format: Literal["vrt", "gtiff", "cog"] = "vrt",
+    format: Literal["gtiff", "cog", "vrt"] = "vrt",
     compression: Literal["deflate", "lzw", "zstd", "none"] = "deflate",
     output_dir: Path | None = None,
     overwrite: bool = False,
@@ -1119,7 +1119,7 @@ def strip(
         Id of the strip, which names the files; by default that of the first part and _strip.
     format : str, optional
         A virtual image that reads the parts, a tiled GeoTIFF, or a cloud-optimised one with overviews
-        (one of vrt, gtiff, cog; default vrt).
+        (one of gtiff, cog, vrt; default vrt).
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
     output_dir : path, optional

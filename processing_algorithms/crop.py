@@ -12,15 +12,16 @@ from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
-from ..hrsi_engine.io.rasters.cropping import CropWindow, ImageStorage, open_window, read_lineage, save_image
+from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
+from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
 from ..hrsi_engine.io.rpc_files.crop import crop_rpc
-from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, format_size
+from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, SIZE_TEXT
 from ..hrsi_engine.io.safety.transactions import Transaction
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .block_steps.rpc_outputs import has_file
-from .declarations.crop import CropOptions
+from .declarations.crop import FORMAT_ENDINGS, CropOptions
 from .files.dry_run import REPORT_FILE, plan
 from .files.image_files import open_input_images
 from .files.image_pixels import window_area
@@ -49,12 +50,11 @@ def run(options: CropOptions, context: Context) -> Report:
         raise InputError("nothing says what to make: give `window`, `extent` or `factor`")
     check_folder(options.folder, context)
     images, surface = open_input_images(options.images, context), open_terrain(options.terrain)
-    storage = ImageStorage(options.format, options.compression, thread_count(options.common.threads))
     warnings: list[str] = []
     jobs: list[CropJob] = []
     for image in images:
         window = _choose_window(image, options, surface, warnings)
-        ending = storage.ending if has_file(image) else "_RPC.TXT"
+        ending = FORMAT_ENDINGS[options.format] if has_file(image) else "_RPC.TXT"
         jobs.append(CropJob(image, window, crop_rpc(image.rpc, window.place, window.size), f"{image.id}_crop{ending}"))
     folder = options.folder.output_dir
     if context.dry_run:
@@ -65,7 +65,7 @@ def run(options: CropOptions, context: Context) -> Report:
         for number, job in enumerate(jobs):
             part = stage(context.progress, number / len(jobs), (number + 1) / len(jobs))
             target, output = str(staged / job.name), os.path.join(folder, job.name)
-            warnings += _write_crop(job, storage, options.resampling, target, part)
+            warnings += _write_crop(job, options, target, part)
             warnings += free_the_way(output, job.image.path, job.rpc, changes)
             (samples, lines), bounds = job.window.size, job.window.bounds
             report["images"][job.image.id] = {
@@ -119,23 +119,25 @@ def _find_ground_box(image: Image, extent: str, surface: HeightSurface | None, w
     return [int(value) for value in inside]
 
 
-def _write_crop(
-    job: CropJob, storage: ImageStorage, resampling: str, target: str, progress: Progress
-) -> tuple[str, ...]:
+def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progress) -> tuple[str, ...]:
     """Write an image's window, or the RPC of one that has no pixels; return notices."""
     window = job.window
     items = {
         "HRSI_CROP_SOURCE": os.path.basename(job.image.path),
         "HRSI_CROP_WINDOW": ",".join(map(str, window.bounds)),
-        SIZE_ITEM: format_size(window.size),
+        SIZE_ITEM: SIZE_TEXT.format(*window.size),
     }
     if not has_file(job.image):
         write_rpc_text(target, job.rpc, Lineage(items))
         return ()
     told = read_lineage(job.image)
     original = None if told.original is None else crop_rpc(told.original, window.place, window.size)
-    pixels = open_window(job.image.path, window, resampling)
-    return save_image(pixels, target, job.rpc, storage, Lineage({**told.items, **items}, original), progress)
+    pixels, lineage = (
+        open_window(job.image.path, window, options.resampling),
+        Lineage({**told.items, **items}, original),
+    )
+    form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
+    return save_image(pixels, target, job.rpc, form, threads, lineage, progress)
 
 
 def summarise(report: Report) -> str:

@@ -14,10 +14,12 @@ from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
-from ..hrsi_engine.io.rasters.cropping import ImageStorage, join_images, read_lineage, save_image
+from ..hrsi_engine.io.rasters.cropping import join_images, read_lineage, save_image
+from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
 from ..hrsi_engine.io.safety.transactions import Transaction
 from .block_steps.rpc_outputs import has_file
+from .declarations.crop import FORMAT_ENDINGS
 from .declarations.strip import StripOptions
 from .files.dry_run import REPORT_FILE, plan
 from .files.image_files import open_input_images
@@ -36,8 +38,7 @@ def run(options: StripOptions, context: Context) -> Report:
     places = place_parts(parts)
     strip = fit_strip(parts, places.first)
     with_pixels = all(map(has_file, parts))
-    storage = ImageStorage(options.format, options.compression, thread_count(options.common.threads))
-    file = name + (storage.ending if with_pixels else "_RPC.TXT")
+    file = name + (FORMAT_ENDINGS[options.format] if with_pixels else "_RPC.TXT")
     grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""
     warnings = _list_warnings(parts, places, strip, grid_file)
     folder = options.folder.output_dir
@@ -54,8 +55,9 @@ def run(options: StripOptions, context: Context) -> Report:
         target = str(staged / file)
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
+            form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
             lineage = _join_lineages(parts, places)
-            warnings += save_image(joined, target, strip.rpc, storage, lineage, context.progress)
+            warnings += save_image(joined, target, strip.rpc, form, threads, lineage, context.progress)
         else:
             write_rpc_text(target, strip.rpc)
         warnings += free_the_way(os.path.join(folder, file), parts[0].path, strip.rpc, changes)

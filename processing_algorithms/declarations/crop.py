@@ -17,6 +17,9 @@ from ..interface.option_groups import (
 #: prefers the upper left of equals.
 KERNELS = ("cubic", "near", "bilinear", "cubicspline", "lanczos")
 
+#: Formats, and how the names of their files end.
+FORMAT_ENDINGS = {"gtiff": ".tif", "cog": ".tif", "vrt": ".vrt"}
+
 
 @options(kw_only=True)
 class CropOptions:
@@ -39,7 +42,7 @@ class CropOptions:
     format: str = option(
         "gtiff",
         "A tiled GeoTIFF, a cloud-optimised one with overviews, or a virtual image that reads the original",
-        choices=("gtiff", "cog", "vrt"),
+        choices=tuple(FORMAT_ENDINGS),
     )
     compression: str = compression_option()
     folder: ResultFolder = nest_options(ResultFolder)

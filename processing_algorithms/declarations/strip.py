@@ -5,6 +5,7 @@ from __future__ import annotations
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm
 from ..interface.option_groups import Common, ResultFolder, compression_option, images_option
+from .crop import FORMAT_ENDINGS
 
 
 @options(kw_only=True)
@@ -20,7 +21,7 @@ class StripOptions:
     format: str = option(
         "vrt",
         "A virtual image that reads the parts, a tiled GeoTIFF, or a cloud-optimised one with overviews",
-        choices=("vrt", "gtiff", "cog"),
+        choices=tuple(FORMAT_ENDINGS),
     )
     compression: str = compression_option()
     folder: ResultFolder = nest_options(ResultFolder)

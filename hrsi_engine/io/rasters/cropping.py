@@ -21,7 +21,7 @@ from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
 from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
 
-VRT = "vrt"
+VRT = "vrt"  #: instead of one of `orthoimages.FORMATS`
 _LINEAGE = "HRSI_"
 
 
@@ -35,19 +35,6 @@ class CropWindow(NamedTuple):
     def place(self) -> CropPlace:
         """Where the result lies in the image."""
         return CropPlace.from_window(self.bounds, self.size)
-
-
-class ImageStorage(NamedTuple):
-    """How an image is stored: ``vrt`` or one of `orthoimages.FORMATS`, its compression, and threads that compress."""
-
-    format: str
-    compression: str
-    threads: int
-
-    @property
-    def ending(self) -> str:
-        """Ending of the file's name."""
-        return ".vrt" if self.format == VRT else ".tif"
 
 
 def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
@@ -139,16 +126,17 @@ def read_lineage(image: Image) -> Lineage:
 
 
 def save_image(
-    source: gdal.Dataset, target_path: str, rpc: RPC, storage: ImageStorage, lineage: Lineage, progress: Progress
-) -> tuple[str, ...]:
-    """Write a virtual image with its RPC, as it is or with pixels of its own; return notices for the log."""
-    if storage.format == VRT:
+    source: gdal.Dataset, target_path: str, rpc: RPC, form: OrthoFormat, threads: int, lineage: Lineage,
+    progress: Progress,
+) -> tuple[str, ...]:  # fmt: skip
+    """Write a virtual image with its RPC, as a VRT or with pixels of its own as ``form`` says; return notices."""
+    if form.name == VRT:
         save_vrt(source, target_path, rpc, lineage)
         return ()
     band = source.GetRasterBand(1)
     is_integer = band.DataType not in (gdal.GDT_Float32, gdal.GDT_Float64)
-    options = OrthoFormat(storage.format, storage.compression).creation_options(is_integer, storage.threads)
+    options = form.creation_options(is_integer, threads)
     if band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE"):  # no predictor works on packed pixels
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):
-        return save_geotiff(source, target_path, rpc, FORMATS[storage.format][0], options, progress, lineage)
+        return save_geotiff(source, target_path, rpc, FORMATS[form.name][0], options, progress, lineage)

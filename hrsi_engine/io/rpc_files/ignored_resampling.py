@@ -27,7 +27,7 @@ from .find import read_rpc
 
 _Size = tuple[int, int]
 #: Metadata of images whose RPC was composed here: the size that it is for.
-SIZE_ITEM = "HRSI_CROP_SIZE"
+SIZE_ITEM, SIZE_TEXT = "HRSI_CROP_SIZE", "{},{}"
 
 
 @thresholds
@@ -61,11 +61,6 @@ class IgnoredResampling(NamedTuple):
         return f"{self.reason}: up to {self.offset_px:.3g} px off. Make it again from the original with 'crop'"
 
 
-def format_size(size: _Size) -> str:
-    """Return samples and lines as `SIZE_ITEM` has them."""
-    return f"{size[0]},{size[1]}"
-
-
 def find_ignored_resampling(
     path: str, dataset: gdal.Dataset, rpc: RPC, stated_size: _Size | None
 ) -> IgnoredResampling | None:
@@ -74,7 +69,7 @@ def find_ignored_resampling(
     ``stated_size`` is that of the image which the RPC was delivered for, where its file says so.
     """
     size = dataset.RasterXSize, dataset.RasterYSize
-    if metadata_of(dataset).get(SIZE_ITEM) == format_size(size):
+    if metadata_of(dataset).get(SIZE_ITEM) == SIZE_TEXT.format(*size):
         return None
     if dataset.GetDriver().ShortName == "VRT" and os.path.isfile(path):
         return _compare_with_source(path, rpc, size)
