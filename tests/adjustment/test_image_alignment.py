@@ -1,0 +1,57 @@
+"""Images are brought together before measurements are judged, however badly their RPCs point."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hrsi.hrsi_engine import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment import Decision
+from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
+from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
+from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
+from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
+
+
+def simulate_strip(pointing_px: float, drift_px: float = 0.1, blunders: float = 0.0) -> BlockSimulation:
+    """Return ten frames of a strip in two looks, neighbours on almost parallel rays, that point to ``pointing_px``."""
+    sensor, rng = SENSORS["worldview-2"], np.random.default_rng(3)
+    views = make_strip_views(sensor, 1, 5, 2, (800, 600), 0.4)
+    errors = rng.normal(0.0, pointing_px * sensor.detector_angle_rad, (len(views), 2))
+    drifts = rng.normal(0.0, drift_px * sensor.detector_angle_rad, (len(views), 2))
+    views = tuple(
+        replace(view, vendor_error=OrientationError(attitude_rad=(*error, 0.0), attitude_drift_rad=(*drift, 0.0)))
+        for view, error, drift in zip(views, errors.tolist(), drifts.tolist(), strict=True)
+    )
+    noise = Noise(image_px=0.1, blunders=blunders)
+    return simulate_block(SceneSpec(seed=3), views, PointCounts(0, 5, 600), noise)
+
+
+@pytest.mark.parametrize("model", ["auto", "shift", "generic-shift"])
+def test_frames_50_px_apart_lose_no_right_tie(model):
+    block = simulate_strip(50.0).block
+    result = adjust(block, AdjustOptions(model=model))
+    assert result.converged
+    assert (result.decision != Decision.KEPT).mean() < 0.002
+    assert np.sqrt(np.nanmean((result.residual_px**2).sum(axis=1))) < 0.2
+
+
+def test_blunders_are_found_between_frames_100_px_apart():
+    simulated = simulate_strip(100.0, blunders=0.05)
+    decision = adjust(simulated.block).decision
+    assert (decision[simulated.truth.blunder] != Decision.KEPT).all()
+
+
+def test_residuals_that_neighbours_share_are_no_blunders():
+    """A shift does not follow a drift of two pixels, and no measurement is wrong."""
+    result = adjust(simulate_strip(50.0, drift_px=2.0).block, AdjustOptions(model="shift", sigma_drift=0.0))
+    assert (result.decision != Decision.KEPT).mean() < 0.01
+
+
+def test_the_start_meets():
+    problem = prepare_problem(simulate_strip(50.0).block, AdjustOptions(model="shift"))
+    apart = np.linalg.norm(problem.equations.compute_residuals(problem.start), axis=1)
+    assert np.quantile(apart, 0.99) < 0.5
+    heights = problem.start.ground[:, 2]
+    assert np.ptp(heights) < 500.0
