@@ -51,29 +51,25 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         low if options.min_height is None else options.min_height,
         high if options.max_height is None else options.max_height,
     )
-    few = (
-        [f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}"] if (check is None) else []
-    )
+    warnings = [*table.warnings, *list_operation_warnings(table.operations), *fit.warnings]
+    if check is None:
+        warnings.append(f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}")
     if fit.max_px > FIT_CHECK.bad_fit_px:
-        few.append(
-            f"the RPC fits its points to {fit.max_px:.3g} px only: check them for mistakes and points given twice"
-        )
-    height_warnings = [*few, *extrapolation_warnings(wanted, (low, high))]
+        told = f"the RPC fits its points to {fit.max_px:.3g} px only"
+        warnings.append(f"{told}: check them for mistakes and points given twice")
+    warnings += extrapolation_warnings(wanted, (low, high))
     report: Report = {
         **context.record, "output": str(Path(options.folder.output_dir) / name),
         "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
         "check": None if check is None else {"points": check[0], "max_px": check[1].max_px, "rms_px": check[1].rms_px},
-        "height_min_m": low, "height_max_m": high,
-        "warnings": [
-            *table.warnings, *list_operation_warnings(table.operations), *fit.warnings, *height_warnings
-        ],
+        "height_min_m": low, "height_max_m": high, "warnings": warnings,
         "crs_operations": [use.entry() for use in table.operations],
     }  # fmt: skip
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)
         write_report_json(str(folder / "report.json"), report)
-    tell(report["warnings"], context)
+    tell(warnings, context)
     advance(context.progress, 1.0, "done")
     return report
 

@@ -10,7 +10,7 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
-from .files.coordinate_lines import format_lines, parse_lines, standard_input
+from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
 from .files.image_files import is_on_image, open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
@@ -36,12 +36,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         "count": len(columns["id"]), "warnings": warnings,
     }  # fmt: skip
     if not options.folder.output_dir:
-        names = ("id", "image", "lon", "lat", "height", "status")
-        values = zip(*(columns[name].tolist() for name in names), strict=True)
-        table = [dict(zip(names, row, strict=True)) for row in values]
-        for row in np.flatnonzero(np.isnan(columns["lon"])):
-            table[row] |= {"lon": None, "lat": None, "height": None}
-        report["points"] = table
+        report["points"] = make_point_rows(columns, ("id", "image", "lon", "lat", "height", "status"))
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     layer = Layer("ground_points", "PointZ", WGS84_3D, place, LocalizedPointRows(**columns))
     write_folder(options.folder, report, LAYERS_FILE, [layer], context)
@@ -95,6 +90,6 @@ def summarise(report: Report) -> str:
     if "points" not in report:
         return f"{report['count']} ground points"
     if report["from_file"]:
-        header = [("id", "image", "lon", "lat", "height", "status")]
-        return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
+        header = ("id", "image", "lon", "lat", "height", "status")
+        return format_lines([header, *map(dict.values, report["points"])], ",")
     return format_lines((row["lon"], row["lat"], row["height"], row["id"]) for row in report["points"])

@@ -9,7 +9,6 @@ from ..hrsi_engine.block.block import ImagePoints
 from ..hrsi_engine.drawing.target_chips import draw_target_chip
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.io.geopackage.declared_layers import TargetRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
@@ -19,17 +18,9 @@ from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import check_folder, plan_page, tell, write_folder
+from .files.result_folder import PAGE, check_folder, plan_page, tell, write_folder
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
-
-
-@thresholds
-class TARGET_PAGE:
-    """How many targets the page shows."""
-
-    most_chips: int = threshold(200, "targets", "chips on the page")
-
 
 TARGET_KINDS = {"center": "center", "centre": "center", "corner": "corner"}
 
@@ -77,13 +68,13 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": rows,
-        "chips_left_out": max(len(targets) - TARGET_PAGE.most_chips, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - PAGE.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
     rasters = {image.id: image.raster for image in images}
     chips = [
         (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))
-        for one in targets[: TARGET_PAGE.most_chips if options.report else 0]
+        for one in targets[: PAGE.most_chips if options.report else 0]
     ]
     page = "targets.html.j2" if options.report else ""
     write_folder(options.folder, report, LAYERS_FILE, _make_layers(targets, by_id), context, page, chips=chips)

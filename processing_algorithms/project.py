@@ -11,7 +11,7 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .declarations.project import LAYERS_FILE, ProjectOptions
-from .files.coordinate_lines import format_lines, parse_lines, standard_input
+from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
 from .files.image_files import is_on_image, open_input_images
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .files.terrain import open_terrain
@@ -42,13 +42,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
         "crs_operations": [use.entry() for use in points.operations],
     }  # fmt: skip
     if not options.folder.output_dir:
-        names = ("id", "image", "sample", "line")
-        found = np.isfinite(columns["sample"]) & np.isfinite(columns["line"])
-        values = zip(*(columns[name].tolist() for name in names), found.tolist(), strict=True)
-        report["points"] = [
-            {"id": name, "image": image, "sample": sample if good else None, "line": line if good else None}
-            for name, image, sample, line, good in values
-        ]
+        report["points"] = make_point_rows(columns, ("id", "image", "sample", "line"))
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
     write_folder(options.folder, report, LAYERS_FILE, [layer], context)
@@ -98,6 +92,5 @@ def summarise(report: Report) -> str:
     if "points" not in report:
         return f"{report['count']} image points"
     if report["from_file"]:
-        header = [("id", "image", "sample", "line")]
-        return format_lines([*header, *(tuple(row.values()) for row in report["points"])], ",")
+        return format_lines([("id", "image", "sample", "line"), *map(dict.values, report["points"])], ",")
     return format_lines((row["sample"], row["line"], row["id"]) for row in report["points"])

@@ -2,8 +2,9 @@
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,15 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
     return np.array(numbers, dtype=np.float64).reshape(-1, len(names)), rest
 
 
-def format_lines(rows: Iterable[Sequence[float | str | None]], separator: str = " ") -> str:
+def make_point_rows(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return some columns as rows for a report, without the coordinates of points of which one is not finite."""
+    numbers = [name for name in names if columns[name].dtype.kind == "f"]
+    lost = ~np.all([np.isfinite(columns[name]) for name in numbers], axis=0)
+    values = [np.where(lost, np.nan, columns[name]) if name in numbers else columns[name] for name in names]
+    return [dict(zip(names, row, strict=True)) for row in zip(*(one.tolist() for one in values), strict=True)]
+
+
+def format_lines(rows: Iterable[Iterable[float | str | None]], separator: str = " ") -> str:
     """Return rows as text with 15 significant digits, ``nan`` where there is no value."""
     texts = (
         ["nan" if cell is None else cell if isinstance(cell, str) else f"{cell:.15g}" for cell in row if cell != ""]

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.pages.page import write_page
@@ -11,6 +12,14 @@ from ...hrsi_engine.io.pages.report import write_report_json
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
 from .dry_run import PAGE_FILE, REPORT_FILE, plan
+
+
+@thresholds
+class PAGE:
+    """How much pages show."""
+
+    most_chips: int = threshold(200, "targets", "whose chips are shown")
+    most_maps: int = threshold(12, "maps", "of shifts between orthoimages")
 
 
 def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> None:

@@ -262,17 +262,17 @@ class Algorithm:
         with quitting_on_signals():
             work, rasters, values, lock, deliveries, lineage, transactions, threads = map(import_module, modules)
         given = self.non_defaults(options)
-        typed = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.IMAGES}
-        images = {key: deliveries.resolve_images(names, context.log) for key, names in typed.items() if names}
-        resolve_points = {param.key: options.get(param.key) for param in self.params if param.kind is Kind.POINTS}
-        points = {
-            key: deliveries.resolve_points(name) for key, name in resolve_points.items() if type(name) is str and name
-        }
-        options = {**options, **images, **points}
+        images: list[str] = []
+        for param in self.params:
+            value = options.get(param.key)
+            if value and param.kind is Kind.IMAGES:
+                images += (found := deliveries.resolve_images(value, context.log))
+                options = {**options, param.key: found}
+            elif value and param.kind is Kind.POINTS and type(value) is str:
+                options = {**options, param.key: deliveries.resolve_points(value)}
         made: Any = fill_options(self.options, options)
-        named = (
-            self.files_by_option(options) if options.get("output_dir") else None
-        )  # only then is there a file to tell it
+        # Only with an output directory is there a file to tell of inputs
+        named = self.files_by_option(options) if options.get("output_dir") else None
         record = {
             "schema": SCHEMA, "algorithm": self.name,
             **lineage.run_record(context.command or self.command(given), named),
@@ -288,8 +288,8 @@ class Algorithm:
                 lock.require_writable(options["output_dir"])
             with lock.only_writer(None if context.dry_run else options.get("output_dir")):
                 if not context.dry_run:  # images may have been written in place by a run that was stopped
-                    files = [path for paths in images.values() for path in paths if os.path.exists(path)]
-                    for notice in transactions.recover_folders({os.path.dirname(path) or "." for path in files}):
+                    folders = {os.path.dirname(path) or "." for path in images if os.path.exists(path)}
+                    for notice in transactions.recover_folders(folders):
                         context.log(notice)
                 with threads.limit_threads(options.get("threads") or 0):
                     report: Report = values.json_ready(work.run(made, context))

@@ -14,7 +14,6 @@ from ...hrsi_engine.block.block import Role
 from ...hrsi_engine.drawing.block_map import BlockMap, draw_block_map
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.progress import advance, stage
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
@@ -31,16 +30,8 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     window_centres,
 )
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
-from ..files.result_folder import tell, write_folder
+from ..files.result_folder import PAGE, tell, write_folder
 from ..interface.declare import Context, Report
-
-
-@thresholds
-class PAIR_PAGE:
-    """How many pairs the page shows."""
-
-    most_maps: int = threshold(12, "maps", "maps of shifts on the page")
-
 
 BEFORE, AFTER = "before", "after"
 
@@ -232,7 +223,7 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
 def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
     """Return titles and arrow maps of the first pairs."""
     maps = []
-    for pair in found[: PAIR_PAGE.most_maps]:
+    for pair in found[: PAGE.most_maps]:
         lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]

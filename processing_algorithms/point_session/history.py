@@ -3,17 +3,9 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from .rows import ImageMeasurement, SurveyPoint
+from .rows import PANEL, ImageMeasurement, SurveyPoint
 
 Key = tuple[str, str]  #: point and image
-
-
-@thresholds
-class HISTORY:
-    """How many edits are kept."""
-
-    longest: int = threshold(1000, "edits", "edits that can be undone")
 
 
 @dataclass(frozen=True)
@@ -53,7 +45,7 @@ class History:
         """Make an edit; what was undone before it cannot be done again."""
         self._apply(edit.forth)
         self._undone.clear()
-        self._done = [*self._done[1 - HISTORY.longest :], (self.state, edit)]
+        self._done = [*self._done[1 - PANEL.longest_history :], (self.state, edit)]
         self._states += 1
         self.state = self._states
 

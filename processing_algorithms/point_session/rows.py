@@ -3,11 +3,21 @@
 from dataclasses import dataclass
 from math import nan
 
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+
 #: A point that is ``off`` keeps its measurements and takes no part.
 ROLES = ("gcp", "check", "off")
 TIE = "tie"  #: of a point without a survey, whose position is where its rays meet; it is made so, and stays so
 TRANSFERRED = "transfer"  #: kind of a measurement that was found by matching
 CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
+
+
+@thresholds
+class PANEL:
+    """What the panel keeps and shows."""
+
+    longest_history: int = threshold(1000, "edits", "that can be undone")
+    half_stretch_px: int = threshold(128, "px", "half the side of the window whose greys are shown from black to white")
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.pixel_views import grey_range, pixel_view
 from ...hrsi_engine.surface.dem import surface_heights
+from .rows import PANEL
 from .session import PointSession
-
-
-@thresholds
-class VIEW_STRETCH:
-    """How grey values are stretched."""
-
-    half_px: int = threshold(128, "px", "half the side of the window whose grey values are shown from black to white")
 
 
 @dataclass(frozen=True)
@@ -39,7 +32,7 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
     image = session.images[image_id]
     if image.raster is None:
         return View("", middle, (0.0, 1.0))
-    return View(pixel_view(image.path), middle, grey_range(image.raster, middle, VIEW_STRETCH.half_px))
+    return View(pixel_view(image.path), middle, grey_range(image.raster, middle, PANEL.half_stretch_px))
 
 
 def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:
