@@ -19,6 +19,7 @@ from ..hrsi_engine.adjustment.evaluation import (
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
+from ..hrsi_engine.block.assembly import stack_image_points
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ..hrsi_engine.block.footprints import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
@@ -47,7 +48,6 @@ from .block_steps.rpc_lineage import (
     MakingPoints,
     find_making_points,
     find_points_near,
-    join_tables,
     split_measurements,
 )
 from .block_steps.summary import format_digits
@@ -232,7 +232,7 @@ class Judges:
         """
         self.makers, self.block = makers, hold_out_ties(block, 0.0)
         used, held = (
-            join_tables([part for maker in makers.values() if (part := getattr(maker, what)) is not None])
+            stack_image_points([part for maker in makers.values() if (part := getattr(maker, what)) is not None])
             for what in ("used", "held_out")
         )
         role, tracks = self.block.points.role, self.block.points.role == Role.TIE

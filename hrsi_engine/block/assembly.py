@@ -59,7 +59,7 @@ def assemble(
     if twice:
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
-    rows = _join_image_points([table for table in image_points if len(table)])
+    rows = stack_image_points([table for table in image_points if len(table)])
     known, rows = _drop_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
     if gcp_ids and check_ids:
         known, rows = _select_points(known, rows, [*gcp_ids, *check_ids])
@@ -123,7 +123,8 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     return merged.select(first)
 
 
-def _join_image_points(tables: list[ImagePoints]) -> ImagePoints:
+def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
+    """Return tables of measurements under each other."""
     if not tables:
         return ImagePoints.create([], [], np.empty((0, 2)))
     if len(tables) == 1:

@@ -74,6 +74,13 @@ def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np
     return np.isin(ids, wanted)
 
 
+def match_names(wanted: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each of the ``wanted`` names a row of ``known`` that has it, and whether one has: else any row."""
+    order = np.argsort(known)
+    row = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
+    return row, np.asarray(known[row] == wanted)
+
+
 def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
     """Return the columns concatenated; as `NameColumn` where one of them is."""
     if not any(isinstance(column, NameColumn) for column in columns):

@@ -12,6 +12,7 @@ from ..adjustment.intersection import intersect_points
 from ..adjustment.observations import select_points
 from ..adjustment.result import Adjustment, CameraEstimates, Decision
 from ..block.block import Block, Image
+from ..block.names import match_names
 from ..block.points import Role
 from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
 from ..refinement.refine import Refinement
@@ -136,12 +137,9 @@ def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple
     rows = block.measurements
     residual, weight = np.full((len(rows), 2), np.nan), np.zeros(len(rows))
     for index, found in enumerate(refinements):
-        order = np.argsort(found.control.ids)
         here = np.flatnonzero(rows.image == index)
-        ids = block.points.ids[rows.point[here]]
-        place = np.minimum(np.searchsorted(found.control.ids[order], ids), len(order) - 1)
-        same = found.control.ids[order][place] == ids
-        residual[here[same]] = found.estimate.residual_px[order][place[same]]
+        row, same = match_names(block.points.ids[rows.point[here]], found.control.ids)
+        residual[here[same]] = found.estimate.residual_px[row[same]]
         weight[here[same]] = 1.0
     return residual, weight
 

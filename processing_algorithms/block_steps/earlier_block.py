@@ -15,7 +15,7 @@ from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
 from ...hrsi_engine.block.exposures import join_parts_of_strips
-from ...hrsi_engine.block.names import find_unique_ids
+from ...hrsi_engine.block.names import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record
@@ -116,9 +116,7 @@ def _rename_conflicts(
         if new is None:
             continue
         name, other = (np.char.add(np.char.add(table.ids, "\0"), table.image_ids) for table in (measured, new))
-        order = np.argsort(name)
-        place = order[np.minimum(np.searchsorted(name, other, sorter=order), len(name) - 1)]
-        same = name[place] == other
+        place, same = match_names(other, name)
         if (np.abs(measured.xy[place[same]] - new.xy[same]) > EARLIER_BLOCK.same_place_px).any():
             surveyed = ground.ids[np.isin(ground.role, [Role.GCP, Role.CHECK])]
             of_image, on_ground = (

@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Image, ImagePoints
-from ...hrsi_engine.block.names import find_unique_ids, join_names
+from ...hrsi_engine.block.names import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.output_dir import read_report
@@ -40,15 +41,9 @@ class EarlierTies:
         if self.points is None or self.ground is None:
             return found
         new, kept = join_ties(found.image_points, self.points)
-        tables = [self.points, new]
-        columns = {
-            name: np.concatenate([getattr(table, name) for table in tables])
-            for name in ("xy", "sigma_px", "kind", "quality")
-        }
-        points = ImagePoints(
-            np.asarray(join_names([table.ids for table in tables])),
-            np.asarray(join_names([table.image_ids for table in tables])), source=found.image_points.source, **columns,
-        )  # fmt: skip
+        stacked = stack_image_points([self.points, new])
+        names = {"ids": np.asarray(stacked.ids), "image_ids": np.asarray(stacked.image_ids)}
+        points = replace(stacked, **names, source=found.image_points.source)
         ids = np.concatenate([find_unique_ids(self.points.ids)[0], kept.ids])
         placed = np.concatenate([self.ground, found.ground[kept.track]])[np.argsort(ids)]
         return found._replace(image_points=points.select(np.argsort(points.ids, kind="stable")), ground=placed)
@@ -69,9 +64,7 @@ def join_ties(new: ImagePoints, earlier: ImagePoints) -> tuple[ImagePoints, NewT
     or has another place on an image of the one that it meets, stays a point of its own.
     """
     known, row = _round_positions(earlier), _round_positions(new)
-    order = np.argsort(known)
-    place = order[np.minimum(np.searchsorted(known, row, sorter=order), len(order) - 1)]
-    met = known[place] == row
+    place, met = match_names(row, known)
     names, track = find_unique_ids(new.ids)
     old_names, old_track = find_unique_ids(earlier.ids)
     first, last = np.full(len(names), len(old_names)), np.full(len(names), -1)
@@ -122,9 +115,7 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
         raise InputError(f"{layers}: holds no tie points: find those of the earlier images again")
     ids, _ = find_unique_ids(measured.ids)  # points may have been removed by hand, or their positions
     ground = np.full((len(ids), 3), np.nan)
-    order = np.argsort(placed.ids)
-    row = order[np.minimum(np.searchsorted(placed.ids, ids, sorter=order), len(order) - 1)]
-    same = placed.ids[row] == ids
+    row, same = match_names(ids, placed.ids)
     ground[same] = placed.ground[row[same]]
     return EarlierTies(tuple(open_image(path) for path in paths.values()), measured, ground, report)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Block, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -86,16 +87,7 @@ def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, Imag
         )
         used.append(image.select(~passive & ~out))
         held.append(image.select(out))
-    return join_tables(used), join_tables(held)
-
-
-def join_tables(tables: Sequence[ImagePoints]) -> ImagePoints:
-    """Return the positions of tables of image points under each other."""
-    return ImagePoints.create(
-        np.concatenate([np.zeros(0, dtype=str), *(np.asarray(table.ids) for table in tables)]),
-        np.concatenate([np.zeros(0, dtype=str), *(np.asarray(table.image_ids) for table in tables)]),
-        np.concatenate([np.zeros((0, 2)), *(table.xy for table in tables)]),
-    )
+    return stack_image_points(used), stack_image_points(held)
 
 
 def find_points_near(block: Block, measured: ImagePoints, apart_px: float) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.footprints import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
@@ -65,8 +66,8 @@ def point_layers(session: PointSession) -> list[Layer]:
     known = ground_points(session)
     unknown = np.full(len(known), np.nan)
     # All measurements, of tie points too, at the surveyed positions where there are such
-    tables = [image_points(session), *([] if session.ties is None else [session.ties])]
-    ids = np.concatenate([table.ids for table in tables])
+    measured = stack_image_points([image_points(session), *([] if session.ties is None else [session.ties])])
+    ids, xy = np.asarray(measured.ids), measured.xy
     index = {name: row for row, name in enumerate(known.ids.tolist())}
     at = np.array([index.get(name, -1) for name in ids.tolist()], dtype=np.int64)
     ground = GroundPointRows(
@@ -76,14 +77,10 @@ def point_layers(session: PointSession) -> list[Layer]:
     )  # fmt: skip
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
     roles = np.append(_role_labels(known.role), "tie")[at]
-    xy = np.concatenate([table.xy for table in tables])
     nothing = np.full(len(ids), np.nan)
     columns = ImagePointRows(
-        id=ids, role=roles, image=np.concatenate([table.image_ids for table in tables]),
-        sample=xy[:, 0], line=xy[:, 1],
-        sigma_px=np.concatenate([table.sigma_px for table in tables]),
-        kind=np.concatenate([table.kind for table in tables]),
-        quality=np.concatenate([table.quality for table in tables]),
+        id=ids, role=roles, image=np.asarray(measured.image_ids), sample=xy[:, 0], line=xy[:, 1],
+        sigma_px=measured.sigma_px, kind=measured.kind, quality=measured.quality,
         residual_sample_px=nothing, residual_line_px=nothing, sigma_sample_px=nothing, sigma_line_px=nothing,
         weight=nothing, flag=np.full(len(ids), ""),
     )  # fmt: skip
