@@ -86,23 +86,16 @@ def show_adjustment(
     outlying = is_outlier(found[rows]) | left_out[rows]
     figures = block_report(result, left, refined)
     verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
+    key_of = {row: _key(result, row) for row in rows.tolist()}
     return AdjustmentView(
-        model=result.model,
-        corrections={image.id: result.values[index] for index, image in enumerate(result.block.images)},
-        residual_px={
-            _key(result, row): (float(left.measured_px[row, 0]), float(left.measured_px[row, 1])) for row in rows
-        },
+        model=result.model, corrections={image.id: result.values[index] for index, image in enumerate(images)},
+        residual_px={key: (float(left.measured_px[row, 0]), float(left.measured_px[row, 1]))
+                     for row, key in key_of.items()},
         residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in result.block.known.nonzero()[0]},
-        image_suspicions={_key(result, row): suspicion(_key(result, row)[1], found[row]) for row in rows[outlying]},
-        point_suspicions=suspects,
-        verdict=verdict,
-        check=figures["check"],
-        warnings=(*warnings, *result.warnings),
-        result=result,
-        left=left,
-        follower=follower,
-        listed=listed,
-    )
+        image_suspicions={key_of[row]: suspicion(key_of[row][1], found[row]) for row in rows[outlying].tolist()},
+        point_suspicions=suspects, verdict=verdict, check=figures["check"], warnings=(*warnings, *result.warnings),
+        result=result, left=left, follower=follower, listed=listed,
+    )  # fmt: skip
 
 
 def _key(result: Adjustment, row: int) -> Key:
