@@ -18,7 +18,7 @@ from ..hrsi_engine.plausibility.places import PLACEMENT
 from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
 from .files.image_files import require_ids
 from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import PAGE, check_folder, plan_page, tell, write_folder
+from .files.result_folder import PAGE_LENGTH, check_folder, plan_page, tell, write_folder
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
 
@@ -68,13 +68,13 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": rows,
-        "chips_left_out": max(len(targets) - PAGE.most_chips, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - PAGE_LENGTH.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
     by_id = {image.id: image for image in images}
     rasters = {image.id: image.raster for image in images}
     chips = [
         (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))
-        for one in targets[: PAGE.most_chips if options.report else 0]
+        for one in targets[: PAGE_LENGTH.most_chips if options.report else 0]
     ]
     page = "targets.html.j2" if options.report else ""
     write_folder(options.folder, report, LAYERS_FILE, _make_layers(targets, by_id), context, page, chips=chips)

@@ -81,7 +81,8 @@ def open(source: list[Any] | tuple[Any, ...], rpc: None = None, id: None = None)
 def stubs(root: Path = ROOT) -> dict[Path, str]:
     """Return the text of each stub by its path."""
     made = {root / "__init__.pyi": facade_stub()}
-    for package in sorted((root / "hrsi_engine").rglob("__init__.py")):
+    rooms = [face for part in ("hrsi_engine", "processing_algorithms") for face in (root / part).rglob("__init__.py")]
+    for package in sorted(rooms):
         names = lazy_table(package)
         if names:
             made[package.with_suffix(".pyi")] = face_stub(package, names)

@@ -15,7 +15,7 @@ from .dry_run import PAGE_FILE, REPORT_FILE, plan
 
 
 @thresholds
-class PAGE:
+class PAGE_LENGTH:
     """How much pages show."""
 
     most_chips: int = threshold(200, "targets", "whose chips are shown")

@@ -30,7 +30,7 @@ from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     window_centres,
 )
 from ..declarations.ortho_check import LAYERS, LAYERS_FILE, OrthoCheckOptions
-from ..files.result_folder import PAGE, tell, write_folder
+from ..files.result_folder import PAGE_LENGTH, tell, write_folder
 from ..interface.declare import Context, Report
 
 BEFORE, AFTER = "before", "after"
@@ -223,7 +223,7 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
 def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
     """Return titles and arrow maps of the first pairs."""
     maps = []
-    for pair in found[: PAGE.most_maps]:
+    for pair in found[: PAGE_LENGTH.most_maps]:
         lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]

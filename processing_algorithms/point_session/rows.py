@@ -3,13 +3,17 @@
 from dataclasses import dataclass
 from math import nan
 
+from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ..interface.declare import params_of
 
 #: A point that is ``off`` keeps its measurements and takes no part.
 ROLES = ("gcp", "check", "off")
 TIE = "tie"  #: of a point without a survey, whose position is where its rays meet; it is made so, and stays so
 TRANSFERRED = "transfer"  #: kind of a measurement that was found by matching
 CLICK_KINDS = ("center", "corner", "point")  #: how a click is measured; ``point`` takes it as it is
+#: The adjustment's option that the panel offers; all others are at their defaults.
+MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "model")
 
 
 @thresholds

@@ -1,0 +1,33 @@
+"""Measuring ground points on the images of a block: the state behind the panel of the QGIS plugin, without any GUI.
+
+`PointSession` holds images, known points and measurements and edits them; `files` opens and saves it as a block's
+GeoPackage; `recovery` keeps what is not saved yet; `targets` measures where the user clicked; `adjusting` adjusts a
+snapshot, in a thread of its own.
+Importing this package is quick: its functions, and what they need, are imported when they are first called.
+"""
+
+# Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
+
+from .adjusting import adjust_block as adjust_block
+from .adjusting import block_of as block_of
+from .adjusting import follow as follow
+from .files import new_session as new_session
+from .files import open_block as open_block
+from .files import read_ground_points as read_ground_points
+from .files import save as save
+from .recovery import EditKeeper as EditKeeper
+from .recovery import find_journals as find_journals
+from .recovery import forget as forget
+from .recovery import recover as recover
+from .rows import MODEL as MODEL
+from .rows import MeasurementRow as MeasurementRow
+from .rows import PointRow as PointRow
+from .session import PointSession as PointSession
+from .session import Snapshot as Snapshot
+from .transfers import find_transfers as find_transfers
+from .transfers import new_tie as new_tie
+from .transfers import place_tie as place_tie
+from .views import dem_height as dem_height
+from .views import operations_of as operations_of
+from .views import place_on as place_on
+from .views import view_of as view_of
