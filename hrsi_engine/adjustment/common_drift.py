@@ -36,7 +36,6 @@ from .observations import Observations
 class COMMON_DRIFT:
     """Which parts of a block have common drifts that nothing shows, and which image points err alike."""
 
-    showing_gcps: int = threshold(3, "GCPs", "from which on a part's GCPs show an affine deformation of its ground")
     most_cameras: int = threshold(
         50, "cameras", "of a part; the mean of more drifts is better known than those of the sensors"
     )

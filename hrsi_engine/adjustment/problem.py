@@ -22,7 +22,7 @@ from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
-from .common_drift import COMMON_DRIFT, CommonDrift, find_common_drift
+from .common_drift import CommonDrift, find_common_drift
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
@@ -423,8 +423,8 @@ def _find_common_drifts(
         cameras = observations.camera_of_image[part.images]
         # A fixed image or one of an earlier adjustment (of no prior weight) is a datum of the others
         held = (np.isinf(prior_weight) | (prior_weight == 0.0))[cameras].any()
-        only_ties = not part.gcps and not part.places and options.laser is None and options.sigma_dem_m is None
-        if part.ties and part.gcps + part.places < COMMON_DRIFT.showing_gcps and not held:
+        only_ties = options.laser is None and options.sigma_dem_m is None
+        if part.ties and not part.gcps and not part.places and not held:
             found.append(find_common_drift(observations, camera, part.images, free, sigma, only_ties))
     return tuple(one for one in found if one is not None)
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...adjustment.common_drift import COMMON_DRIFT
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
@@ -24,6 +23,7 @@ class SOLUTION:
     unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
     granted_shift_px: float = threshold(20.0, "px", "sigma of the shift that any RPC may have", SOUND_BLOCKS)
     granted_drift: float = threshold(2e-4, "px/px", "sigma of the drift that any RPC may have", SOUND_BLOCKS)
+    showing_gcps: int = threshold(3, "GCPs", "from which on a part's GCPs show an affine deformation of its ground")
     implausible_drift: float = threshold(
         5.0, "sigma", "estimated drift of an image that no GCPs show, in a priori sigmas of its sensor", SOUND_BLOCKS
     )
@@ -114,7 +114,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     estimated = result.cameras
     if estimated is None or result.plan is not None:
         return
-    by_ties = {name for part in result.parts if part.gcps < COMMON_DRIFT.showing_gcps for name in part.images}
+    by_ties = {name for part in result.parts if part.gcps < SOLUTION.showing_gcps for name in part.images}
     drifts, images = estimated.model.drifts, result.block.images
     far = np.zeros(estimated.values.shape)
     for index in [index for index, image in enumerate(images) if image.id in by_ties]:
@@ -131,7 +131,7 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
         f"the tie points make image {list_ids(ids)} drift more than is known of the sensor, and no GCPs show it: "
         f"{estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, {far[worst, parameter]:.0f} "
         f"times the a priori standard deviation ({abs(value) / far[worst, parameter]:.1e})",
-        f"measure at least {COMMON_DRIFT.showing_gcps} GCPs spread over the images; without any, look for ties that "
+        f"measure at least {SOLUTION.showing_gcps} GCPs spread over the images; without any, look for ties that "
         "err together (between dates, over relief or shadows)",
         images=ids,
     )  # fmt: skip
