@@ -1,8 +1,8 @@
 """RPCs biased beyond their sensor's figure, all else right: `biased_rpcs.py [--seeds A:B] [--docs]`.
 
 Two images of every simulated sensor see the ground 5 to 10 times as far off as the sensor points (CE90), in eight
-directions, and as far off as in the issue that asked for it. GCPs take the bias away, so that nothing is wrong with the
-result: no block may be unusable, and none blamed on a datum.
+directions. GCPs take the bias away, so that nothing is wrong with the result: no block may be unusable, and none blamed
+on a datum.
 """
 
 from __future__ import annotations
