@@ -45,11 +45,13 @@ def images_table(result: Adjustment, height_m: float) -> Table:
     used = result.took_part
     count = np.bincount(result.block.measurements.image[used], minlength=len(images))
     columns = ImageRows(
-        id=np.array([image.id for image in images]), path=np.array([image.path for image in images]),
+        id=np.array([image.id for image in images]),
+        path=np.array([image.path for image in images]),
         samples=np.array([image.size[0] if image.size else 0 for image in images]),
-        lines=np.array([image.size[1] if image.size else 0 for image in images]), observations=count,
+        lines=np.array([image.size[1] if image.size else 0 for image in images]),
+        observations=count,
         footprint_height_m=np.full(len(images), height_m),
-    )  # fmt: skip
+    )
     return Table(compute_footprints(images, height_m), columns)
 
 
@@ -57,10 +59,19 @@ def laser_points_table(found: LaserOutcome) -> Table:
     """Return all laser points with what their file says of them, whether they hold the block, and why not."""
     points = found.points
     columns = LaserPointRows(
-        id=points.ids, track=points.track, used=found.reason == "", reason=found.reason,
-        residual_height_m=found.residual_m, ties=found.ties, sigma_m=found.sigma_m, stated_sigma_m=points.sigma_m,
-        misfit_m=points.misfit_m, photons=points.photons, slope=points.slope, canopy_m=points.canopy_m,
-    )  # fmt: skip
+        id=points.ids,
+        track=points.track,
+        used=found.reason == "",
+        reason=found.reason,
+        residual_height_m=found.residual_m,
+        ties=found.ties,
+        sigma_m=found.sigma_m,
+        stated_sigma_m=points.sigma_m,
+        misfit_m=points.misfit_m,
+        photons=points.photons,
+        slope=points.slope,
+        canopy_m=points.canopy_m,
+    )
     return Table(points.ground, columns)
 
 
@@ -77,12 +88,19 @@ def ground_points_table(result: Adjustment) -> Table:
     surveyed = np.where(result.block.known[:, None], points.ground, np.nan)
     sigma_survey = np.where(result.block.known[:, None], points.sigma_m, np.nan)
     columns = GroundPointRows(
-        id=points.ids, role=Words(ROLE_LABELS, points.role), height=place[:, 2],
-        sigma_east_m=result.ground_sigma_m[:, 0], sigma_north_m=result.ground_sigma_m[:, 1],
-        sigma_height_m=result.ground_sigma_m[:, 2], rays=result.block.rays_per_point(), survey_lon=surveyed[:, 0],
-        survey_lat=surveyed[:, 1], survey_height=surveyed[:, 2], sigma_xy=sigma_survey[:, 0],
+        id=points.ids,
+        role=Words(ROLE_LABELS, points.role),
+        height=place[:, 2],
+        sigma_east_m=result.ground_sigma_m[:, 0],
+        sigma_north_m=result.ground_sigma_m[:, 1],
+        sigma_height_m=result.ground_sigma_m[:, 2],
+        rays=result.block.rays_per_point(),
+        survey_lon=surveyed[:, 0],
+        survey_lat=surveyed[:, 1],
+        survey_height=surveyed[:, 2],
+        sigma_xy=sigma_survey[:, 0],
         sigma_h=sigma_survey[:, 1],
-    )  # fmt: skip
+    )
     return _select_positions(place, here, columns)
 
 
@@ -92,11 +110,19 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     place = choose_positions(result)
     here = finite_rows(place)[rows.point]
     columns = ImagePointRows(
-        **_identity_columns(result.block, rows.point, rows.image), sample=rows.xy[:, 0], line=rows.xy[:, 1],
-        sigma_px=rows.sigma_px, kind=rows.kind, quality=rows.quality, residual_sample_px=left.measured_px[:, 0],
-        residual_line_px=left.measured_px[:, 1], sigma_sample_px=left.measured_sigma_px[:, 0],
-        sigma_line_px=left.measured_sigma_px[:, 1], weight=result.weight, flag=measurement_flags(result, left),
-    )  # fmt: skip
+        **_identity_columns(result.block, rows.point, rows.image),
+        sample=rows.xy[:, 0],
+        line=rows.xy[:, 1],
+        sigma_px=rows.sigma_px,
+        kind=rows.kind,
+        quality=rows.quality,
+        residual_sample_px=left.measured_px[:, 0],
+        residual_line_px=left.measured_px[:, 1],
+        sigma_sample_px=left.measured_sigma_px[:, 0],
+        sigma_line_px=left.measured_sigma_px[:, 1],
+        weight=result.weight,
+        flag=measurement_flags(result, left),
+    )
     return _select_positions(PickedColumn(place, rows.point), here, columns)
 
 
@@ -140,12 +166,19 @@ def _ground_rows(result: Adjustment, left: Residuals) -> tuple[np.ndarray, Resid
     points = result.block.points
     here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
     rows = ResidualRows.of_level(
-        "ground", len(here), id=Words(points.ids, here), role=Words(ROLE_LABELS, points.role[here]),
-        image=make_shared_words("", len(here)), residual_east_m=left.ground_m[here, 0],
-        residual_north_m=left.ground_m[here, 1], residual_height_m=left.ground_m[here, 2],
-        sigma_east_m=left.ground_sigma_m[here, 0], sigma_north_m=left.ground_sigma_m[here, 1],
-        sigma_height_m=left.ground_sigma_m[here, 2], flag=ground_flags(left)[here],
-    )  # fmt: skip
+        "ground",
+        len(here),
+        id=Words(points.ids, here),
+        role=Words(ROLE_LABELS, points.role[here]),
+        image=make_shared_words("", len(here)),
+        residual_east_m=left.ground_m[here, 0],
+        residual_north_m=left.ground_m[here, 1],
+        residual_height_m=left.ground_m[here, 2],
+        sigma_east_m=left.ground_sigma_m[here, 0],
+        sigma_north_m=left.ground_sigma_m[here, 1],
+        sigma_height_m=left.ground_sigma_m[here, 2],
+        flag=ground_flags(left)[here],
+    )
     return points.ground[here], rows
 
 
@@ -163,8 +196,13 @@ def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedC
     count = len(here)
     here = slice(None) if count == len(rows) else here  # of all nothing is copied
     found = ResidualRows.of_level(
-        "image", count, **_identity_columns(result.block, rows.point[here], rows.image[here]),
-        residual_sample_px=residual[here, 0], residual_line_px=residual[here, 1], sigma_sample_px=sigma[here, 0],
-        sigma_line_px=sigma[here, 1], flag=flags[here],
-    )  # fmt: skip
+        "image",
+        count,
+        **_identity_columns(result.block, rows.point[here], rows.image[here]),
+        residual_sample_px=residual[here, 0],
+        residual_line_px=residual[here, 1],
+        sigma_sample_px=sigma[here, 0],
+        sigma_line_px=sigma[here, 1],
+        flag=flags[here],
+    )
     return PickedColumn(place, rows.point[here]), found
