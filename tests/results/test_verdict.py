@@ -298,6 +298,12 @@ def test_sentence_tells_what_was_reached():
     )
 
 
+def test_sentence_tells_a_prediction_of_heights_that_does_not_hold():
+    figures = report(adjust(sound(), SNOOPING))
+    figures["check"] |= {"le90_m": 6.1, "predicted": figures["check"]["predicted"] | {"le90_m": 14.3}}
+    assert summarise_accuracy(figures).endswith("LE90 6.1 m (predicted 14)")
+
+
 def test_sentence_without_gcps_and_check_points_says_what_is_predicted():
     figures = report(adjust(sound(gcps=0, checks=0), SNOOPING))
     text = summarise_accuracy(figures)

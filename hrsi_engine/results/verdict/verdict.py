@@ -186,9 +186,14 @@ def _describe_check_points(check: Mapping[str, Any]) -> str:
             return ""
         sample, line = (format_figure(check[key]) for key in ("rmse_sample_px", "rmse_line_px"))
         return f"RMSE {sample} px in sample, {line} px in line"
-    parts = [f"{name} {format_figure(check[key])} m" for name, key in ACCURACIES.items() if check[key] is not None]
-    if predicted.get("ce90_m") is not None:
-        parts[0] += f" (predicted {format_figure(predicted['ce90_m'])})"
+    parts = []
+    for name, key in ACCURACIES.items():
+        found, expected = check[key], predicted.get(key)
+        if found is None:
+            continue
+        # that of the heights goes without saying, unless it does not hold
+        told = expected is not None and (name == "CE90" or not 0.5 < found / expected < 2.0)
+        parts.append(f"{name} {format_figure(found)} m" + (f" (predicted {format_figure(expected)})" if told else ""))
     return ", ".join(parts)
 
 
