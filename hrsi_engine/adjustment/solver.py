@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..block.block import Block, Role
-from ..foundation.errors import SolveError
+from ..foundation.errors import SolveError, list_ids
 from ..foundation.progress import Progress, advance, silent, stage
 from ..foundation.workers.threads import one_thread_calls
 from ..refinement.selection import NESTED_MODELS
 from .blunders.snooping import Snooping
 from .cross_validation import cross_validate
 from .delivered_model import DELIVERY, deliver_as, find_judging_gcps, predict_left_out
+from .equations.nested_dissection import SingularSystemError
 from .gauss_newton import Solution
 from .options import AdjustOptions
 from .outcome import assemble_adjustment
@@ -64,7 +65,13 @@ def run_adjuster(
         with one_thread_calls():  # fronts are small, and two threads wait for each other longer than they work
             problem = prepare_problem(block, options or AdjustOptions(), start)
             adjuster = Adjuster(problem)
-            return adjuster.run(progress), adjuster
+            try:
+                return adjuster.run(progress), adjuster
+            except SingularSystemError as error:
+                observations = problem.observations
+                there = np.isin(observations.camera_of_image, error.cameras)
+                named = list_ids(image.id for image, one in zip(block.images, there, strict=True) if one)
+                raise SolveError(f"{error}; not determined is {named} or what connects it") from error
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
             f"the equations are singular ({error}): points and images do not belong together, or the points are so far "

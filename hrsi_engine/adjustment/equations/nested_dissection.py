@@ -138,6 +138,14 @@ def _fill_two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.
     return [part[heap[label] == side] for side in (0, 1)]
 
 
+class SingularSystemError(SolveError):
+    """Normal equations that do not determine the parameters of some ``cameras (k,)``, by their numbers."""
+
+    def __init__(self, message: str, cameras: np.ndarray) -> None:
+        super().__init__(message)
+        self.cameras = cameras
+
+
 def factor_of(matrix: np.ndarray) -> np.ndarray:
     """Return L^-1 of a matrix L L' of normal equations; raises `SolveError` where these are singular."""
     try:
@@ -290,7 +298,10 @@ class SparseFactor:
 
         def eliminate(front: Front) -> None:
             matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
-            front.factor = factor_of(matrix[:own, :own])
+            try:
+                front.factor = factor_of(matrix[:own, :own])
+            except SolveError as error:
+                raise SingularSystemError(str(error), front.own) from error
             front.coupling = multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
             subtract_square(matrix[own:, own:], front.coupling)
             updates[id(front)] = matrix[own:, own:]
