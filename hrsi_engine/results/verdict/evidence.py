@@ -80,7 +80,18 @@ class Evidence:
         return self.result.model.least_points > 1
 
     def is_followed(self, field: ResidualField) -> bool:
-        """Return whether the model that was adjusted has all terms of the one that would remove a field."""
+        """Return whether the model that was adjusted has all terms of the one that would remove a field.
+
+        Parameters
+        ----------
+        field : ResidualField
+            The field that the residuals have in common.
+
+        Returns
+        -------
+        bool
+            False for models that are not nested.
+        """
         name = self.result.model.name
         return name in NESTED and NESTED.index(field.model) <= NESTED.index(name)
 
