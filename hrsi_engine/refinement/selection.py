@@ -289,7 +289,8 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
             said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
             if name != best:
-                said += f", {best} {rms[best]:.3f} px is better, but not significantly"
+                how = "not significantly" if standard_errors is None else "within one standard error"
+                said += f", {best} {rms[best]:.3f} px is better, but {how}"
             others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
             reason = said + (f"; others {', '.join(others)} px" if others else "")
             return name, reason
