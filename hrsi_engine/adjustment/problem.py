@@ -221,10 +221,9 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     if options.reference is not None and observations.referenced is not None:
         places = np.flatnonzero(observations.referenced)
         ground[places] = options.reference.select(block.points.ids[observations.points[places]]).ground
-    if earlier is not None:
-        earlier.require_parameters(tuple(camera.parameters))
     start = np.pad(start, ((0, 0), (0, prior_weight.shape[1] - start.shape[1])))
     if earlier is not None:
+        earlier.require_parameters(tuple(camera.parameters))
         earlier.enter_start(start, prior_weight)
     _require_solvable(observations, model, prior_weight, earlier)
     common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
