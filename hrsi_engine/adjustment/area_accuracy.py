@@ -1,7 +1,7 @@
 """Accuracy of the ground that each part of a block measures: its headline where there are no check points.
 
-The figures are those of points that nobody surveyed, over the area (`precision.predict_accuracy`): of tie and check
-points where there are any. Of a part that has nothing but GCPs they are what everything but its own survey says of each
+The figures are those of points that nobody surveyed, over the area (`precision.predict_accuracy`): of tie points, or
+else of check points. Of a part that has nothing but GCPs they are what everything but its own survey says of each
 GCP. With the cofactors Q of its adjusted position and the weights P of its survey these are exactly
 
     (Q^-1 - P)^-1
@@ -38,10 +38,11 @@ def describe_parts(
     known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
     parallel = known & _find_parallel_rays(problem, solution, precise)
     first_image, located = observations.image[observations.first[:-1]], observations.located
+    ties = observations.contributing_points & ~located
     ids, parts = problem.block.points.ids[observations.points], []
     for part in problem.parts:
         here = known & np.isin(first_image, part.images)
-        candidates = here & ~located if (here & ~located).any() else here
+        candidates = next((one for one in (here & ties, here & ~located) if one.any()), here)
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
         chosen = np.flatnonzero(candidates & ~left_out)
         used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen

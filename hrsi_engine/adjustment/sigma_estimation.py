@@ -40,12 +40,14 @@ from .problem import Problem
 from .result import ModelTest
 from .statistics.precision import Precision, compute_camera_cofactors, compute_precision
 from .statistics.variance_components import (
+    OF_GCPS,
     SURVEY_GROUPS,
     SURVEYS,
     VARIANCE,
     Groups,
     Sigmas,
     compute_group_sums,
+    compute_image_sums,
     describe_wrong_sigmas,
     list_components,
     number_survey_groups,
@@ -61,10 +63,11 @@ class SigmaThresholds:
     settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
     significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
     material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
+    alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
+    most_gcps: int = threshold(100, "GCPs", "so many tell the sigmas of surveys together with those of image points")
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
     of_stated_sigmas: float = threshold(4.0, "observations", "what given sigmas count for in the common test")
     least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
-    most_plausible: float = threshold(2.0, "", "ratio beyond which image points have other faults than sigma")
 
 
 SIGMA = SigmaThresholds()
@@ -133,10 +136,7 @@ class SigmaEstimation:
             for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
             if freedom >= VARIANCE.least_redundancy
         ]
-        images = len(self.groups.names) - SURVEYS
-        of_images = self.groups.names[:images]
-        spoilt = any(test.ratio > SIGMA.most_plausible for test in self.tests if test.group in of_images)
-        failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
+        failed = any(test.failed for test in self.tests if not groups or test.group in groups)
         self.sigmas.free[:] = failed
         return failed
 
@@ -159,12 +159,17 @@ class SigmaEstimation:
             precise = self.precision_at(loop, solution)
             cofactors = precise.cameras
             self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
-            before = self.sigmas.factor
+            before, of_image = self.sigmas.factor, self.sigmas.of_image
             self.sigmas.correct_factors(self.sums)
-            self._iterate_surveys(solution, before, control)
-            change = float(np.abs(self.sigmas.factor / before - 1.0).max())
+            self._iterate_control(solution, before, control)
+            # what is left of the squares with the groups' new sigmas tells the images apart
+            grown = (self.sigmas.factor / before)[self.groups.of_image_point]
+            of_images = compute_image_sums(self.problem.observations, solution, precise, grown)
+            self.sigmas.correct_images(of_images, self.groups.sensor)
+            changes = self.sigmas.factor / before - 1.0, self.sigmas.of_image / of_image - 1.0
+            change = float(max(np.abs(one).max() for one in changes))
             if change < SIGMA.settled:
-                self.sigmas.factor = before
+                self.sigmas.factor, self.sigmas.of_image = before, of_image
         else:
             own, cofactors = compute_camera_cofactors(loop, solution)
             variances = own.diagonal(axis1=1, axis2=2)
@@ -177,39 +182,60 @@ class SigmaEstimation:
             self._last = None
         return change
 
-    def _iterate_surveys(
+    def _iterate_control(
         self, solution: Solution, before: np.ndarray, control_at: Callable[[Solution, np.ndarray], Discrepancies]
     ) -> None:
-        """Repeat the update of the surveys' sigmas until it settles; ``before`` are the factors of the solution."""
-        observations, weighting = self.problem.observations, solution.weighting
-        points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed)
+        """Repeat the update of the sigmas of surveys and image points of GCPs until they settle.
+
+        Both explain the same discrepancies, so they are estimated together; ``before`` are the factors of the solution.
+        """
+        observations, weighting, groups = self.problem.observations, solution.weighting, len(self.sigmas.factor)
+        rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)
+        # survey and measurement of a GCP on one image cannot be told apart
+        points = np.flatnonzero(weighting.contributes & weighting.points.held & observations.surveyed & (rays > 1))
         if len(points) < (SIGMA.hidden_by_drift if self.drifts else 2) or observations.correlated[points].any():
             return
+        points = points[:: -(-len(points) // SIGMA.most_gcps)]
         control = control_at(solution, points)
-        surveys = np.flatnonzero(control.kind != IMAGE)
-        group = number_survey_groups(observations)[points][control.point[surveys], control.axis[surveys]]
-        u, s = control.u[surveys], control.s[np.ix_(surveys, surveys)]
-        sums = self.sums.copy()
-        sums[:-SURVEYS, 0] = sums[:-SURVEYS, 1]  # those of the image points wait for the next solution
+        images, kinds = groups - SURVEYS, number_survey_groups(observations)[points]
+        of_survey = images + kinds[control.point, control.axis]  # the last number, `groups`, is of no group
+        group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
+        told = np.isin(np.arange(groups), group)
+        told[:images] &= [name.startswith(OF_GCPS) for name in self.groups.names[:images]]
+        told[images:] = True
+        rows = np.flatnonzero(np.append(told, True)[group])
+        group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]
+        # groups that the block cannot tell apart get one factor
+        kind = group[:, None] == np.arange(groups)
+        curvature = kind.T @ s**2 @ kind
+        scale = np.sqrt(np.maximum(curvature.diagonal(), 1e-300))
+        alike = (curvature > SIGMA.alike * scale * scale[:, None]) & told & told[:, None]
+        label = np.where(told, np.argmax(alike | np.eye(groups, dtype=bool), axis=1), np.arange(groups))
+        sums, free = self.sums.copy(), self.sigmas.free
+        self.sigmas.factor, self.sigmas.free = np.where(told, before, self.sigmas.factor), free & told
         for _ in range(ROUNDS):
-            variance = np.append((self.sigmas.factor / before)[-SURVEYS:] ** 2, 1.0)[group]
+            variance = np.append(np.where(told, self.sigmas.factor / before, 1.0) ** 2, 1.0)[group]
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             own = left[:, 1:].diagonal()
             telling = variance * own < 1.0 - VARIANCE.least_survey_share
-            kind = np.where(telling, group, SURVEYS)[:, None] == np.arange(SURVEYS)
-            squares, freedom = left[:, 0] ** 2 @ kind, own @ kind
-            curvature = kind.T @ left[:, 1:] ** 2 @ kind
-            ratio = (self.sigmas.factor / before)[-SURVEYS:] ** 2
-            step = np.linalg.pinv(curvature, hermitian=True) @ (squares - freedom)
-            sums[-SURVEYS:, 1] = ratio * freedom
-            sums[-SURVEYS:, 0] = np.maximum(ratio + step, SIGMA.least_share * ratio) * freedom
+            freedom = own @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
+            kind = np.where(telling, np.append(label, groups)[group], groups)[:, None] == np.arange(groups)
+            excess = left[:, 0] ** 2 @ kind - own @ kind
+            step = (np.linalg.pinv(kind.T @ left[:, 1:] ** 2 @ kind, hermitian=True) @ excess)[label]
+            ratio = (self.sigmas.factor / before) ** 2
+            sums[told, 1] = (ratio * freedom)[told]
+            sums[told, 0] = (np.maximum(ratio + step, SIGMA.least_share * ratio) * freedom)[told]
             if self.sigmas.correct_factors(sums) < SIGMA.settled * SIGMA.settled:
                 break
+        self.sigmas.free = free
 
     def image_weight(self) -> np.ndarray:
         """Return the weights of the image points ``(n,)``, none left out."""
-        return self.sigmas.image_weight(self.groups, self.problem.weighting.image)
+        return self.problem.weighting.image / self._factor_image_points() ** 2
+
+    def _factor_image_points(self) -> np.ndarray:
+        return self.sigmas.of_image_points(self.groups, self.problem.observations)
 
     def survey_weight(self) -> np.ndarray:
         """Return the weights of the surveys ``(m, 3)``, none left out."""
@@ -221,7 +247,7 @@ class SigmaEstimation:
         found.tests = tuple(self.tests)
         horizontal, height, correlated = self.sigmas.predict_survey_factors(self.sums).tolist()
         found.survey_factors = horizontal, height, correlated
-        found.sigma_px = self.problem.observations.sigma_px * self.sigmas.factor[self.groups.of_image_point]
+        found.sigma_px = self.problem.observations.sigma_px * self._factor_image_points()
         if not self.tried:
             return
         if self.sigmas.free.any():

@@ -15,7 +15,7 @@ sigma.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,6 +112,16 @@ def compute_residuals(result: Adjustment) -> Residuals:
 def measurement_sigma_px(result: Adjustment) -> np.ndarray:
     """Return the standard deviation of each image measurement, in sample as in line, ``(n,)`` px."""
     return result.sigma_px
+
+
+def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
+    """Return the sigmas ``(n, 2)`` of residuals at known positions by what was stated; others as they are judged."""
+    given = replace(result, estimated_sigma_px=None, survey_factors=(1.0, 1.0, 1.0), sigma0=1.0)
+    sigma = left.measured_sigma_px / result.unit_sigma
+    at_known = finite_rows(left.at_known_px) & (left.measured_px == left.at_known_px).all(axis=1)
+    for here, covariance, _ in _survey_covariances(given, left.at_known_px, at_known):
+        sigma[here] = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+    return sigma
 
 
 def by_image(block: Block, chosen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

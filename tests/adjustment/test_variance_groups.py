@@ -185,20 +185,28 @@ def test_redundancy_is_shared_out_as_a_dense_solution_shares_it():
     """GCPs that the images know better than the survey, and others that they do not: each group has its own share."""
     block, _, _ = blocks.block(gcps=12, checks=0, ties=8, drift=0.0, noise_px=0.4, noise_m=0.3)
     options = AdjustOptions(test_sigmas=False, model="shift", sigma_drift=0.0, variance_components=True)
-    found = {part.group: part for part in adjust(block, options).variance_components}
-    image, plane, height = (found[name] for name in ("image points", "GCP east, north", "GCP height"))
+    result = adjust(block, options)
+    found = {part.group: part for part in result.variance_components}
+    image, of_gcps, plane, height = (
+        found[name] for name in ("image points", "image points of GCPs", "GCP east, north", "GCP height")
+    )
     sigma_m = np.tile([plane.sigma, height.sigma], (len(block.points), 1))
-    rows = replace(block.measurements, sigma_px=np.full(len(block.measurements), image.sigma))
+    gcp = block.points.role == Role.GCP
+    rows = replace(block.measurements, sigma_px=result.sigma_px)
     estimated = replace(block, points=replace(block.points, sigma_m=sigma_m), measurements=rows)
     dense = dense_solution(estimated, MODELS["shift"], drift=0.0)
-    gcp = block.points.role == Role.GCP
     share = 1.0 - dense.ground_cofactor[gcp] / np.array([plane.sigma, plane.sigma, height.sigma]) ** 2
     assert plane.redundancy == pytest.approx(share[:, :2].sum(), rel=0.03)
     assert height.redundancy == pytest.approx(share[:, 2].sum(), rel=0.03)
-    assert image.redundancy == pytest.approx(2 * len(rows) - 3 * 20 - 2 * 3 + 3 * 12 - share.sum(), rel=0.03)
+    assert image.redundancy + of_gcps.redundancy == pytest.approx(
+        2 * len(rows) - 3 * 20 - 2 * 3 + 3 * 12 - share.sum(), rel=0.03
+    )
     assert share.sum() < 0.7 * 36  # far from all of it
     miss = ground_difference_m(block.points.ground[gcp], dense.ground[gcp])
-    assert np.sum(miss[:, :2] ** 2) / plane.sigma**2 == pytest.approx(share[:, :2].sum(), rel=0.03)
+    squares = np.sum((miss / block.points.sigma_m[gcp][:, [0, 0, 1]]) ** 2, axis=0)
+    surveyor = squares.sum() / share.sum()  # the factor of all surveys, which counts for some observations of each
+    pooled = (VARIANCE.of_surveys * surveyor + squares[:2].sum()) / (VARIANCE.of_surveys + share[:, :2].sum())
+    assert plane.factor**2 == pytest.approx(pooled, rel=0.03)
 
 
 def test_check_points_of_another_survey_keep_their_sigmas():
@@ -227,14 +235,17 @@ def test_sigmas_of_surveys_settle_where_their_residuals_are_what_they_let_expect
     known_drift = AdjustOptions(sigma_drift=1e-5, reject_sigma=0.0)
     found = {part.group: part.factor for part in adjust(block, known_drift).variance_components}
     assert found["GCP east, north"] == pytest.approx(5.0, rel=0.15)  # 72 observations tell it to 8 %
+    rows = block.measurements
+    of_gcps = (block.points.role == Role.GCP)[rows.point]
+    factor = np.where(of_gcps, found["image points of GCPs"], found["image points"])
     restated = replace(
         block,
         points=replace(block.points, sigma_m=block.points.sigma_m * [found["GCP east, north"], found["GCP height"]]),
-        measurements=replace(block.measurements, sigma_px=block.measurements.sigma_px * found["image points"]),
+        measurements=replace(rows, sigma_px=rows.sigma_px * factor),
     )
     again = adjust(restated, known_drift)
-    assert len(again.tests) == 3 and not again.variance_components
-    assert [test.ratio for test in again.tests] == pytest.approx([1.0] * 3, abs=0.01)
+    assert len(again.tests) == 4 and not again.variance_components
+    assert [test.ratio for test in again.tests] == pytest.approx([1.0] * 4, abs=0.01)
 
 
 def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():

@@ -2,14 +2,17 @@
 
 For a group g with weighted squares W_g and redundancy r_g (the sum of its redundancy numbers), s_g² = W_g / r_g tells
 how wrong its sigma was. The adjustment is repeated with corrected sigmas until every s_g is 1. A group that the block
-does not control (r_g small) keeps its sigma. Surveys with correlated coordinates are a group of their own, whose
-covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are places of a
-reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it. And no
-matching is better than `VARIANCE.least_matched_px`, however well points without noise fit one another: what a model
-does not follow, some hundredths of a pixel, would count as blunders.
+does not control (r_g small) keeps its sigma; but the image points of GCPs take the factor of the ties on their images
+for `VARIANCE.of_ties` observations of their own, and each image that of its groups for `VARIANCE.of_group` (an inverse
+chi² distribution of the variance; Gelman et al. 2013, section 5.4). Surveys with correlated coordinates are a group of
+their own, whose covariances are scaled as a whole: east, north and height can hardly be told apart there. GCPs that are
+places of a reference keep their sigmas, which stand for what all of them share: how they scatter tells nothing of it.
+And no matching is better than `VARIANCE.least_matched_px`, however well points without noise fit one another: what a
+model does not follow, some hundredths of a pixel, would count as blunders.
 
-Image points may be told apart by what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one
-sensor where the user says so, or else where their pixels are equally large on the ground.
+Image points of GCPs and check points, which people measure, are told apart from those of tie points; beside that by
+what was measured (kind), by sensor, or by image (`GROUPINGS`). Images are of one sensor where the user says so, or else
+where their pixels are equally large on the ground.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...block.block import Block, Image
+from ...block.block import Block, Image, Role
 from ...block.laser import LASER_KIND
 from ...block.pointing import compute_gsds_m
 from ...block.reference_places import REFERENCE_KIND
@@ -40,6 +43,8 @@ class VARIANCE:
         "1 / sqrt(2 r) of a variance component with redundancy r",
     )  # fmt: skip
     least_matched_px: float = threshold(0.02, "px", "no matching is better", "Förstner 1982, Grün 1985")
+    of_ties: float = threshold(2.0, "observations", "what the factor of ties counts for in that of GCPs' image points")
+    of_group: float = threshold(30.0, "observations", "what the factor of a group of image points counts for in images")
     of_surveys: float = threshold(6.0, "observations", "what the factor of all surveys counts for in groups")
     least_survey_share: float = threshold(1e-5, "", "least redundancy number of a survey that counts")
     same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
@@ -47,6 +52,7 @@ class VARIANCE:
 
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)
+OF_GCPS = "image points of GCPs"
 NAMED_GROUPS = 8
 
 
@@ -102,12 +108,14 @@ GROUPINGS: dict[str, tuple[Grouping, ...]] = {
 class Groups:
     """Which group each image point belongs to ``(n,)``, and the groups' names; the surveys' come after them.
 
+    sensor : (images,) number of the images that groups do not tell apart
     cautious : names of groups whose sigmas matching made larger than what images tell of each other: it knows how well
         a place is found in a reference, or at least under a laser point, which is the same on all images
     """
 
     of_image_point: np.ndarray
     names: tuple[str, ...]
+    sensor: np.ndarray
     cautious: frozenset[str] = frozenset()
 
     @classmethod
@@ -124,12 +132,19 @@ class Groups:
             another, more = split(block, observations.rows, sensor_groups)
             number = number * len(more) + another
             names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
-        titles = [f"image points: {name}" if name else "image points" for name in names]
+        known = (block.points.role != Role.TIE)[block.measurements.point[observations.rows]]
+        number = number * 2 + known
+        titles = [f"{what}: {name}" if name else what for name in names for what in ("image points", OF_GCPS)]
         kind = block.measurements.kind[observations.rows]
         others = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
         count = np.bincount(number, others, minlength=len(titles))
         cautious = frozenset(title for title, rest in zip(titles, count.tolist(), strict=True) if not rest)
-        return cls(number, (*titles, *SURVEY_GROUPS), cautious)
+        splits, sensor = GROUPINGS[grouping], np.zeros(len(block.images), dtype=np.int64)
+        if _number_images in splits:
+            sensor = np.arange(len(block.images))
+        elif _number_sensors in splits:
+            sensor, _ = group_by_sensor(block.images, sensor_groups)
+        return cls(number, (*titles, *SURVEY_GROUPS), sensor, cautious)
 
     def find_median_sigmas(self, observations: Observations) -> np.ndarray:
         """Return the median of each group's sigmas as they are given, NaN for one that does not occur."""
@@ -172,6 +187,21 @@ def compute_group_sums(
     return result
 
 
+def compute_image_sums(
+    observations: Observations, solution: Solution, precise: Precision, grown: np.ndarray
+) -> np.ndarray:
+    """Return squares and redundancy of the image points of each image ``(images, 2)``.
+
+    The squares are those by sigmas that are ``grown (n,)`` times as large as those of the solution.
+    """
+    used = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[observations.point])
+    weight, residual, image = solution.weight[used], solution.normals.residual[used], observations.image[used]
+    squares = np.einsum("nc,nc->n", residual, residual) / grown[used] ** 2
+    columns = squares, np.trace(precise.residuals[used], axis1=1, axis2=2)
+    count = len(observations.images)
+    return np.column_stack([np.bincount(image, weight * values, minlength=count) for values in columns])
+
+
 def number_survey_groups(observations: Observations) -> np.ndarray:
     """Return which of `SURVEY_GROUPS` each coordinate of each point belongs to, ``(m, 3)``; `SURVEYS`: to none."""
     groups = np.where(observations.correlated[:, None], 2, [0, 0, 1])
@@ -183,12 +213,14 @@ class Sigmas:
     """The factors found so far, one a group, not below ``least``; those of groups that are not ``free`` stay.
 
     The surveys' groups are of one surveyor, whose factor counts for `VARIANCE.of_surveys` observations of each: the
-    block hardly controls the heights of few GCPs, say.
+    block hardly controls the heights of few GCPs, say. Image points of one group differ by image: ``of_image`` are the
+    factors beside those of the groups ``(images,)``.
     """
 
     factor: np.ndarray
     free: np.ndarray
     least: np.ndarray
+    of_image: np.ndarray
 
     @classmethod
     def start_groups(cls, groups: Groups, observations: Observations) -> Sigmas:
@@ -196,13 +228,19 @@ class Sigmas:
         given, count = groups.find_median_sigmas(observations), len(groups.names)
         least = np.zeros(count)
         least[:-SURVEYS] = np.minimum(VARIANCE.least_matched_px / given[:-SURVEYS], 1.0)
-        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least))
+        images = np.ones(len(observations.images))
+        return cls(np.ones(count), np.zeros(count, dtype=bool), np.nan_to_num(least), images)
 
     def correct_factors(self, sums: np.ndarray) -> float:
-        """Correct the factors; return the largest relative change."""
+        """Correct the factors of the groups by their `compute_group_sums`; return the largest relative change."""
         squares, freedom = sums[:, 0] * self.factor**2, sums[:, 1]  # of the sigmas as given
         usable = (freedom >= VARIANCE.least_redundancy) & (squares > 0.0) & self.free
         wanted = np.where(usable, squares / np.maximum(freedom, VARIANCE.least_redundancy), self.factor**2)
+        # image points of GCPs (odd numbers) are measured on the images on which ties (the numbers before) are
+        ties, gcps = slice(0, -SURVEYS, 2), slice(1, -SURVEYS, 2)
+        few = VARIANCE.of_ties * (self.free[gcps] & (freedom[ties] >= VARIANCE.least_redundancy))
+        pooled = (few * wanted[ties] + squares[gcps]) / np.maximum(few + freedom[gcps], VARIANCE.of_ties)
+        wanted[gcps] = np.where((few > 0.0) & (sums[gcps, 2] > 0.0), pooled, wanted[gcps])
         survey = slice(-SURVEYS, None)
         if self.free[survey].all() and freedom[survey].sum() >= VARIANCE.least_redundancy:
             surveyor = squares[survey].sum() / freedom[survey].sum()
@@ -212,6 +250,16 @@ class Sigmas:
         ratio = np.clip(np.maximum(np.sqrt(wanted), self.least) / self.factor, 0.2, 5.0)
         self.factor = self.factor * ratio
         return float(np.abs(ratio - 1.0).max())
+
+    def correct_images(self, sums: np.ndarray, sensor: np.ndarray) -> None:
+        """Correct the factors of the images of each ``sensor (images,)`` by their `compute_image_sums`."""
+        if self.free[:-SURVEYS].any():
+            own = VARIANCE.of_group + sums[:, 0] * self.of_image**2
+            weight = VARIANCE.of_group + sums[:, 1]
+            told = 0.5 * np.log(own / weight)
+            # a factor that all images of a sensor have is that of their groups
+            mean = np.bincount(sensor, weight * told) / np.maximum(np.bincount(sensor, weight), 1e-300)
+            self.of_image = np.exp(told - mean[sensor])
 
     def predict_survey_factors(self, sums: np.ndarray) -> np.ndarray:
         """Return the surveys' factors with the uncertainty of those that were estimated, for the sigmas of new points.
@@ -231,9 +279,9 @@ class Sigmas:
         """Factors of `SURVEY_GROUPS` and, as the last, of surveys that keep their sigma."""
         return np.append(self.factor[-SURVEYS:], 1.0)
 
-    def image_weight(self, groups: Groups, given: np.ndarray) -> np.ndarray:
-        """Return the weights of the image points for their ``given`` ones."""
-        return given / self.factor[groups.of_image_point] ** 2
+    def of_image_points(self, groups: Groups, observations: Observations) -> np.ndarray:
+        """Return the factors of the image points ``(n,)``."""
+        return np.asarray(self.factor[groups.of_image_point] * self.of_image[observations.image])
 
     def survey_weight(self, observations: Observations, given: np.ndarray) -> np.ndarray:
         """Return the weights of the surveys for their ``given`` ones ``(m, 3)``."""

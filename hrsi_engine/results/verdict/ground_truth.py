@@ -18,7 +18,7 @@ from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ..residuals import by_image
+from ..residuals import by_image, state_known_sigmas_px
 from .evidence import CAMERA, Evidence
 from .significance import SIGNIFICANCE, SOUND_BLOCKS, compute_chi_square_limit, is_significant
 
@@ -61,8 +61,7 @@ def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
 
 def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) -> Iterator[Reason]:
     result, left, block = evidence.result, evidence.left, evidence.result.block
-    stated = left.measured_sigma_px / result.unit_sigma
-    in_sigmas = left.measured_px / np.hypot(stated, evidence.camera_px)
+    in_sigmas = left.measured_px / np.hypot(state_known_sigmas_px(result, left), evidence.camera_px)
     out = [finding.id for finding in result.findings if finding.left_out]
     takes_part = evidence.is_role(role) & ~evidence.left_out & ~np.isin(block.points.ids, out)[block.measurements.point]
     rows = np.flatnonzero(takes_part & finite_rows(in_sigmas))

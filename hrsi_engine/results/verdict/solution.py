@@ -19,6 +19,12 @@ class SOLUTION:
     settled_sigmas: float = threshold(1.0, "sigma", "movement by one more step that leaves the result what it is")
     doubtful_residuals: float = threshold(3.0, "", "reported residuals over noise and camera", SOUND_BLOCKS)
     unusable_residuals: float = threshold(10.0, "", "the same that make a block unusable", SOUND_BLOCKS)
+    implausible_factor: float = threshold(
+        2.5, "", "residuals over stated sigmas of a group that is reported", SOUND_BLOCKS
+    )
+    implausible_sigma0: float = threshold(
+        2.0, "", "sigma0 that is left after all estimates and is reported", SOUND_BLOCKS
+    )
     doubtful_sigmas: float = threshold(5.0, "sigma", "reported correction of an image, in prior sigmas", SOUND_BLOCKS)
     unusable_sigmas: float = threshold(15.0, "sigma", "the same that makes a block unusable", SOUND_BLOCKS)
     granted_shift_px: float = threshold(20.0, "px", "sigma of the shift that any RPC may have", SOUND_BLOCKS)
@@ -73,6 +79,28 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
         "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
         "points are no better than that, state their sigmas as they are",
     )
+
+
+def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for stated sigmas that the residuals show to be far too small, or a sigma0 far above 1."""
+    result = evidence.result
+    wrong = [
+        f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
+        for part in result.variance_components
+        if part.estimated and part.unit in ("px", "m") and part.factor >= SOLUTION.implausible_factor
+        and is_significant(part.factor**2 * part.redundancy, part.redundancy)
+    ]  # fmt: skip
+    left = result.sigma0 >= SOLUTION.implausible_sigma0
+    if left and is_significant(result.sigma0**2 * result.redundancy, result.redundancy):
+        wrong.append(f"all that took part {result.sigma0:.1f} times (sigma0)")
+    if wrong:
+        yield Reason(
+            "sigmas-implausible", Level.DOUBTFUL,
+            f"the residuals are larger than the standard deviations that were given: {'; '.join(wrong)}; predicted "
+            "accuracies contain that",
+            "look at the largest residuals first: if these points are right, state the standard deviations as they are "
+            "(`--sigma-image`, `--sigma-gcp-xy`, `--sigma-gcp-h`, or the columns of the files)",
+        )  # fmt: skip
 
 
 def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
@@ -185,4 +213,11 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
-ON_SOLUTION = (find_divergence, find_large_sigma0, find_large_corrections, find_implausible_drifts, find_refit_errors)
+ON_SOLUTION = (
+    find_divergence,
+    find_large_sigma0,
+    find_implausible_sigmas,
+    find_large_corrections,
+    find_implausible_drifts,
+    find_refit_errors,
+)
