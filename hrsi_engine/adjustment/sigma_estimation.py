@@ -63,6 +63,8 @@ class SigmaThresholds:
     settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
     significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
     material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
+    most_plausible: float = threshold(20.0, "", "ratio of image points beyond which these are wrong, not their sigmas")
+    beside_held: float = threshold(2.0, "", "ratio of image points beyond which heights or places that hold points err")
     alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
     most_gcps: int = threshold(100, "GCPs", "so many tell the sigmas of surveys together with those of image points")
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
@@ -136,7 +138,10 @@ class SigmaEstimation:
             for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
             if freedom >= VARIANCE.least_redundancy
         ]
-        failed = any(test.failed for test in self.tests if not groups or test.group in groups)
+        # wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay
+        most = SIGMA.beside_held if self.problem.held else SIGMA.most_plausible
+        spoilt = any(test.ratio > most for test in self.tests if test.group in self.groups.names[:-SURVEYS])
+        failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
         return failed
 
