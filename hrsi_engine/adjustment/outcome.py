@@ -117,6 +117,7 @@ def assemble_adjustment(
         ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
+    horizontal, height, correlated = (max(sums.sigma0, 1.0) * one for one in found.survey_factors)
     return Adjustment(
         block=block,
         model=problem.model,
@@ -152,7 +153,7 @@ def assemble_adjustment(
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,
         tests=found.tests,
-        survey_factors=tuple(max(sums.sigma0, 1.0) * factor for factor in found.survey_factors),
+        survey_factors=(horizontal, height, correlated),
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
         operation_shifts_m=shifts,
