@@ -40,7 +40,6 @@ from .problem import Problem
 from .result import ModelTest
 from .statistics.precision import Precision, compute_camera_cofactors, compute_precision
 from .statistics.variance_components import (
-    OF_GCPS,
     SURVEY_GROUPS,
     SURVEYS,
     VARIANCE,
@@ -64,7 +63,7 @@ class SigmaThresholds:
     significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
     material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
     most_plausible: float = threshold(20.0, "", "ratio of image points beyond which these are wrong, not their sigmas")
-    beside_held: float = threshold(2.0, "", "ratio of image points beyond which heights or places that hold points err")
+    beside_held: float = threshold(2.0, "", "the same without ties, or where heights or places hold points")
     alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
     most_gcps: int = threshold(100, "GCPs", "so many tell the sigmas of surveys together with those of image points")
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
@@ -138,8 +137,10 @@ class SigmaEstimation:
             for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
             if freedom >= VARIANCE.least_redundancy
         ]
-        # wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay
-        most = SIGMA.beside_held if self.problem.held else SIGMA.most_plausible
+        # Wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay.
+        # Without ties sigma0 is the factor of all.
+        told = not self.problem.held and any(part.ties for part in self.problem.parts)
+        most = SIGMA.most_plausible if told else SIGMA.beside_held
         spoilt = any(test.ratio > most for test in self.tests if test.group in self.groups.names[:-SURVEYS])
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
@@ -206,7 +207,7 @@ class SigmaEstimation:
         of_survey = images + kinds[control.point, control.axis]  # the last number, `groups`, is of no group
         group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
         told = np.isin(np.arange(groups), group)
-        told[:images] &= [name.startswith(OF_GCPS) for name in self.groups.names[:images]]
+        told[:images:2] = False  # those of ties
         told[images:] = True
         rows = np.flatnonzero(np.append(told, True)[group])
         group, u, s = group[rows], control.u[rows], control.s[np.ix_(rows, rows)]

@@ -134,7 +134,12 @@ class Groups:
             names = [", ".join(filter(None, (name, extra))) for name in names for extra in more]
         known = (block.points.role != Role.TIE)[block.measurements.point[observations.rows]]
         number = number * 2 + known
-        titles = [f"{what}: {name}" if name else what for name in names for what in ("image points", OF_GCPS)]
+        has_ties = np.bincount(number, minlength=2 * len(names))[::2] > 0
+        titles = [
+            f"{what}: {name}" if name else what
+            for name, beside in zip(names, has_ties.tolist(), strict=True)
+            for what in ("image points", OF_GCPS if beside else "image points")
+        ]
         kind = block.measurements.kind[observations.rows]
         others = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
         count = np.bincount(number, others, minlength=len(titles))
