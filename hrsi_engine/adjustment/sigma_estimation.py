@@ -138,8 +138,8 @@ class SigmaEstimation:
             if freedom >= VARIANCE.least_redundancy
         ]
         # Wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay.
-        # Without ties sigma0 is the factor of all.
-        told = not self.problem.held and any(part.ties for part in self.problem.parts)
+        # With hardly any ties sigma0 is the factor of all.
+        told = not self.problem.held and self.sums[:-SURVEYS:2, 1].sum() >= VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         spoilt = any(test.ratio > most for test in self.tests if test.group in self.groups.names[:-SURVEYS])
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
