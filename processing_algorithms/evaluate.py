@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,12 +138,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     tell(warnings, context)
     target = options.folder
     with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=judges.discarded) as folder:
-        layers = _make_layers(sets, observations, kept, predicted, report)
-        styles = default_styles(layers)
-        for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
-            as_residuals = replace(arrows, name=RESIDUAL_LAYERS[0])
-            styles[arrows.name] = default_styles([as_residuals])[RESIDUAL_LAYERS[0]]
-        write_geopackage(str(folder / LAYERS_FILE), layers, styles, context.stage(0.9, 0.98).progress)
+        _write_layers(_make_layers(sets, observations, kept, predicted, report), folder, context)
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
@@ -152,6 +148,15 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
+
+
+def _write_layers(layers: Sequence[Layer], folder: Path, context: Context) -> None:
+    """Write the layers; arrows of every set have the style of a block's residuals."""
+    styles = default_styles(layers)
+    for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
+        as_residuals = replace(arrows, name=RESIDUAL_LAYERS[0])
+        styles[arrows.name] = default_styles([as_residuals])[RESIDUAL_LAYERS[0]]
+    write_geopackage(str(folder / LAYERS_FILE), layers, styles, context.stage(0.9, 0.98).progress)
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ made consistent before anything is tested:
 
 1. Points that join each pair of images, a few dozen, are intersected near the ground: a height has the standard
    deviation of the RPC's height range here.
-2. Measurements that disagree with the others of their points (`blunders.consensus`) are left out: that test needs no
+2. Measurements that disagree with the others of their points (`consensus`) are left out: that test needs no
    cameras.
 3. A shift of each image is estimated with the points, robustly and from coarse to fine: the scale of the weights
    falls from that of the residuals to a few standard deviations of a measurement (graduated non-convexity, Blake and
@@ -22,7 +22,7 @@ from ..foundation.progress import silent
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from ..refinement.models import MODELS
-from .blunders.consensus import find_agreeing_measurements
+from .consensus import find_agreeing_measurements
 from .equations import NormalEquations, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
 from .intersection import estimate_start_positions, form_point_equations

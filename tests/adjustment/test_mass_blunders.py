@@ -10,13 +10,13 @@ import simulated_blocks as blocks
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
-from hrsi.hrsi_engine.adjustment.blunders.consensus import (
+from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
+from hrsi.hrsi_engine.adjustment.consensus import (
     _choose_search,
     _compute_parallaxes,
     _find_nearest_planes,
     _fit_planes,
 )
-from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
 from hrsi.hrsi_engine.adjustment.problem import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
 from hrsi.hrsi_engine.block.assembly import assemble

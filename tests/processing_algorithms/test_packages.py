@@ -18,7 +18,7 @@ WITH_PACKAGE = {
         "measurement.interest_points.stable_regions",
     },
     "numba": {
-        "adjustment.blunders.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
+        "adjustment.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
         "foundation.compiled_code", "io.geopackage.compiled_pages",
         "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",

@@ -2,7 +2,6 @@
 
 | module        | holds                                                                                         |
 |---------------|-----------------------------------------------------------------------------------------------|
-| consensus     | a start that wrong ties do not pull: image pairs agree about their epipolar lines             |
 | ties          | each tie point as a small adjustment of its own                                               |
 | limits        | error probabilities, shared over all tests of a block                                         |
 | discrepancies | what the control says against the rest of the block, and how that changes with what is left out |

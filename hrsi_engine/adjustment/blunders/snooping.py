@@ -16,13 +16,13 @@ import numpy as np
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, silent, stage
 from ...foundation.thresholds import threshold, thresholds
+from ..consensus import find_agreeing_measurements
 from ..equations import PointPriors, State
 from ..equations.camera_system import DirectSystem
 from ..gauss_newton import CONVERGENCE, GaussNewton, Solution, Weighting
 from ..outcome import RoundFindings
 from ..problem import Problem, find_determinable_points
 from ..result import Decision, Finding
-from .consensus import find_agreeing_measurements
 from .control import find_suspect_gcps
 from .discrepancies import IMAGE, Discrepancies, compute_discrepancies
 from .findings import describe_suspect, leave_out

@@ -20,13 +20,13 @@ import numpy as np
 from scipy import special
 
 from ...foundation.thresholds import threshold, thresholds
+from ..consensus import list_ray_pairs
 from ..equations import NormalEquations, PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
 from ..result import Decision
 from ..statistics.precision import compute_deletion_tests
 from ..weights import huber
-from .consensus import list_ray_pairs
 from .limits import compute_shared_limit, critical_value, error_probability
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean

@@ -22,11 +22,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation.compiled_code import is_wanted
-from ...foundation.thresholds import threshold, thresholds
-from ...foundation.workers.threads import thread_count
-from ..equations import NormalEquations, State
-from ..observations import Observations
+from ..foundation.compiled_code import is_wanted
+from ..foundation.thresholds import threshold, thresholds
+from ..foundation.workers.threads import thread_count
+from .equations import NormalEquations, State
+from .observations import Observations
 
 POINTS_AT_ONCE = 50_000
 
