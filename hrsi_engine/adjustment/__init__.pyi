@@ -5,6 +5,8 @@
 | options, result     | how to adjust; what an adjustment delivers                                  |
 | observations        | which measurements and points take part, in solver order                    |
 | equations           | normal equations with the points eliminated, and their solution (a folder)  |
+| consensus           | measurements that agree with the others of their points and image pairs     |
+| image_alignment     | a start in which the images meet: a robust shift of each                     |
 | gauss_newton        | the damped, reweighted loop                                                 |
 | problem             | a block made ready: priors, parts, weak geometry                            |
 | intersection        | points from fixed cameras                                                   |

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,27 +94,11 @@ def assemble_adjustment(
     points, camera = observations.points, observations.camera_of_image
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    part_of_image = _number_parts(problem)
-    factor = _choose_variance_factors(problem, sums.sigma0)[part_of_image]
     alike = _count_points_alike(problem, loop)
-    of_points = _scale_cofactors(problem, solution, precise, cameras, factor, alike)
-    left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
-    covariance = np.where((placed & ~left_out)[:, None, None], of_points(precise.points), np.nan)
-    others = np.where(np.isnan(covariance), np.nan, of_points(predict_without_surveys(problem, solution, precise)))
-    factor = factor * alike
-    squares, freedom = found.left_out_surveys
-    stated = RESULT_WARNINGS.of_prediction
-    widened = np.sqrt(max((stated + squares / max(sums.sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
-    covariance, shifts = (
-        _expand_rows(len(block.points), points, covariance),
-        _propagate_operation_shifts(problem, loop, solution),
-    )
-    if shifts is not None:
-        others += shifts[points] @ shifts[points].swapaxes(1, 2)
-    parts = describe_parts(problem, solution, precise, others, prior_share, widened)
-    variance = covariance.diagonal(axis1=1, axis2=2)
-    with np.errstate(invalid="ignore"):
-        ground_sigma = np.sqrt(variance if shifts is None else variance + np.sum(shifts**2, axis=2))
+    shifts = _propagate_operation_shifts(problem, loop, solution)
+    scaled = _scale_covariances(problem, found, solution, precise, cameras, sums.sigma0, alike, placed, shifts)
+    factor = scaled.image_factor
+    parts = describe_parts(problem, solution, precise, scaled.without_surveys, prior_share, scaled.widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
     horizontal, height, correlated = (max(sums.sigma0, 1.0) * one for one in found.survey_factors)
@@ -127,8 +111,8 @@ def assemble_adjustment(
             problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
         ),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
-        ground_sigma_m=ground_sigma,
-        ground_covariance_m2=covariance,
+        ground_sigma_m=scaled.sigma,
+        ground_covariance_m2=scaled.points,
         **_describe_measurements(problem, found, solution, precise, cameras.residual, placed[observations.point]),
         prior_share=prior_share[camera],
         **asdict(sums),
@@ -158,6 +142,46 @@ def assemble_adjustment(
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
         operation_shifts_m=shifts,
     )
+
+
+class _Covariances(NamedTuple):
+    """Covariances with their variance factors, m².
+
+    points : (points of the block, 3, 3), NaN for those without position and for surveys left out as wrong
+    sigma : (points of the block, 3) their standard deviations with the errors of coordinate operations, m
+    without_surveys : (m, 3, 3) of the points in solver order, GCPs without their own survey, with those errors
+    image_factor : (images,) variance factor of each image's parameters
+    widened : factor of the predicted standard deviations by the leave-one-out errors of the GCPs
+    """
+
+    points: np.ndarray
+    sigma: np.ndarray
+    without_surveys: np.ndarray
+    image_factor: np.ndarray
+    widened: float
+
+
+def _scale_covariances(
+    problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
+    sigma0: float, alike: np.ndarray, placed: np.ndarray, shifts: np.ndarray | None,
+) -> _Covariances:  # fmt: skip
+    """Return the one set of covariances from which sigmas, ellipses, predictions and the headline follow."""
+    observations = problem.observations
+    factor = _choose_variance_factors(problem, sigma0)[_number_parts(problem)]
+    of_points = _scale_cofactors(problem, solution, precise, cameras, factor, alike)
+    left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
+    covariance = np.where((placed & ~left_out)[:, None, None], of_points(precise.points), np.nan)
+    others = np.where(np.isnan(covariance), np.nan, of_points(predict_without_surveys(problem, solution, precise)))
+    squares, freedom = found.left_out_surveys
+    stated = RESULT_WARNINGS.of_prediction
+    widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
+    expanded = _expand_rows(len(problem.block.points), observations.points, covariance)
+    variance = expanded.diagonal(axis1=1, axis2=2)
+    if shifts is not None:
+        own = shifts[observations.points]
+        others, variance = others + own @ own.swapaxes(1, 2), variance + np.sum(shifts**2, axis=2)
+    with np.errstate(invalid="ignore"):
+        return _Covariances(expanded, np.sqrt(variance), others, factor * alike, float(widened))
 
 
 def _choose_variance_factors(problem: Problem, sigma0: float) -> np.ndarray:
