@@ -40,7 +40,7 @@ COMMANDS = {
     "--output-dir registered",
     "evaluate": f"{BLOCK} --rpcs refined=triangulated --tracks none {BLOCK_POINTS} --output-dir compared",
     "write-rpc": "block/image_1.tif --rpc triangulated/image_1.tif --write vrt --output-dir written",
-    "crop": "block/image_1.tif --window 40,60,200,150 --output-dir cropped",
+    "crop": "block/image_1.tif --window 40,60,100,80 --output-dir cropped",
     "strip": "cropped/image_1_crop.tif block/image_1.tif --output-dir joined",
     "orthorectify": f"{BLOCK.replace('block', 'triangulated')} --dem block/dem.tif --dem-datum ellipsoidal "
     "--output-dir ortho",

@@ -98,7 +98,9 @@ def predict_left_out(
     )
     unit_variance = max(loop.sum_of_squares(solution) / loop.count_redundancy(solution.weighting), 1.0)
     squared, too_simple = {}, []
-    for name in NESTED_MODELS if asked in NESTED_MODELS else (asked,):
+    has = {name.removeprefix("drift_") for name in camera.parameters}  # without drifts a shift is no part of more
+    nested = [name for name in NESTED_MODELS if has >= set(IMAGE_SPACE[name].parameters)]
+    for name in nested if asked in NESTED_MODELS else (asked,):
         own = locate_parameters(IMAGE_SPACE[name].parameters, camera.parameters)
         rest = np.setdiff1d(np.arange(len(camera.parameters)), own)
         left = np.zeros((*values.shape, len(rest)))  # of the drift, in the parameters of the camera

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..foundation.errors import InputError
+from ..foundation.json_values import json_text
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import distances_m
 from ..ground.operation_uses import OperationUse, read_entry
@@ -204,7 +205,7 @@ def describe_operations(points: GroundPoints) -> str:
         for number, use in enumerate(points.operations)
         if use.operation.accuracy_m != 0.0 and (points.operation == number).any()
     ]
-    return json.dumps(found) if found else ""
+    return json_text(found) if found else ""
 
 
 def with_operations(points: GroundPoints, described: str) -> GroundPoints:

@@ -42,9 +42,9 @@ from .rpc_outputs import (
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
+HELD_OUT_TIES = "held-out tie points"
 #: What a dry run counts, and the roles of the points.
-COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE,
-           "held-out tie points": Role.HELD_OUT}  # fmt: skip
+COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE, HELD_OUT_TIES: Role.HELD_OUT}
 
 
 class Clock:
@@ -102,6 +102,8 @@ def plan_results(
     counts = {"images": len(images)}
     if block is not None:
         counts |= {name: int(np.sum(block.points.role == role)) for name, role in COUNTED.items()}
+        if not counts[HELD_OUT_TIES]:  # a run chooses them, only earlier ones are there
+            del counts[HELD_OUT_TIES]
         counts["image points"] = len(block.measurements)
     if pairs is not None:
         counts["overlapping pairs to be matched"] = pairs

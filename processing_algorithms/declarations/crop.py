@@ -63,7 +63,7 @@ ALGORITHM = Algorithm(
     options=CropOptions,
     images_made="Cropped images",
     examples=(
-        "hrsi crop block/image_1.tif --window 40,60,200,150 --output-dir cropped",
+        "hrsi crop block/image_1.tif --window 40,60,100,80 --output-dir cropped",
         "hrsi crop block/image_1.tif block/image_2.tif --factor 0.5 --format cog --output-dir halves",
     ),
 )  # fmt: skip

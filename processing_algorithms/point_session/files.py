@@ -1,6 +1,5 @@
 """Opening and saving a point session: a block's GeoPackage with the layers images, ground_points and image_points."""
 
-import json
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.exposures import join_parts_of_strips
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows
 from ...hrsi_engine.io.geopackage.layer_rows import layer_names, replace_layers, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer
@@ -180,7 +180,7 @@ def _make_session(
 
 
 def _survey_points(ground: GroundPoints, listed_ties: Collection[str] = ()) -> list[SurveyPoint]:
-    operations = [*(json.dumps(use.entry()) for use in ground.operations), ""]  # the last one is that of number -1
+    operations = [*(json_text(use.entry()) for use in ground.operations), ""]  # the last one is that of number -1
     return [
         SurveyPoint(
             str(ground.ids[row]), float(ground.ground[row, 0]), float(ground.ground[row, 1]),

@@ -53,7 +53,7 @@ def report_simulated_block(simulated: BlockSimulation, record: Report) -> Report
             }
             for view, camera, fit in zip(simulated.views, truth.cameras, truth.vendor_rpcs, strict=True)
         },
-        "points": {role.label: int(np.sum(roles == role)) for role in Role if role is not Role.OFF},
+        "points": {role.label: int(np.sum(roles == role)) for role in Role if role not in (Role.OFF, Role.HELD_OUT)},
         "observations": len(truth.image_points.point),
         "blunders": int(truth.blunder.sum()),
         "wrong_heights": int(truth.wrong_height.sum()),
