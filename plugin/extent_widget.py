@@ -21,7 +21,7 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
     _box: Any = None
 
     def createWidget(self) -> QWidget:
-        widget = QWidget()
+        widget = self._widget = QWidget()  # kept: Qt would call a Python object that is collected
         self._words, self._box = QComboBox(widget), QgsExtentWidget(widget, QgsExtentWidget.WidgetStyle.CondensedStyle)
         for word in self.parameterDefinition().metadata().get("words", ()):
             self._words.addItem(word, word)

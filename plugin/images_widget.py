@@ -23,7 +23,7 @@ class ImagesWrapper(QgsAbstractProcessingParameterWidgetWrapper):
     """
 
     def createWidget(self) -> QWidget:
-        widget = QWidget()
+        widget = self._widget = QWidget()  # kept: Qt would call a Python object that is collected
         self._text = QLineEdit(widget)
         self._text.setReadOnly(True)
         button = QToolButton(widget)
