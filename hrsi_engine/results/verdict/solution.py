@@ -99,7 +99,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
             f"the residuals are larger than the standard deviations that were given: {'; '.join(wrong)}; predicted "
             "accuracies contain that",
             "look at the largest residuals first: if these points are right, state the standard deviations as they are "
-            "(`--sigma-image`, `--sigma-gcp-xy`, `--sigma-gcp-h`, or the columns of the files)",
+            "(`sigma_image`, `sigma_gcp_xy`, `sigma_gcp_h`, or the columns of the files)",
         )  # fmt: skip
 
 
