@@ -15,6 +15,7 @@ from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
 from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.foundation.workers.threads import one_thread_calls
 from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.results.figures import block_report
 from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
@@ -38,7 +39,8 @@ def follow(session: PointSession) -> CurrentView:
         raise InputError("the block is not adjusted yet: adjust it first")
     edited = session.list_edits()
     now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
-    return update_view(session.adjusted, edited, now)
+    with one_thread_calls():  # a camera system is small: threads of BLAS would wait for one another three times as long
+        return update_view(session.adjusted, edited, now)
 
 
 def block_of(session: PointSession) -> Block:
