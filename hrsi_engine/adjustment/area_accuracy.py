@@ -100,5 +100,10 @@ def _find_parallel_rays(problem: Problem, solution: Solution, precise: Precision
     single = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) < 2
     by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
     longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
-    squares = np.linalg.eigvalsh(np.nan_to_num(by_rays))
-    return np.asarray(~single & (squares[:, 2] > longest**2 * squares[:, 0]))
+    by_rays = np.nan_to_num(by_rays)
+    # trace³ / determinant is at least the ratio of the squared semi-axes: most points need no eigenvalues
+    volume = np.einsum("mi,mi->m", by_rays[:, 0], np.cross(by_rays[:, 1], by_rays[:, 2]))
+    parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
+    squares = np.linalg.eigvalsh(by_rays[parallel])
+    parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
+    return np.asarray(parallel)

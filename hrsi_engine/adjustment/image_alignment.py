@@ -25,7 +25,7 @@ from ..refinement.models import MODELS
 from .consensus import find_agreeing_measurements
 from .equations import NormalEquations, PointPriors, State, find_pattern
 from .gauss_newton import GaussNewton, Weighting
-from .intersection import estimate_start_positions, form_point_equations
+from .intersection import estimate_start_positions
 from .observations import Observations
 from .weak_geometry import set_point_priors
 from .weights import cauchy
@@ -36,6 +36,8 @@ class IMAGE_ALIGNMENT:
     """How images are brought together before measurements are judged."""
 
     points_per_pair: int = threshold(64, "points", "that join two images, as many as choose a pair's parallax plane")
+    points_per_image: int = threshold(96, "points", "of an image that many others join, shared among its pairs")
+    fewest_per_pair: int = threshold(16, "points", "of a pair of such an image; a third of them may be wrong")
     apart_px: float = threshold(100.0, "px", "standard deviation of a measurement before images meet")
     least_height_m: float = threshold(200.0, "m", "smallest standard deviation of a height before images meet")
     coarse_share: float = threshold(0.9, "", "share of the measurements whose residuals are below the first scale")
@@ -63,8 +65,7 @@ def align_images(
     if not chosen.any():
         return np.zeros((observations.cameras, len(model.parameters)))
     few = observations.drop_points(~chosen)
-    equations, pattern = form_point_equations(few, MODELS["shift"], threads), find_pattern(few, 2)
-    equations = NormalEquations(few, MODELS["shift"], pattern, threads, equations.cameras)
+    equations = NormalEquations(few, MODELS["shift"], find_pattern(few, 2), threads, drawn_from=observations.count)
     begin = estimate_start_positions(few)
     priors, weight = bound_heights(few, begin), 1.0 / few.sigma_px**2
     shifts = np.zeros((few.cameras, 2))
@@ -73,7 +74,7 @@ def align_images(
     usable = finite_rows(ground)
     ground[~usable] = begin[~usable]
     agreeing = find_agreeing_measurements(equations, few, State(shifts, ground), usable) & usable[few.point]
-    loop = GaussNewton(equations, pattern, shift_weight, np.diff(few.first), IMAGE_ALIGNMENT.most_steps)
+    loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(few.first), IMAGE_ALIGNMENT.most_steps)
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
         weighting = Weighting(weight * factor, priors, usable)
@@ -118,20 +119,22 @@ def _fit_values(
 
 
 def _choose_points(observations: Observations) -> np.ndarray:
-    """Return a mask of tie points ``(m,)``: up to `points_per_pair` that join two images, evenly over all of them."""
-    tie = observations.contributing_points & ~observations.located
+    """Return a mask of tie points ``(m,)`` that join two images, a few of each pair, evenly over all of them."""
+    cameras, tie = observations.cameras, observations.contributing_points & ~observations.located
     first = np.flatnonzero(observations.point[1:] == observations.point[:-1])  # rows that the next one's point shares
     first = first[tie[observations.point[first]]]
     one, other = observations.camera[first].astype(np.int64), observations.camera[first + 1].astype(np.int64)
-    apart = one != other
-    first, one, other = first[apart], one[apart], other[apart]
-    pair, count = np.unique(
-        np.minimum(one, other) * observations.cameras + np.maximum(one, other), return_inverse=True, return_counts=True
-    )[1:]
-    order = np.argsort(pair, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
-    step = np.maximum(count // IMAGE_ALIGNMENT.points_per_pair, 1)[pair]
+    key = np.minimum(one, other) * cameras + np.maximum(one, other)
+    first, key = first[one != other], key[one != other].astype(np.min_scalar_type(cameras**2))  # short keys sort fast
+    order = np.argsort(key, kind="stable")
+    begin = np.flatnonzero(np.diff(key[order].astype(np.int64), prepend=-1))
+    count = np.diff(begin, append=len(order))
+    joined = np.stack(np.divmod(key[order[begin]].astype(np.int64), cameras))
+    links = np.bincount(joined.ravel(), minlength=cameras)
+    fewest, most = IMAGE_ALIGNMENT.fewest_per_pair, IMAGE_ALIGNMENT.points_per_pair
+    wanted = np.clip(IMAGE_ALIGNMENT.points_per_image // links[joined].min(axis=0, initial=cameras), fewest, most)
+    step, last = np.repeat(np.maximum(count // wanted, 1), count), np.repeat(wanted, count)
+    rank = np.arange(len(order)) - np.repeat(begin, count)
     chosen = np.zeros(len(observations.points), dtype=bool)
-    chosen[observations.point[first[(rank % step == 0) & (rank < step * IMAGE_ALIGNMENT.points_per_pair)]]] = True
+    chosen[observations.point[first[order[(rank % step == 0) & (rank < step * last)]]]] = True
     return chosen

@@ -94,8 +94,9 @@ def compute_image_residuals(
     return form_point_equations(observations, model).compute_residuals(State(values, ground))
 
 
-def form_point_equations(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
+def form_point_equations(
+    observations: Observations, model: RefinementModel, threads: int = 0, drawn_from: int = 0
+) -> NormalEquations:
     """Return the equations of points alone."""
-    return NormalEquations(
-        observations, model, make_diagonal_pattern(observations.cameras, len(model.parameters)), threads
-    )
+    pattern = make_diagonal_pattern(observations.cameras, len(model.parameters))
+    return NormalEquations(observations, model, pattern, threads, drawn_from=drawn_from)

@@ -94,14 +94,15 @@ class NormalEquations:
     pattern : which cameras share points
     threads : of compiled loops; 0 takes all processors
     cameras : those of the same observations and model, where there are some already; else they are made
+    drawn_from : image points of the block that these are drawn from: one that needs compiled loops has them anyway
     """
 
     def __init__(self, observations: Observations, model: RefinementModel, pattern: Pattern, threads: int = 0,
-        cameras: Cameras | None = None,
+        cameras: Cameras | None = None, drawn_from: int = 0,
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
         self._elimination: Elimination
-        if is_wanted(observations.count >= POINT_STEPS.worth_compiling):
+        if is_wanted(max(observations.count, drawn_from) >= POINT_STEPS.worth_compiling):
             from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
