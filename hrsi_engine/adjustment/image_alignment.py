@@ -109,7 +109,8 @@ def _fit_values(
         linearise = model.equations(observations.images[index], observations.xy[rows])
         by_values = linearise(np.zeros(p), shifted.ground[observations.point[rows]]).by_values
         normal[camera] += np.einsum("ncp,ncq->pq", by_values, weight[:, :, None] * by_values)
-        right[camera] += np.einsum("ncp,nc->p", by_values, weight * shifted.values[camera])
+        shift_px = shifted.values[camera] / observations.images[index].camera_pixel
+        right[camera] += np.einsum("ncp,nc->p", by_values, weight * shift_px)
     held = np.isinf(prior_weight)
     normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
     normal[held] = 0.0

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block.block import Block, Image, Role
+from ..block.block import Block, Image, Role, number_exposures
 from ..block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ..foundation.large_arrays import any_of_rows
 from ..refinement.model import Linearise, RefinementModel
@@ -110,6 +110,17 @@ class Observations:
         """Track length k -> indices of the points with k measurements."""
         lengths = np.diff(self.first)
         return {int(k): np.flatnonzero(lengths == k) for k in np.unique(lengths)}
+
+    def count_rays(self, used: np.ndarray) -> np.ndarray:
+        """Return the number of rays of each point ``(m,)`` by measurements that are ``used (n,)``.
+
+        Tiles and bands of one exposure see a point by one ray.
+        """
+        exposure = number_exposures(self.images)
+        if exposure is None:
+            return np.add.reduceat(used, self.first[:-1], dtype=np.int64)
+        rays = np.unique(np.column_stack([self.point, exposure[self.image]])[used], axis=0)
+        return np.bincount(rays[:, 0], minlength=len(self.points))
 
     def find_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the measurements of some points in order, and where each point's begin among them."""

@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ..block.block import Block, group_tiles
+from ..block.exposures import join_named_bands
 from ..block.imaging_geometry import compute_view_directions
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
@@ -177,8 +178,8 @@ class Problem:
 def find_determinable_points(
     observations: Observations, image_weight: np.ndarray, survey_weight: np.ndarray
 ) -> np.ndarray:
-    """Return which points have a survey or at least two measurements of any weight, ``(m,)``."""
-    rays = np.add.reduceat(image_weight > 0.0, observations.first[:-1], dtype=np.int64)
+    """Return which points have a survey or measurements of any weight on two exposures, ``(m,)``."""
+    rays = observations.count_rays(image_weight > 0.0)
     located = any_of_rows(survey_weight > 0.0)
     if observations.referenced is not None:
         located |= observations.referenced
@@ -188,6 +189,7 @@ def find_determinable_points(
 def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | None = None) -> Problem:
     """Return the problem; ``values (images, p)`` is a warm start. Raises what `solver.adjust` says."""
     choice = None
+    block = replace(block, images=tuple(join_named_bands(block.images, options.shared_images)))
     if options.model in RULES:
         held = options.test_sigmas or options.variance_components or bool(options.sigma_drift)
         choice = choose_model(block, options.model, held)
@@ -383,7 +385,8 @@ def _weigh_priors(
     over_rpcs = options.reference is not None and options.reference.over_rpcs
     sigma, of_sensor = np.empty((2, observations.cameras, len(guessed)))
     for part in parts:
-        for index in part.images[::-1]:  # of images that share parameters, the first one's prior counts
+        # of images that share parameters the prior of the first one of the smallest pixels counts
+        for index in sorted(part.images[::-1].tolist(), key=lambda k: -observations.images[k].camera_pixel):
             image, number = observations.images[index], observations.camera_of_image[index]
             usual = estimate_priors(image)
             of_sensor[number, :p], of_sensor[number, p:] = model.prior_sigmas(image, usual), usual.drift

@@ -59,15 +59,20 @@ class ArrayRaster:
 
 @dataclass(frozen=True)
 class Tile:
-    """Position of an image in the scene of which it is a tile: all tiles of a scene have one camera.
+    """Position of an image in the scene of which it is a tile or a band: all of a scene are one exposure, one camera.
 
-    scene : name of the scene: the file that holds its RPC
-    first : the scene's sample and line at the image's first pixel; size : the scene's samples and lines, where known
+    An image point ``xy`` is ``first + pixel * xy`` in the scene; corrections are counted in the scene's pixels.
+
+    scene : name of the scene: the file that holds its RPC, or its panchromatic image
+    first : the scene's sample and line at the centre of the image's first pixel
+    size : the scene's samples and lines, where known
+    pixel : size of the image's pixels in those of the scene: 4 for most multispectral bands
     """
 
     scene: str
     first: tuple[float, float]
     size: tuple[int, int] | None = None
+    pixel: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +92,7 @@ class Image:
     raster : Raster, optional
         Its pixels.
     tile : Tile, optional
-        Position in its scene, if it is a tile of one.
+        Position in its scene, if it is a tile or a band of one.
     stated_height_m : float, optional
         Ellipsoidal height of the scene's middle, where the delivery states one.
     sensor : str
@@ -157,14 +162,19 @@ class Image:
         """Middle of the scene in the image's pixels, ``(2,)``: origin of the refinements. It differs for tiles only."""
         if self.tile is None or self.tile.size is None:
             return self.centre_px
-        return (np.array(self.tile.size) - 1.0) / 2.0 - np.array(self.tile.first)
+        return ((np.array(self.tile.size) - 1.0) / 2.0 - np.array(self.tile.first)) / self.tile.pixel
 
     @property
     def camera_half_size_px(self) -> np.ndarray:
         """Half the extent of the scene, ``(2,)``; it differs from that of the image for tiles only."""
         if self.tile is None or self.tile.size is None:
             return self.half_size_px
-        return (np.array(self.tile.size) - 1.0) / 2.0
+        return (np.array(self.tile.size) - 1.0) / 2.0 / self.tile.pixel
+
+    @property
+    def camera_pixel(self) -> float:
+        """Size of the image's pixels in those of its scene, in which refinements in pixels are counted."""
+        return 1.0 if self.tile is None else self.tile.pixel
 
     def grid_px(self, samples: int, lines: int, margin: float = 0.0) -> np.ndarray:
         """Return a regular grid over the image area.
@@ -247,14 +257,19 @@ class Block:
         return (self.points.role == Role.GCP) | (self.points.role == Role.CHECK)
 
     def rays_per_point(self) -> np.ndarray:
-        """Return the number of different images on which each point was measured.
+        """Return the number of different exposures on which each point was measured.
+
+        Tiles and bands of one exposure see a point by the same ray: together they do not give its position.
 
         Returns
         -------
         (m,) ndarray
-            Numbers of images.
+            Numbers of exposures; of images, where each is an exposure of its own.
         """
         point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
+        exposure = number_exposures(self.images)
+        if exposure is not None:
+            point, image = np.unique(np.column_stack([point, exposure[image]]), axis=0).T
         another = np.ones(len(point), dtype=bool)
         another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
         return np.bincount(point[another], minlength=len(self.points))
@@ -335,8 +350,18 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
 
 
+def number_exposures(images: Sequence[Image]) -> np.ndarray | None:
+    """Return the number of each image's exposure ``(images,)``; None where no two images are of one."""
+    number: dict[str | int, int] = {}
+    found = [
+        number.setdefault(index if image.tile is None else image.tile.scene, len(number))
+        for index, image in enumerate(images)
+    ]
+    return None if len(number) == len(found) else np.array(found)
+
+
 def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:
-    """Return the ids of images that are tiles of one scene, a list for each scene, without those in ``apart``."""
+    """Return the ids of images that are tiles or bands of one scene, a list for each, without those in ``apart``."""
     named = {name for group in apart for name in group}
     scenes: dict[str, list[str]] = {}
     for image in images:

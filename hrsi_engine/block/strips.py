@@ -63,7 +63,7 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
     Raises `InputError` for a part that shares nothing with the others, or has other pixels.
     """
     found: dict[int, np.ndarray] = {0: np.zeros(2)}
-    scenes = {None if part.tile is None else part.tile.scene for part in parts}
+    scenes = {None if part.tile is None or part.camera_pixel != 1.0 else part.tile.scene for part in parts}
     if len(scenes) == 1 and None not in scenes:
         found = {number: np.array(part.tile.first) for number, part in enumerate(parts) if part.tile is not None}
     last, reached = 0, dict[int, tuple[int, np.ndarray]]()  # nodes that tell the place of a part, and the place

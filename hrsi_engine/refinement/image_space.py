@@ -8,6 +8,9 @@ The correction's argument is the *projected* position, so that the corrected cam
 and can be written as an RPC (Fraser and Hanley 2003; Grodecki and Dial 2003). The parameters are linear; all models
 of the family differ only in which monomials they have and how the coefficients are shared. With t the monomials the
 derivatives by all coefficients are I2 (x) t', and by the ground (I2 + slope of the correction) times those of the RPC.
+
+The bands of one exposure have the coefficients of its panchromatic image: with pixels p times as large, u and v are
+counted in p times the band's pixels, and the sums are divided by p.
 """
 
 from collections.abc import Callable
@@ -50,10 +53,10 @@ class ImagePolynomial:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the shift (px), the drift (px/px) or, for higher degrees, the drift per half image size."""
-        degree = self.powers.sum(axis=1)
-        reach = image.camera_half_size_px.max()
+        degree, pixel = self.powers.sum(axis=1), image.camera_pixel
+        reach = image.camera_half_size_px.max() * pixel
         by_monomial = np.where(
-            degree == 0, priors.shift_px, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
+            degree == 0, priors.shift_px * pixel, priors.drift / np.maximum(reach, 1.0) ** np.maximum(degree - 1, 0)
         )
         return np.asarray(np.where((self.mixing != 0.0).any(0), by_monomial[:, None], 0.0).max(axis=0, initial=0.0))
 
@@ -70,8 +73,8 @@ class ImagePolynomial:
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return the constants of an image for `correct_in_image`: its centre, ``(2,)`` px."""
-        return image.camera_centre_px
+        """Return the constants of an image for `correct_in_image` ``(3,)``: centre, px, and `Image.camera_pixel`."""
+        return np.append(image.camera_centre_px, image.camera_pixel)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Return the coefficients of the monomials in sample and in line, ``(…, 2, m)``, of values ``(…, p)``."""
@@ -84,11 +87,11 @@ class ImagePolynomial:
 
     def correction(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
         """Return the correction at projected positions, ``(n, 2)`` px."""
-        return np.asarray(self._terms(projected - image.camera_centre_px) @ (self.mixing @ values).T)
+        return np.asarray(self._compute_terms(image, projected) @ (self.mixing @ values).T)
 
     def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Return the normal matrix ``(p, p)`` of the correction's derivatives, with weights ``(n,)``."""
-        terms = self._terms(projected - image.camera_centre_px)
+        terms = self._compute_terms(image, projected)
         own = (terms.T * weight) @ terms
         return np.asarray(sum(mixed.T @ own @ mixed for mixed in self.mixing))
 
@@ -106,12 +109,13 @@ class ImagePolynomial:
             return RefitRPC(folded, 0.0)
         return refit_camera(image, lambda ground: self.project(image, values, ground))
 
-    def _terms(self, offset: np.ndarray) -> np.ndarray:
-        """Return the monomials of centred positions, ``(n, m)``."""
+    def _compute_terms(self, image: Image, projected: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the correction, px, by the coefficients of the monomials, ``(n, m)``."""
+        offset = (projected - image.camera_centre_px) * image.camera_pixel
         of_axes = np.ones((2, int(self.powers.max(initial=0)) + 1, len(offset)))
         for power in range(1, of_axes.shape[1]):  # a product each: general powers take twenty times as long
             np.multiply(of_axes[:, power - 1], offset.T, out=of_axes[:, power])
-        return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T)
+        return np.asarray((of_axes[0, self.powers[:, 0]] * of_axes[1, self.powers[:, 1]]).T) / image.camera_pixel
 
     def _fold_affine(self, image: Image, values: np.ndarray) -> RPC | None:
         """Return the exact RPC of a correction of first degree, None where there is none."""
@@ -120,7 +124,7 @@ class ImagePolynomial:
         coefficients = self.mixing @ values
         affine = np.column_stack([np.zeros(2), np.eye(2)])  # columns: constant, sample, line
         for (by_sample, by_line), column in zip(self.powers, coefficients.T, strict=True):
-            affine[:, by_sample + 2 * by_line] += column
+            affine[:, by_sample + 2 * by_line] += column if by_sample + by_line else column / image.camera_pixel
         affine[:, 0] -= (affine[:, 1:] - np.eye(2)) @ image.camera_centre_px
         return fold_affine(image.rpc, affine)
 
@@ -131,12 +135,13 @@ def correct_in_image(
 ) -> None:  # fmt: skip
     """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
-    powers : (m, 2); constants : (images, 2) px; coefficients : (images, 2, m)
+    powers : (m, 2); constants : (images, 3) centre, px, and pixels of the scene in one; coefficients : (images, 2, m)
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
-    terms : (n, m) output, the monomials
+    terms : (n, m) output, the derivatives by the coefficients: the monomials over the image's pixel
     i : image, or that of each point; a : row, or all rows
     """
-    u, v = computed[a, 0] - constants[i, 0], computed[a, 1] - constants[i, 1]
+    pixel = constants[i, 2]
+    u, v = (computed[a, 0] - constants[i, 0]) * pixel, (computed[a, 1] - constants[i, 1]) * pixel
     sample, sample_by_u, sample_by_v = 0.0, 0.0, 0.0
     line, line_by_u, line_by_v = 0.0, 0.0, 0.0
     for m in range(len(powers)):
@@ -148,12 +153,12 @@ def correct_in_image(
             by_u = by_u * v
             by_v = by_v * v + term
             term = term * v
-        terms[a, m] = term
+        terms[a, m] = term / pixel
         x, y = coefficients[i, 0, m], coefficients[i, 1, m]
         sample, sample_by_u, sample_by_v = sample + x * term, sample_by_u + x * by_u, sample_by_v + x * by_v
         line, line_by_u, line_by_v = line + y * term, line_by_u + y * by_u, line_by_v + y * by_v
-    computed[a, 0] += sample
-    computed[a, 1] += line
+    computed[a, 0] += sample / pixel
+    computed[a, 1] += line / pixel
     for k in range(3):
         by_sample, by_line = by_ground[a, 0, k], by_ground[a, 1, k]
         more_sample = sample_by_u * by_sample + sample_by_v * by_line

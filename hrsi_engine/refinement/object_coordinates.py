@@ -42,7 +42,8 @@ class GroundPolynomial:
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return the shift and the drift from the middle of the image to its edge, px."""
         degree = np.tile(self.powers.sum(axis=1), 2)
-        return np.where(degree == 0, priors.shift_px, priors.drift * float(image.camera_half_size_px.max()))
+        sigma = np.where(degree == 0, priors.shift_px, priors.drift * float(image.camera_half_size_px.max()))
+        return sigma * image.camera_pixel
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on the observed positions."""
@@ -57,15 +58,18 @@ class GroundPolynomial:
                 self.powers, constants, coefficients, 0, lon, lat, height, east, north,
                 computed, by_ground, terms, ALL_ROWS,
             )  # fmt: skip
-            by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, -1)
+            by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
             return Equations(computed, by_values, by_ground)
 
         return linearise
 
     def constants(self, image: Image) -> np.ndarray:
-        """Return an image's constants for `correct_by_ground` ``(6,)``: middle and half extents of its ground area."""
+        """Return an image's constants for `correct_by_ground` ``(7,)``.
+
+        Middle and half extents of its ground area, and the pixels of its scene in one of its own.
+        """
         area = compute_ground_area(image)
-        return np.concatenate([area.middle, area.reach])
+        return np.concatenate([area.middle, area.reach, [image.camera_pixel]])
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Return the coefficients of the monomials in sample and in line, ``(…, 2, m)``, of values ``(…, p)``."""
@@ -80,7 +84,7 @@ class GroundPolynomial:
         """Return the corrected projection of ground points."""
         # The monomials, ``(n, m)``
         terms = np.prod(compute_ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
-        return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T)
+        return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T / image.camera_pixel)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit a new RPC."""
@@ -96,12 +100,13 @@ def correct_by_ground(
 ) -> None:  # fmt: skip
     """Add the correction of image i to its projected points; shared by compiled loops and NumPy.
 
-    powers : (m, 3); constants : (images, 6); coefficients : (images, 2, m)
+    powers : (m, 3); constants : (images, 7); coefficients : (images, 2, m)
     lon, lat, height : degrees, metres; east, north : metres per degree there
     computed, by_ground : (n, 2) px and (n, 2, 3) px/m of the RPC; overwritten by those of the corrected camera
-    terms : (n, m) output, the monomials
+    terms : (n, m) output, the derivatives by the coefficients: the monomials over the image's pixel
     i : image, or that of each point; a : row, or all rows
     """
+    pixel = constants[i, 6]
     x = ellipsoid.wrap_once(lon - constants[i, 0]) / constants[i, 3]
     y, z = (lat - constants[i, 1]) / constants[i, 4], (height - constants[i, 2]) / constants[i, 5]
     sample, sample_x, sample_y, sample_z = 0.0, 0.0, 0.0, 0.0
@@ -117,14 +122,14 @@ def correct_by_ground(
         for _ in range(powers[m, 2]):
             by_x, by_y, by_z = by_x * z, by_y * z, by_z * z + term
             term = term * z
-        terms[a, m] = term
+        terms[a, m] = term / pixel
         s, t = coefficients[i, 0, m], coefficients[i, 1, m]
         sample, line = sample + s * term, line + t * term
         sample_x, sample_y, sample_z = sample_x + s * by_x, sample_y + s * by_y, sample_z + s * by_z
         line_x, line_y, line_z = line_x + t * by_x, line_y + t * by_y, line_z + t * by_z
-    computed[a, 0] += sample
-    computed[a, 1] += line
-    x_m, y_m, z_m = constants[i, 3] * east, constants[i, 4] * north, constants[i, 5]
+    computed[a, 0] += sample / pixel
+    computed[a, 1] += line / pixel
+    x_m, y_m, z_m = constants[i, 3] * east * pixel, constants[i, 4] * north * pixel, constants[i, 5] * pixel
     by_ground[a, 0, 0] += sample_x / x_m
     by_ground[a, 0, 1] += sample_y / y_m
     by_ground[a, 0, 2] += sample_z / z_m

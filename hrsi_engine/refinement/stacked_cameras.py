@@ -100,7 +100,7 @@ def _linearise_ground_polynomials(
         model.powers, constants, model.coefficients(values), which, lon, lat, height,
         *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
     )  # fmt: skip
-    by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, -1)
+    by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
     return Equations(computed, by_values, by_ground)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.block.exposures import join_parts_of_strips
+from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.block.names import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -89,7 +89,7 @@ def _open_images(record: BlockRecord) -> tuple[Image, ...]:
     if missing:
         raise InputError(f"{missing[0]}: an image of the earlier block is not there any more: put it back")
     opened = zip(paths, record.images, strict=True)
-    return tuple(join_parts_of_strips([replace(open_image(path), id=one.id, rpc=one.rpc) for path, one in opened]))
+    return tuple(join_exposures([replace(open_image(path), id=one.id, rpc=one.rpc) for path, one in opened]))
 
 
 def _observe_cameras(record: BlockRecord) -> EarlierBlock:

@@ -119,9 +119,9 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
 
 
 def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
-    """Tell which images are tiles of one scene and are adjusted as one camera."""
+    """Tell which images are tiles or bands of one exposure and are adjusted as one camera."""
     for tiles in group_tiles(images, options.shared_images):
-        log(f"{', '.join(tiles)}: tiles of one scene, adjusted as one camera (`shared_images` groups them otherwise)")
+        log(f"{', '.join(tiles)}: one exposure, adjusted as one camera (`shared_images` groups them otherwise)")
 
 
 def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, list[str]]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.block.exposures import join_parts_of_strips
+from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.images import image_id, open_image_and_source, pixel_doubt, resampling_doubt
@@ -31,7 +31,7 @@ def open_images(paths: Sequence[str], log: Callable[[str], None], always: bool =
         if found.ignored or (always and len(paths) <= IMAGE_LOG.images):
             log(f"{image.id}: {found.summary}")
         images.append(image)
-    return join_parts_of_strips(images)
+    return join_exposures(images)
 
 
 def open_input_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...hrsi_engine.block.block import Image
-from ...hrsi_engine.block.exposures import join_parts_of_strips
+from ...hrsi_engine.block.exposures import join_exposures
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
@@ -149,7 +149,7 @@ def _locate_images(block: str, paths: Sequence[str]) -> list[str]:
 
 
 def _open_images(paths: Sequence[str]) -> list[Image]:
-    images = join_parts_of_strips([open_image(path) for path in paths])
+    images = join_exposures([open_image(path) for path in paths])
     close_images()
     twice = {image.id for image in images if [other.id for other in images].count(image.id) > 1}
     if twice:

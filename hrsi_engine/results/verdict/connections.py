@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import sparse
 
-from ...block.block import Role
+from ...block.block import Role, number_exposures
 from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
@@ -98,8 +98,12 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images without any point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
     used = evidence.adjusting
-    count = np.bincount(block.measurements.image[used], minlength=len(block.images))
-    control = np.bincount(block.measurements.image[used & evidence.is_role(Role.GCP)], minlength=len(block.images))
+    exposure = number_exposures(block.images)  # what holds one of its images holds all
+    exposure = np.arange(len(block.images)) if exposure is None else exposure
+    count, control = (
+        np.bincount(exposure[block.measurements.image[chosen]], minlength=len(block.images))[exposure]
+        for chosen in (used, used & evidence.is_role(Role.GCP))
+    )
     free = result.model.parameters and len(block.images) > 1
     alone = [block.images[index].id for index in np.flatnonzero(count == 0).tolist()]
     if alone:
