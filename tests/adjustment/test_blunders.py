@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
+from hrsi.hrsi_engine.adjustment.blunders.ties import estimate_tie_variance
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
@@ -187,3 +189,18 @@ def test_single_image_gcps_are_predicted_on_their_ray():
     error = adjust(block, AdjustOptions(test_sigmas=False, cross_validate=True)).cross_validation.error_m
     assert np.abs(error[:, :2]).max() < 0.01  # exact measurements
     assert np.isnan(error[:, 2]).all()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_ties_that_fit_to_the_rounding_name_no_outlier():
+    """Their sums of squares are rounding, zero or below: the variance factor that they make stays positive."""
+    block, _, _ = blocks.block(gcps=0, checks=0, ties=60, noise_px=1e-9, bias_px=0.0, drift=0.0)
+    stated = replace(block.measurements, sigma_px=np.full(len(block.measurements), 0.5))
+    result = adjust(replace(block, measurements=stated), AdjustOptions(model="shift"))
+    assert np.nanmax(result.statistic) < 1.0
+    assert (result.decision == int(Decision.KEPT)).all()
+    rays = np.diff(np.flatnonzero(np.r_[True, np.diff(block.measurements.point) > 0, True]))
+    observations = SimpleNamespace(first=np.r_[0, np.cumsum(rays)])
+    for squares in (0.0, -1e-17):
+        given = np.full(len(rays), squares), rays, np.ones(len(rays), dtype=bool)
+        assert estimate_tie_variance(observations, *given)[0] > 0.0

@@ -42,6 +42,7 @@ class RAYS:
         "rendered strip of 20 frames: 2 % of its ties fail at 4 sigma of 0.01 px, off by 0.04 px and more",
     )  # fmt: skip
     gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder, and not bad luck")
+    least_variance: float = threshold(1e-12, "", "variance factor of ties below which their residuals are rounding")
 
 
 @thresholds
@@ -60,14 +61,16 @@ def estimate_tie_variance(
     """Return the variance factor of the tie points, and the degrees of freedom with which it is known; 1 without any.
 
     It is the median of their sums of squares ``(m,)`` over what they would be, of points on two ``rays (m,)`` or more;
-    not of those that were reduced to two, which stayed because they agree.
+    not of those that were reduced to two, which stayed because they agree. Sums of squares that are differences of
+    nearly equal numbers may be negative by rounding: the factor is at least `RAYS.least_variance`.
     """
     chosen = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
     if not chosen.any():
         return 1.0, 0.0
     freedom = 2 * rays[chosen] - 3
     expected = special.chdtri(np.arange(1, freedom.max() + 1), 0.5)[freedom - 1]
-    return float(np.median(squares[chosen] / expected)), float(MEDIAN_EFFICIENCY * freedom.sum())
+    variance = max(float(np.median(squares[chosen] / expected)), RAYS.least_variance)
+    return variance, float(MEDIAN_EFFICIENCY * freedom.sum())
 
 
 def tie_test_limit(sigmas: float, rays: int) -> float:
