@@ -63,6 +63,9 @@ class SigmaThresholds:
     significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
     material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
     most_plausible: float = threshold(20.0, "", "ratio of image points beyond which these are wrong, not their sigmas")
+    of_camera_px: float = threshold(
+        1.0, "px", "… unless their residuals are smaller: the cameras move as the model does not follow", "pixel size"
+    )
     beside_held: float = threshold(2.0, "", "the same without ties, or where heights or places hold points")
     alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
     most_gcps: int = threshold(100, "GCPs", "so many tell the sigmas of surveys together with those of image points")
@@ -141,10 +144,21 @@ class SigmaEstimation:
         # With hardly any ties sigma0 is the factor of all.
         told = not self.problem.held and self.sums[:-SURVEYS:2, 1].sum() >= VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
-        spoilt = any(test.ratio > most for test in self.tests if test.group in self.groups.names[:-SURVEYS])
+        least_px = SIGMA.of_camera_px if told else 0.0
+        stated_px = self._average_image_sigmas()
+        spoilt = any(
+            test.ratio > max(most, least_px / stated_px[test.group]) for test in self.tests if test.group in stated_px
+        )
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
         return failed
+
+    def _average_image_sigmas(self) -> dict[str, float]:
+        """Return the stated sigma of the image points of each group that has any, RMS in px."""
+        group, names = self.groups.of_image_point, self.groups.names[:-SURVEYS]
+        count = np.bincount(group, minlength=len(names))
+        squares = np.bincount(group, self.problem.observations.sigma_px**2, len(names))
+        return {name: float(np.sqrt(s / n)) for name, s, n in zip(names, squares, count, strict=True) if n}
 
     def _test_group(self, name: str, squares: float, freedom: float) -> ModelTest:
         larger, smaller = special.chdtrc(freedom, squares), special.chdtr(freedom, squares)

@@ -8,13 +8,16 @@ import pytest
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.problem import prepare_problem
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
 from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
 from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
 
-def simulate_strip(pointing_px: float, drift_px: float = 0.1, blunders: float = 0.0) -> BlockSimulation:
+def simulate_strip(
+    pointing_px: float, drift_px: float = 0.1, blunders: float = 0.0, image_px: float = 0.1
+) -> BlockSimulation:
     """Return ten frames of a strip in two looks, neighbours on almost parallel rays, that point to ``pointing_px``."""
     sensor, rng = SENSORS["worldview-2"], np.random.default_rng(3)
     views = make_strip_views(sensor, 1, 5, 2, (800, 600), 0.4)
@@ -24,7 +27,7 @@ def simulate_strip(pointing_px: float, drift_px: float = 0.1, blunders: float = 
         replace(view, vendor_error=OrientationError(attitude_rad=(*error, 0.0), attitude_drift_rad=(*drift, 0.0)))
         for view, error, drift in zip(views, errors.tolist(), drifts.tolist(), strict=True)
     )
-    noise = Noise(image_px=0.1, blunders=blunders)
+    noise = Noise(image_px=image_px, blunders=blunders)
     return simulate_block(SceneSpec(seed=3), views, PointCounts(0, 5, 600), noise)
 
 
@@ -47,6 +50,16 @@ def test_residuals_that_neighbours_share_are_no_blunders():
     """A shift does not follow a drift of two pixels, and no measurement is wrong."""
     result = adjust(simulate_strip(50.0, drift_px=2.0).block, AdjustOptions(model="shift", sigma_drift=0.0))
     assert (result.decision != Decision.KEPT).mean() < 0.01
+
+
+@pytest.mark.parametrize(("model", "sigma_drift"), [("shift", 0.0), ("generic-shift", None)])
+def test_a_drift_that_no_parameter_follows_does_not_move_the_block(model, sigma_drift):
+    """Frames drift by 2 px and matching is good to 0.02 px: ties must not outweigh where the RPCs say the block is."""
+    simulated = simulate_strip(15.0, drift_px=2.0, image_px=0.02)
+    result = adjust(simulated.block, AdjustOptions(model=model, sigma_drift=sigma_drift))
+    assert result.converged
+    off = np.nanmean(ground_difference_m(simulated.truth.ground, result.ground), axis=0)
+    assert (np.abs(off) < 3.0 * np.array(result.parts[0].sigma_m)).all()
 
 
 def test_the_start_meets():
