@@ -21,6 +21,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -167,9 +168,15 @@ def estimate_pointing(image: Image) -> Pointing:
     return Pointing(sigma_m, drift, f"{', '.join(reasons)}; drift {drift:.1e} px/px")
 
 
+#: Those computed so far: an adjustment asks for each image's half a dozen times.
+_GSDS_M: WeakKeyDictionary[Image, float] = WeakKeyDictionary()
+
+
 def compute_gsd_m(image: Image) -> float:
     """Return the ground sample distance in the middle of the RPC's domain, the mean of both axes, m."""
-    return float(compute_gsds_m([image])[0])
+    if image not in _GSDS_M:
+        _GSDS_M[image] = float(compute_gsds_m([image])[0])
+    return _GSDS_M[image]
 
 
 def compute_gsds_m(images: Sequence[Image]) -> np.ndarray:
