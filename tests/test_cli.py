@@ -19,6 +19,7 @@ from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface import cli
 from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.interface.command_parser import algorithm_parser
 from hrsi.tests.sample_algorithm import SAMPLE
 
 BAR = "0...10...20...30...40...50...60...70...80...90...100 - done.\n"
@@ -68,6 +69,12 @@ def test_result_on_stdout_progress_on_stderr(hrsi):
 def test_quiet_prints_errors_only(hrsi):
     assert hrsi("--quiet", "a.tif") == (0, "", "")
     assert_one_error(hrsi("--quiet", "a.tif", "--iterations", "x"), 2, "--iterations")
+
+
+def test_letters_for_output_folder_and_quiet():
+    words = algorithm_parser(REGISTRY["crop"]).parse_words(["a.tif", "-q", "-o", "out"])
+    assert words == algorithm_parser(REGISTRY["crop"]).parse_words(["a.tif", "--quiet", "--output-dir", "out"])
+    assert (words["quiet"], words["output_dir"]) == (True, "out")
 
 
 def test_json_is_one_document_and_nothing_else(hrsi):

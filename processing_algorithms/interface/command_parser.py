@@ -25,6 +25,7 @@ COMMANDS = {
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
+SHORT = {"output_dir": ["-o"], "quiet": ["-q"]}  #: options with a letter of their own
 COMMON = "common options"  #: heading of the options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
@@ -85,7 +86,7 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     # The options that belong to the command line and not to an algorithm
     for param in LINE_PARAMS:
         if param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
-            section.add_argument(f"--{param.name}", action="store_true", help=param.help)
+            section.add_argument(*SHORT.get(param.key, []), f"--{param.name}", action="store_true", help=param.help)
         else:
             add_option(section, param, LINE_PARAMS)
     section.add_argument("-h", "--help", action="help", help="Show this page and leave")
@@ -100,7 +101,8 @@ def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[
         settings["metavar"] = value_name(param)
     if not positional:
         settings["dest"] = param.key
-    section.add_argument(param.key if positional else f"--{param.name}", default=argparse.SUPPRESS, **settings)
+    words = [param.key] if positional else [*SHORT.get(param.key, []), f"--{param.name}"]
+    section.add_argument(*words, default=argparse.SUPPRESS, **settings)
 
 
 def option_help(param: Param, params: Sequence[Param]) -> str:
