@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
-from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.refinement.model import RefitRPC
 from hrsi.hrsi_engine.results.residuals import compute_residuals
 from hrsi.hrsi_engine.results.verdict import (
@@ -264,6 +264,26 @@ def test_sigmas_stated_four_times_too_small_are_doubtful_with_their_figures():
         r"GCP east, north ([\d.]+) times \(([\d.]+) m instead of 0.1\)", found["sigmas-implausible"].message
     )
     assert float(factor[1]) == pytest.approx(4.0, rel=0.3) and "image points" not in found["sigmas-implausible"].message
+
+
+def test_gcps_that_the_others_predict_badly_are_a_reason_where_no_check_points_tell():
+    """GCPs of 0.5 m stated as 0.05 m, believed: the factor is that of adjustments without each of them."""
+    believed = AdjustOptions(model="shift", test_sigmas=False, reject_sigma=0.0)
+    right = sound(gcps=12, checks=0, ties=400, noise_m=0.5, noise_px=0.1)
+    wrong = replace(right, points=replace(right.points, sigma_m=np.where(right.known[:, None], 0.05, np.inf)))
+    assert "leave-one-out-misfit" not in reasons_of(right, believed)
+    found = reasons_of(wrong, believed)["leave-one-out-misfit"]
+    assert found.level is Level.DOUBTFUL
+    squares = []
+    for point in rows_of(wrong, Role.GCP):
+        role = wrong.points.role.copy()
+        role[point] = Role.TIE
+        others = adjust(replace(wrong, points=replace(wrong.points, role=role)), believed)
+        error = ground_difference_m(wrong.points.ground[[point]], others.ground[[point]])[0]
+        squares.append(error @ np.linalg.solve(others.ground_covariance_m2[point] + 0.05**2 * np.eye(3), error))
+    expected = np.sqrt((4.0 + np.sum(squares)) / (4.0 + 36.0))  # predictions count for four observations
+    told = re.search(r"are ([\d.]+) times as far off", found.message)
+    assert told is not None and float(told[1]) == pytest.approx(expected, rel=0.05)
 
 
 # ---- the verdict ----------------------------------------------------------------------------------------------------

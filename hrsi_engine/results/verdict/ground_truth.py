@@ -175,6 +175,26 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         )  # fmt: skip
 
 
+def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for GCPs that the others predict worse than the block says, where no check points tell.
+
+    Their errors are correlated as those of check points are, and tested alike: `find_check_point_errors`.
+    """
+    parts = [part for part in evidence.result.parts if part.gcps and part.ce90_m is not None]
+    part = max(parts, key=lambda one: one.leave_one_out, default=None)
+    if part is None or part.ce90_m is None or not is_significant(3.0 * part.leave_one_out**2, 3.0):
+        return
+    factor = part.leave_one_out
+    yield Reason(
+        "leave-one-out-misfit", Level.DOUBTFUL,
+        f"each GCP predicted from the others (leave-one-out): the {part.gcps} GCPs are {factor:.2g} times as far off "
+        f"as predicted, by which CE90 {part.ce90_m / factor:.2g} m became {part.ce90_m:.2g} m",
+        "compare the GCPs with their source and state their sigmas as they are; some of them as check points "
+        "(`check_ids`) tell the accuracy independently",
+        images=part.images,
+    )  # fmt: skip
+
+
 def do_check_points_agree(evidence: Evidence) -> bool:
     """Return whether several check points agree on the ground and in the images, by the sigmas stated of both.
 
@@ -333,5 +353,6 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
 
 ON_GROUND_TRUTH = (
     find_control_misfit, find_check_misfit_in_images, find_control_outliers, find_check_point_errors,
-    find_conflicting_heights, find_heights_off_rpcs, find_height_scatter, find_laser_canopy, find_unused_laser,
+    find_leave_one_out_errors, find_conflicting_heights, find_heights_off_rpcs, find_height_scatter,
+    find_laser_canopy, find_unused_laser,
 )  # fmt: skip

@@ -29,6 +29,7 @@ CONSEQUENCES = frozenset({
     "not-converged", "residuals-too-large", "sigmas-implausible", "correction-too-large", "control-misfit",
     "control-left-out", "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out",
     "systematic-residuals", "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
+    "leave-one-out-misfit",
 })  # fmt: skip
 #: Reasons for single wrong GCPs, of which no slip is known that the user could mend.
 WRONG_POINTS = frozenset({"control-groups", "control-outliers"})
