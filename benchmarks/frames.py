@@ -4,6 +4,8 @@
     frames.py FOLDER|COUNT …      the whole command on real RPCs (*.rpc) and tie points (image_points.csv.gz) of a
                                   folder, or on so many simulated frames of 2560 x 1080 px with 300 ties each
 
+With ``--docs`` a table goes to docs/large_blocks.md as it grows.
+
 A strip is seen by two looks of one orbit; neighbours overlap by 40 %, their rays are parallel to a few thousandths of a
 degree. *Relative* is the RMS distance of exact image points from those of the refined cameras after intersection;
 *lost* is the share of the right tie measurements that were left out, of points without a blunder.
@@ -24,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pages import put_between
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
@@ -39,6 +42,7 @@ from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationE
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
 from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
 POINTING_PX = (5.0, 15.0, 50.0, 100.0)
 FRAME_PX, OVERLAP, LOOKS = (800, 600), 0.4, 2
 
@@ -85,20 +89,38 @@ def judge_strip(simulated: BlockSimulation, model: str) -> dict[str, Any]:
     }
 
 
+class Table:
+    """Lines that are printed, and with ``--docs`` stand in the page between the marks of a name."""
+
+    def __init__(self, name: str, columns: str) -> None:
+        self.name, self.lines = name, [columns, "|" + "---|" * (columns.count("|") - 1)]
+        print("\n".join(self.lines), flush=True)
+
+    def add_row(self, row: str) -> None:
+        """Print a row, and write the table so far."""
+        self.lines.append(row)
+        print(row, flush=True)
+        if "--docs" in sys.argv:
+            put_between(PAGE, self.name, "\n".join(self.lines))
+
+
 def print_strips(count: int) -> None:
     """Print a row for each pointing error and model: the worst of its strips."""
-    print("| pointing px, model | strips | worst relative px | most lost | not converged | singular | CPU s a frame |")
-    print("|---|---|---|---|---|---|---|")
+    table = Table(
+        "strips",
+        "| pointing px, model | strips | worst relative px | right ties lost, most | not converged | singular "
+        "| CPU s a frame |",
+    )
     sizes = np.linspace(4, 40, count).astype(int) // LOOKS * LOOKS
     for pointing in POINTING_PX:
+        strips = [simulate_strip(int(frames), pointing, 100 + k) for k, frames in enumerate(sizes)]
         for model in ("auto", "shift"):
-            rows = [judge_strip(simulate_strip(int(n), pointing, 100 + k), model) for k, n in enumerate(sizes)]
+            rows = [judge_strip(strip, model) for strip in strips]
             good = [row for row in rows if "error" not in row]
-            print(
+            table.add_row(
                 f"| {pointing:.0f}, {model} | {len(rows)} | {max(row['relative_px'] for row in good):.3f} | "
                 f"{max(row['lost'] for row in good):.2%} | {sum(not row['converged'] for row in good)} | "
-                f"{len(rows) - len(good)} | {sum(r['seconds'] for r in good) / sum(r['images'] for r in good):.3f} |",
-                flush=True,
+                f"{len(rows) - len(good)} | {sum(r['seconds'] for r in good) / sum(r['images'] for r in good):.3f} |"
             )
 
 
@@ -146,8 +168,8 @@ def make_frame(lon: float, lat: float, tilt: float, half_px: np.ndarray, gsd: fl
 
 def print_runs(folders: list[str]) -> None:
     """Print what the whole command makes of the blocks of folders, or of numbers of frames."""
-    print("| block, model | observations | px before | px after | iterations | converged | verdict | CPU s | s |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    columns = "| block, model | observations | px before | px after | iterations | converged | verdict | CPU s | s |"
+    printed = Table("frames", columns)
     with tempfile.TemporaryDirectory() as name:
         for source in folders:
             folder = Path(name) / Path(source).name
@@ -160,7 +182,8 @@ def print_runs(folders: list[str]) -> None:
                 (folder / "ties.csv").write_bytes(gzip.decompress(table.read_bytes()))
             for model in ("shift", "affine", "auto"):
                 rpcs = sorted([*folder.glob("*_RPC.TXT"), *folder.glob("*.rpc")])
-                print(f"| {folder.name}, {model} | {describe_run(folder, rpcs, model)}", flush=True)
+                title = f"{len(rpcs)} simulated frames" if source.isdigit() else folder.name.replace("_", " ")
+                printed.add_row(f"| {title}, {model} | {describe_run(folder, rpcs, model)}")
 
 
 def describe_run(folder: Path, rpcs: list[Path], model: str) -> str:
@@ -185,4 +208,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "strips":
         print_strips(int(sys.argv[2]))
     else:
-        print_runs(sys.argv[1:])
+        print_runs([word for word in sys.argv[1:] if word != "--docs"])
