@@ -1,6 +1,7 @@
-"""Blocks of small frames: simulated strips that point badly, real ones of SkySat, and a thousand frames.
+"""Images that share an exposure or a pass: strips of frames that point badly, SkySat, a thousand frames, PAN and MS.
 
     frames.py strips COUNT        strips of 4 to 40 frames whose RPCs point to 5, 15, 50 and 100 px
+    frames.py bands COUNT         so many stereo pairs of PAN images, alone and with their MS images
     frames.py FOLDER|COUNT …      the whole command on real RPCs (*.rpc) and tie points (image_points.csv.gz) of a
                                   folder, or on so many simulated frames of 2560 x 1080 px with 300 ties each
 
@@ -9,6 +10,9 @@ With ``--docs`` a table goes to docs/large_blocks.md as it grows.
 A strip is seen by two looks of one orbit; neighbours overlap by 40 %, their rays are parallel to a few thousandths of a
 degree. *Relative* is the RMS distance of exact image points from those of the refined cameras after intersection;
 *lost* is the share of the right tie measurements that were left out, of points without a blunder.
+
+PAN and MS of an exposure are taken by one physical camera with pixels of two sizes, disturbed by one error; their RPCs
+are fitted by themselves. *Inside* are the shares of the true errors of tie points inside the CE90 and LE90 of the area.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +34,21 @@ import numpy as np
 from pages import put_between
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment import Decision
+from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.adjustment.intersection import compute_image_residuals, intersect_points
 from hrsi.hrsi_engine.adjustment.observations import select_points
-from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.exposures import join_exposures
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rpc_files.write import write_rpc_text
+from hrsi.hrsi_engine.laboratory.simulation import PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
 from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
+from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
@@ -124,6 +133,114 @@ def print_strips(count: int) -> None:
             )
 
 
+PAN_PX, MS_PIXEL, CENTRE, RELIEF_M = 8000, 4, np.array([5.45, 43.53, 250.0]), 200.0
+#: Points measured on both PANs, on both MS, on one exposure's PAN and MS only; the first are also on the MS, by halves.
+ON_PANS, ON_BANDS, ON_ONE_EXPOSURE, CHECKS = 200, 150, 30, 60
+
+
+@cache
+def make_exposures() -> list[tuple[PushbroomCamera, Image]]:
+    """Return cameras and images: both PANs, then both MS."""
+    pan = SENSORS["pleiades"]
+    found = []
+    for band, pixel in (("PAN", 1), ("MS", MS_PIXEL)):
+        sensor = replace(pan, gsd_m=pan.gsd_m * pixel, line_rate_hz=pan.line_rate_hz / pixel)
+        size = (PAN_PX // pixel, PAN_PX // pixel)
+        for number, angle in enumerate((12.0, -12.0)):
+            camera = aim_camera(sensor, size, CENTRE, angle)
+            rpc = fit_camera(camera, (CENTRE[2] - RELIEF_M, CENTRE[2] + RELIEF_M)).rpc
+            found.append((camera, Image(f"{band}_{number}", make_accuracy_statement(rpc, camera, pan.accuracy, 1.0))))
+    return [(camera, replace(image, size=camera.size)) for camera, image in found]
+
+
+def judge_bands(seed: int, gcps: int) -> dict[str, list[float]]:
+    """Adjust a pair's PANs alone, with MS that have points, and with MS that have none; return figures of each."""
+    rng, exposures = np.random.default_rng([seed, gcps]), make_exposures()
+    counts = [gcps, CHECKS, ON_PANS, ON_BANDS, ON_ONE_EXPOSURE]
+    kind = np.repeat(np.arange(5), counts)
+    reach = 0.46 * PAN_PX * SENSORS["pleiades"].gsd_m
+    offset = np.column_stack([rng.uniform(-reach, reach, (len(kind), 2)), rng.uniform(-0.5, 0.5, len(kind)) * RELIEF_M])
+    truth = move_ground(np.tile(CENTRE, (len(kind), 1)), offset)
+    ids = np.array([f"{name}{number:04d}" for number, name in enumerate(np.array([*"GCPBQ"])[kind])])
+    errors = [SENSORS["pleiades"].accuracy.draw(rng) for _ in range(2)]
+    cameras = [camera.disturb(errors[index % 2]) for index, (camera, _) in enumerate(exposures)]
+    tables = []
+    for index, (camera, (_, image)) in enumerate(zip(cameras, exposures, strict=True)):
+        of_pan = index < 2
+        seen = (kind < 3) | ((kind == 4) & (index % 2 == 0)) if of_pan else (kind > 2) | (np.arange(len(kind)) % 2 == 0)
+        seen &= (kind != 4) | (index % 2 == 0)
+        xy = camera.ground_to_image(truth[seen]) + rng.normal(0.0, 0.3, (int(seen.sum()), 2))
+        tables.append(ImagePoints.create(ids[seen], np.full(int(seen.sum()), image.id), xy, 0.3))
+    known, sigma = kind < 2, np.array([0.1, 0.1, 0.15])
+    role = np.where(kind[known] == 0, int(Role.GCP), int(Role.CHECK))
+    surveyed = move_ground(truth[known], rng.normal(0.0, 1.0, (int(known.sum()), 3)) * sigma)
+    given = [GroundPoints.create(ids[known], surveyed, role, np.tile(sigma[[0, 2]], (len(surveyed), 1)))]
+    images = [image for _, image in exposures]
+    place = dict(zip(ids.tolist(), truth, strict=True))
+    found = {}
+    for title, chosen, rows in (
+        ("PAN alone", images[:2], tables[:2]), ("PAN + MS", images, tables), ("MS without points", images, tables[:2]),
+    ):  # fmt: skip
+        result = adjust(assemble(join_exposures(chosen), given, rows))
+        ties = np.char.startswith(result.block.points.ids.astype(str), "P")  # on both PANs
+        true = np.array([place[name] for name in result.block.points.ids[ties].tolist()])
+        error = ground_difference_m(true, result.ground[ties])
+        ce90, le90 = result.parts[0].ce90_m or np.nan, result.parts[0].le90_m or np.nan
+        inside = np.mean(np.hypot(*error[:, :2].T) <= ce90), np.mean(np.abs(error[:, 2]) <= le90)
+        apart = [off_camera_px(result, cameras, true[:50])[k] for k in range(2)]
+        found[title] = [ce90, le90, *np.sqrt(np.mean(error**2, axis=0)), *inside, *apart]
+    return found
+
+
+def off_camera_px(result: Adjustment, cameras: list[PushbroomCamera], ground: np.ndarray) -> tuple[float, float]:
+    """Return how far refined MS are from refined PANs (largest), and from their sensors (RMS), px of the MS.
+
+    The second is without what the block's position has in common: exact image points of both MS are intersected.
+    """
+    images = result.block.images
+    if len(images) < len(cameras):
+        return np.nan, np.nan
+    seen = [
+        result.model.compute_refined_rpc(image, values).rpc.project(ground)
+        for image, values in zip(images, result.values, strict=True)
+    ]
+    edge = (MS_PIXEL - 1) / 2.0
+    of_pan = max(float(np.hypot(*((seen[k] - edge) / MS_PIXEL - seen[k + 2]).T).max()) for k in range(2))
+    ids, exact = np.array([f"E{k:03d}" for k in range(len(ground))]), [one.ground_to_image(ground) for one in cameras]
+    rows = [
+        ImagePoints.create(ids, np.full(len(ids), image.id), xy, 1.0)
+        for image, xy in zip(images[2:], exact[2:], strict=True)
+    ]
+    block = assemble(images, [], rows)
+    observations = select_points(block, np.ones(len(ids), dtype=bool))
+    placed = intersect_points(observations, result.model, result.values, ground)
+    apart = compute_image_residuals(observations, result.model, result.values, placed)
+    return of_pan, float(np.sqrt((apart**2).sum(axis=1).mean()))
+
+
+def print_bands(count: int) -> None:
+    """Print a row for each number of GCPs and choice of images."""
+    print(
+        "| GCPs, images | pairs | CE90 m | LE90 m | RMSE east, north, height m | inside CE90, LE90 | MS off PAN px",
+        end="",
+    )
+    print(" | MS off MS px |\n|---|---|---|---|---|---|---|---|")
+    for gcps in (0, 6):
+        rows = [judge_bands(seed, gcps) for seed in range(count)]
+        for title in rows[0]:
+            every = np.array([row[title] for row in rows])
+            ce90, le90 = every[:, :2].mean(axis=0)
+            rmse, inside = np.sqrt(np.mean(every[:, 2:5] ** 2, axis=0)), every[:, 5:7]
+            share, error = inside.mean(axis=0), inside.std(axis=0) / np.sqrt(count)
+            print(
+                f"| {gcps}, {title} | {count} | {ce90:.3f} | {le90:.3f} | "
+                f"{', '.join(f'{value:.3f}' for value in rmse)} | "
+                f"{share[0]:.1%} ± {error[0]:.1%}, {share[1]:.1%} ± {error[1]:.1%} | "
+                f"{every[:, 7].max():.1e} | {np.sqrt(np.mean(every[:, 8] ** 2)):.3f} |",
+                flush=True,
+            )
+
+
 def write_frames(folder: Path, count: int, per_frame: int = 300, pointing_px: float = 20.0, seed: int = 1) -> None:
     """Write RPC files of frames of 2560 x 1080 px in two looks, ten strips side by side, and their tie points."""
     rng, gsd, half_px = np.random.default_rng(seed), 0.8, np.array([1280.0, 540.0])
@@ -205,7 +322,7 @@ def describe_run(folder: Path, rpcs: list[Path], model: str) -> str:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "strips":
-        print_strips(int(sys.argv[2]))
+    if sys.argv[1] in ("strips", "bands"):
+        {"strips": print_strips, "bands": print_bands}[sys.argv[1]](int(sys.argv[2]))
     else:
         print_runs([word for word in sys.argv[1:] if word != "--docs"])

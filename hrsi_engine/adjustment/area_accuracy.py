@@ -7,7 +7,8 @@ GCP. With the cofactors Q of its adjusted position and the weights P of its surv
     (Q^-1 - P)^-1
 
 A GCP on one image keeps its surveyed height there, and predicts no height. Points on nearly parallel rays are counted
-and left out: how well they are known says nothing of the area.
+and left out: how well they are known says nothing of the area. So are points that only coarser bands of exposures see
+(multispectral ones), where others are on the panchromatic images: their noise is that of larger pixels.
 """
 
 from __future__ import annotations
@@ -37,12 +38,16 @@ def describe_parts(
     observations = problem.observations
     known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
     parallel = known & _find_parallel_rays(problem, solution, precise)
+    finest = np.array([image.camera_pixel == 1.0 for image in observations.images])
+    on_finest = observations.count_rays((solution.weight > 0.0) & finest[observations.image]) > 1
     first_image, located = observations.image[observations.first[:-1]], observations.located
     ties = observations.contributing_points & ~located
     ids, parts = problem.block.points.ids[observations.points], []
     for part in problem.parts:
         here = known & np.isin(first_image, part.images)
         candidates = next((one for one in (here & ties, here & ~located) if one.any()), here)
+        if not finest.all() and (candidates & on_finest).any():
+            candidates &= on_finest
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
         chosen = np.flatnonzero(candidates & ~left_out)
         used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen
@@ -70,7 +75,7 @@ def predict_without_surveys(problem: Problem, solution: Solution, precise: Preci
     """
     observations = problem.observations
     gcps = np.flatnonzero(observations.surveyed)
-    rays = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64)[gcps]
+    rays = observations.count_rays(solution.weight > 0.0)[gcps]
     cofactors = precise.points.copy()
     cofactors[gcps] = _remove_surveys(solution, precise.points[gcps], gcps, rays < 2)
     single = gcps[rays < 2]
@@ -97,7 +102,7 @@ def _find_parallel_rays(problem: Problem, solution: Solution, precise: Precision
     observations = problem.observations
     by_rays = solution.normals.inverse.copy()
     gcps = np.flatnonzero(observations.surveyed)
-    single = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) < 2
+    single = observations.count_rays(solution.weight > 0.0) < 2
     by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
     longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
     by_rays = np.nan_to_num(by_rays)

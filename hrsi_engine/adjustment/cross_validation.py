@@ -27,7 +27,7 @@ def cross_validate(
     observations = problem.observations
     chosen = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))
     error = np.full((len(chosen), 3), np.nan)
-    rays = np.add.reduceat(solution.weighting.image > 0.0, observations.first[:-1], dtype=np.int64)
+    rays = observations.count_rays(solution.weighting.image > 0.0)
     for number, point in enumerate(chosen.tolist()):
         advance(progress, number / len(chosen), "cross-validation")
         left = survey_weight.copy()

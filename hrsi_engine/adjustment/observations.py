@@ -117,7 +117,7 @@ class Observations:
         Tiles and bands of one exposure see a point by one ray.
         """
         exposure = number_exposures(self.images)
-        if exposure is None:
+        if exposure.max(initial=-1) + 1 == len(exposure):
             return np.add.reduceat(used, self.first[:-1], dtype=np.int64)
         rays = np.unique(np.column_stack([self.point, exposure[self.image]])[used], axis=0)
         return np.bincount(rays[:, 0], minlength=len(self.points))

@@ -200,8 +200,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     for group in options.sensor_images:
         _find_images(block, group, "a group of images of one sensor")
     observations = select_observations(block, options.check_as_ties, options.reference)
-    camera_of_image = _number_cameras(block, options.shared_images)
-    observations = replace(observations, camera_of_image=camera_of_image)
+    observations = replace(observations, camera_of_image=_number_cameras(block, options.shared_images))
     if not observations.count:
         raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
     earlier = None if options.earlier is None else JointPrior.select_cameras(options.earlier, observations)
@@ -212,10 +211,9 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         guessed |= camera.drifts
     prior_weight, usual_drift = _weigh_priors(observations, model, guessed, parts, options)
     if values is None and earlier is None and model.parameters:
-        shift = MODELS["shift"]
-        shift_weight, _ = _weigh_priors(observations, shift, np.zeros(2, dtype=bool), parts, options)
-        p = len(model.parameters)
-        start = align_images(observations, model, shift_weight, prior_weight[:, :p], options.threads)
+        shift_weight, _ = _weigh_priors(observations, MODELS["shift"], np.zeros(2, dtype=bool), parts, options)
+        weight = prior_weight[:, : len(model.parameters)]
+        start = align_images(observations, model, shift_weight, weight, options.threads)
     else:
         start = _set_start_values(observations, model, values, earlier)
     fixed = form_point_equations(observations, model, options.threads)

@@ -256,6 +256,11 @@ class Block:
         """Mask of the points whose ground position was surveyed: GCPs and check points."""
         return (self.points.role == Role.GCP) | (self.points.role == Role.CHECK)
 
+    @property
+    def exposure_of_image(self) -> np.ndarray:
+        """Number of each image's exposure, ``(images,)``: tiles and bands of one have the same."""
+        return number_exposures(self.images)
+
     def rays_per_point(self) -> np.ndarray:
         """Return the number of different exposures on which each point was measured.
 
@@ -267,8 +272,8 @@ class Block:
             Numbers of exposures; of images, where each is an exposure of its own.
         """
         point, image = self.measurements.point, self.measurements.image  # sorted by point, then by image
-        exposure = number_exposures(self.images)
-        if exposure is not None:
+        exposure = self.exposure_of_image
+        if exposure.max(initial=-1) + 1 < len(exposure):
             point, image = np.unique(np.column_stack([point, exposure[image]]), axis=0).T
         another = np.ones(len(point), dtype=bool)
         another[1:] = (point[1:] != point[:-1]) | (image[1:] != image[:-1])
@@ -350,14 +355,14 @@ def find_image_indices(rows: ImagePoints, images: Sequence[Image]) -> np.ndarray
     return np.array([position[str(name)] for name in measured], dtype=np.int64)[inverse]
 
 
-def number_exposures(images: Sequence[Image]) -> np.ndarray | None:
-    """Return the number of each image's exposure ``(images,)``; None where no two images are of one."""
+def number_exposures(images: Sequence[Image]) -> np.ndarray:
+    """Return the number of each image's exposure, from 0 on, ``(images,)``."""
     number: dict[str | int, int] = {}
     found = [
         number.setdefault(index if image.tile is None else image.tile.scene, len(number))
         for index, image in enumerate(images)
     ]
-    return None if len(number) == len(found) else np.array(found)
+    return np.array(found, dtype=np.int64)
 
 
 def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) -> list[list[str]]:

@@ -130,6 +130,7 @@ def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) 
             for fine in finer
             for band in members
             if fine not in members and least_pixel * gsd[fine] <= gsd[band]
+            if least_pixel == 0.0 or _may_be_one_exposure(images[fine], images[band])
             if (relation := _relate_band(joined, fine, band)) is not None
         ]
         if not found:
@@ -164,8 +165,6 @@ def _find_scene(image: Image) -> Tile:
 def _relate_band(images: Sequence[Image], fine: int, band: int) -> _Relation | None:
     """Return where a band lies in the scene of a finer image, None where it is none of that exposure."""
     one, other = images[fine], images[band]
-    if not _may_be_one_exposure(one, other):
-        return None
     heights = np.repeat(np.linspace(*one.rpc.height_range, 3), BANDS.nodes**2)
     xy = np.tile(one.grid_px(BANDS.nodes, BANDS.nodes), (3, 1))
     ground, converged = one.rpc.localize(xy, heights)

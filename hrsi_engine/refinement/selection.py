@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special  # not scipy.stats, which takes a quarter of a second to load
 
-from ..block.block import Block, Image, Role, number_exposures
+from ..block.block import Block, Image, Role
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
@@ -155,8 +155,7 @@ def _can_follow_drift(block: Block) -> bool:
     rays, known = block.rays_per_point(), block.points.role == Role.GCP
     holds = ((rays >= 2) & (block.points.role == Role.TIE)) | (known & (rays >= 1))
     used = holds[rows.point]
-    shared = number_exposures(block.images)
-    exposure = np.arange(len(block.images)) if shared is None else shared
+    exposure = block.exposure_of_image
     per_exposure = np.bincount(exposure[rows.image[used]], minlength=exposure.max() + 1)
     observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
     unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(per_exposure)

@@ -14,7 +14,7 @@ import numpy as np
 from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.block.exposures import join_exposures
+from ...hrsi_engine.block.exposures import join_exposures, join_named_bands
 from ...hrsi_engine.block.names import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -98,8 +98,9 @@ def _observe_cameras(record: BlockRecord) -> EarlierBlock:
     joint = read_joint_arrays(read_cameras(record.folder), source)
     if set(joint.images) != {one.id for one in record.images}:
         raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
-    images = _open_images(record)
-    return EarlierBlock(images, model=record.model, joint=joint)
+    cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
+    images = join_named_bands(_open_images(record), [[joint.images[k] for k in members] for members in cameras])
+    return EarlierBlock(tuple(images), model=record.model, joint=joint)
 
 
 def _rename_conflicts(

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import sparse
 
-from ...block.block import Role, number_exposures
+from ...block.block import Role
 from ...block.stack import stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
@@ -98,8 +98,7 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for images without any point, and for images with few tie points and no GCP."""
     result, block = evidence.result, evidence.result.block
     used = evidence.adjusting
-    exposure = number_exposures(block.images)  # what holds one of its images holds all
-    exposure = np.arange(len(block.images)) if exposure is None else exposure
+    exposure = block.exposure_of_image  # what holds one of its images holds all
     count, control = (
         np.bincount(exposure[block.measurements.image[chosen]], minlength=len(block.images))[exposure]
         for chosen in (used, used & evidence.is_role(Role.GCP))
@@ -161,7 +160,7 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
     ground = stack_of(block.images).localize(which, places.reshape(-1, 2), heights[which])
     cameras = result.cameras
     at = linearise_images(cameras.model, block.images, which, places.reshape(-1, 2), cameras.values, ground)
-    by_values = at.by_values.reshape(len(measured), 10, -1)  # sample and line of five places
+    by_values = at.by_values.reshape(len(measured), 10, at.by_values.shape[2])  # sample and line of five places
     variances = np.sum((by_values @ cameras.covariance[measured]) * by_values, axis=2).reshape(-1, 5, 2).max(axis=2)
     variances = np.maximum(variances, 0.0)
     beyond[measured] = np.sqrt(np.maximum(variances[:, 1:].max(axis=1) - variances[:, 0], 0.0))
