@@ -34,13 +34,14 @@ from hrsi.hrsi_engine.adjustment.statistics.precision import LINE_90, predict_ac
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, PushbroomCamera, aim_camera, fit_camera
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
 JUDGED = 1000  # the first seed of those that judge
 CHECKS, TIES = 60, 200
 NOISE_PX = 0.3
+PASS_IDS = "20200101_120000_ssc1d2_{:04d}"  # of frames: their names tell that they are of one pass
 PATCH_PX = 300.0  # of points that err alike
 SURVEY_M = (0.1, 0.1, 0.15)
 CENTRE = (5.45, 43.53, 250.0)
@@ -67,6 +68,7 @@ class Configuration:
         a noise that is then as large; 0: points err by themselves
     image_stated : what the file says of the image points' standard deviations of ties, over the truth
     hand_stated : the same of the image points of GCPs and check points
+    own_share : of each image's pointing error, the rest of which all share: frames of one pass, by their names
     """
 
     sensor: str
@@ -84,6 +86,7 @@ class Configuration:
     alike_px: float = field(default=0.0, repr=False)
     image_stated: float = field(default=1.0, repr=False)
     hand_stated: float = field(default=1.0, repr=False)
+    own_share: float = field(default=1.0, repr=False)
 
 
 TWO, THREE, NARROW = (12.0, -12.0), (15.0, 0.0, -15.0), (2.0, -2.0)
@@ -119,6 +122,12 @@ CONFIGURATIONS = {
         "pleiades", NARROW, 0, 4000, ties=2000, alike_px=0.1
     ),
     "WorldView-2, 3 images, 0 GCPs, ties err alike": Configuration("worldview-2", THREE, 0, ties=2000, alike_px=0.1),
+}
+CONFIGURATIONS |= {
+    f"{count} frames of one pass, 0 GCPs": Configuration(
+        "worldview-2", tuple(np.linspace(reach, -reach, count).tolist()), 0, 3000, own_share=0.1
+    )
+    for count, reach in ((3, 12.0), (6, 10.0))
 }
 CONFIGURATIONS |= {
     f"WorldView-2, {len(angles)} images, {gcps} GCPs {times} x worse than stated": Configuration(
@@ -172,8 +181,14 @@ def simulate(kind: Configuration, seed: int) -> tuple[Block, np.ndarray]:
     noise = (kind.alike_px or NOISE_PX) * np.where(np.arange(total) < known, kind.image_stated / kind.hand_stated, 1.0)
     tables = []
     accuracy = SENSORS[kind.sensor].accuracy
+    common = None
+    if kind.own_share < 1.0:
+        common = accuracy.draw(rng)
+        taken = [(camera, replace(image, id=PASS_IDS.format(n))) for n, (camera, image) in enumerate(taken, 1)]
     for camera, image in taken:
         error = accuracy.draw(rng)
+        if common is not None:
+            error = _mix(common, error, kind.own_share)
         drift = kind.sensor_drift
         error = replace(
             error,
@@ -196,6 +211,14 @@ def simulate(kind: Configuration, seed: int) -> tuple[Block, np.ndarray]:
     block = assemble([image for _, image in taken], [given], tables)
     place = {name: number for number, name in enumerate(ids)}
     return block, truth[[place[str(name)] for name in block.points.ids]]
+
+
+def _mix(common: OrientationError, own: OrientationError, share: float) -> OrientationError:
+    """Return an error of the same variance, of which a share is an image's own."""
+    rest = np.sqrt(1.0 - share**2)
+    names = ("position_m", "position_drift_m", "attitude_rad", "attitude_drift_rad")
+    mixed = {name: rest * np.array(getattr(common, name)) + share * np.array(getattr(own, name)) for name in names}
+    return replace(common, **{name: tuple(value.tolist()) for name, value in mixed.items()})
 
 
 def _spread(rng: np.random.Generator, count: int, reach: float) -> np.ndarray:

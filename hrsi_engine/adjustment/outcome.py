@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..block.exposures import find_passes
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
@@ -29,7 +30,7 @@ from .result import (
     VarianceComponent,
 )
 from .statistics.precision import Precision, compute_deletion_tests
-from .statistics.shared_shifts import propagate_shifts
+from .statistics.shared_shifts import SharedErrors, propagate_pointing, propagate_shifts
 from .weak_geometry import RAY_GEOMETRY
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
@@ -95,8 +96,8 @@ def assemble_adjustment(
     # check points ride along; a point that lost its measurements has no position
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     alike = _count_points_alike(problem, loop)
-    shifts = _propagate_operation_shifts(problem, loop, solution)
-    scaled = _scale_covariances(problem, found, solution, precise, cameras, sums.sigma0, alike, placed, shifts)
+    shared = _propagate_shared_errors(problem, loop, solution)
+    scaled = _scale_covariances(problem, found, solution, precise, cameras, sums.sigma0, alike, placed, shared)
     factor = scaled.image_factor
     parts = describe_parts(problem, solution, precise, scaled.without_surveys, prior_share, scaled.widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
@@ -140,7 +141,7 @@ def assemble_adjustment(
         survey_factors=(horizontal, height, correlated),
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
-        operation_shifts_m=shifts,
+        shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared.shifts),
     )
 
 
@@ -163,7 +164,7 @@ class _Covariances(NamedTuple):
 
 def _scale_covariances(
     problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
-    sigma0: float, alike: np.ndarray, placed: np.ndarray, shifts: np.ndarray | None,
+    sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: SharedErrors | None,
 ) -> _Covariances:  # fmt: skip
     """Return the one set of covariances from which sigmas, ellipses, predictions and the headline follow."""
     observations = problem.observations
@@ -175,11 +176,16 @@ def _scale_covariances(
     squares, freedom = found.left_out_surveys
     stated = RESULT_WARNINGS.of_prediction
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
-    expanded = _expand_rows(len(problem.block.points), observations.points, covariance)
-    variance = expanded.diagonal(axis1=1, axis2=2)
-    if shifts is not None:
-        own = shifts[observations.points]
-        others, variance = others + own @ own.swapaxes(1, 2), variance + np.sum(shifts**2, axis=2)
+    of_shifts = np.zeros_like(covariance)
+    if shared is not None:
+        covariance, others = covariance - shared.excess, others - shared.excess
+        of_shifts = shared.shifts @ shared.shifts.swapaxes(1, 2)
+        others = others + of_shifts
+    expanded, with_shifts = (
+        _expand_rows(len(problem.block.points), observations.points, one)
+        for one in (covariance, covariance + of_shifts)
+    )
+    variance = with_shifts.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):
         return _Covariances(expanded, np.sqrt(variance), others, factor * alike, float(widened))
 
@@ -201,14 +207,38 @@ def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
     return alike[problem.observations.camera_of_image]
 
 
-def _propagate_operation_shifts(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
-    """Return by how much the errors of the GCPs' coordinate operations move each point of the block, None without."""
-    observations, block = problem.observations, problem.block
-    of_surveys = block.points.operation_shifts_m(observations.points)
-    if not of_surveys[observations.surveyed].any():
-        return None
-    moved = propagate_shifts(loop, solution, observations.surveyed, of_surveys)
-    return _expand_rows(len(block.points), observations.points, moved)
+def _propagate_shared_errors(problem: Problem, loop: GaussNewton, solution: Solution) -> SharedErrors | None:
+    """Return what errors of coordinate operations and of the pointing of passes do, None without any."""
+    observations = problem.observations
+    of_surveys = problem.block.points.operation_shifts_m(observations.points)
+    moved, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
+    if of_surveys[observations.surveyed].any():
+        moved = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
+    with np.errstate(divide="ignore"):
+        sigma = 1.0 / np.sqrt(problem.prior_weight)
+    for cameras in _find_cameras_of_passes(problem):
+        pointing = np.flatnonzero(~problem.camera.drifts)
+        shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
+        moved.append(shifts)
+        excess += too_much
+    shared = SharedErrors(np.concatenate(moved, axis=2), excess)
+    return shared if shared.shifts.any() else None
+
+
+def _find_cameras_of_passes(problem: Problem) -> list[np.ndarray]:
+    """Return the cameras of each pass that has several, where only what is believed of its pointing holds them."""
+    observations = problem.observations
+    believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
+    for part in problem.parts:
+        if part.gcps or part.places:
+            believed[observations.camera_of_image[part.images]] = False
+    found = []
+    for images in find_passes(observations.images):
+        cameras = np.unique(observations.camera_of_image[images])
+        cameras = cameras[believed[cameras]]
+        believed[cameras] = False  # tiles of one camera may begin at different seconds
+        found += [cameras] if len(cameras) > 1 else []
+    return found
 
 
 def _join_cameras(

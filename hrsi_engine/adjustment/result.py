@@ -319,9 +319,10 @@ class Adjustment:
         Why the model is what it is, where a rule chose it.
     joint : JointCameras or None
         What is known of the cameras together, for a block that others join.
-    operation_shifts_m : (points, 3, errors) ndarray or None
-        East, north and up by which one standard deviation of each shared error of the GCPs' coordinate operations
-        moves a position; ``ground_sigma_m`` has them, ``ground_covariance_m2`` does not. None without any.
+    shared_shifts_m : (points, 3, errors) ndarray or None
+        East, north and up by which one standard deviation of each error that many positions share moves each of them:
+        those of the GCPs' coordinate operations, then those of the pointing of passes; ``ground_sigma_m`` has them,
+        ``ground_covariance_m2`` does not. None without any.
     """
 
     block: Block
@@ -362,7 +363,7 @@ class Adjustment:
     survey_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     choice: ModelChoice | None = None
     joint: JointCameras | None = None
-    operation_shifts_m: np.ndarray | None = None
+    shared_shifts_m: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return (
@@ -423,9 +424,10 @@ class Adjustment:
             Of east, north and height in square metres, without the surveys' own.
         """
         covariance = self.ground_covariance_m2[points]
-        if self.operation_shifts_m is None:
+        if self.shared_shifts_m is None:
             return covariance
-        seen = self.operation_shifts_m[points] - self.block.points.operation_shifts_m(points)
+        seen, own = self.shared_shifts_m[points], self.block.points.operation_shifts_m(points)
+        seen[:, :, : own.shape[2]] -= own
         return np.asarray(covariance + seen @ seen.swapaxes(1, 2))
 
     def _has_sigmas_of_gcps(self, covariance: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ import numpy as np
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from .block import Image, Tile
-from .pointing import compute_gsds_m
+from .pointing import compute_gsds_m, find_image_sensor
 from .strips import STRIP, place_parts
 
 #: Number of a part at the end of a product's name, and the time before it, which differs from part to part.
@@ -31,6 +31,9 @@ _PART = re.compile(r"[_-][RP]\d{1,3}(?:C\d{1,3})?$", re.IGNORECASE)
 _TIME = re.compile(r"\d{2}[A-Z]{3}\d{8}|\d{14}", re.IGNORECASE)
 #: Catalogue number of an exposure in names of DigitalGlobe and Maxar.
 _CATALOGUE = re.compile(r"(?<![0-9A-F])10[1-9A-F]00[0-9A-F]{11}(?![0-9A-F])")
+
+#: Second in which a pass began, in the names of its frames.
+_PASS = re.compile(r"(?<!\d)\d{8}[_T]?\d{6}(?!\d)")
 
 
 @thresholds
@@ -211,3 +214,17 @@ def _read_time_in_name(name: str) -> datetime | None:
             with suppress(ValueError):
                 return datetime.strptime(found, form)
     return None
+
+
+def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
+    """Return the numbers of the images of each pass: of one sensor, and begun at one second by their names.
+
+    Frames and detectors of a pass are numbered; they share the errors of the orbit and of the attitude.
+    """
+    found: dict[tuple[str, ...], list[int]] = {}
+    for index, image in enumerate(images):
+        time, sensor = _PASS.search(image.id), find_image_sensor(image)
+        if time is not None and sensor is not None:
+            key = sensor.title, re.sub(r"\D", "", time.group()), *_CATALOGUE.findall(image.id.upper())
+            found.setdefault(key, []).append(index)
+    return [np.array(numbers) for numbers in found.values() if len(numbers) > 1]

@@ -22,9 +22,10 @@ def find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None
     None without check points or such errors.
     """
     check = np.flatnonzero(result.block.points.role == Role.CHECK)
-    if result.operation_shifts_m is None or not len(check):
+    if result.shared_shifts_m is None or not len(check):
         return None
-    shifts_m, own_m = result.operation_shifts_m[check], result.block.points.operation_shifts_m(check)
+    own_m = result.block.points.operation_shifts_m(check)
+    shifts_m = result.shared_shifts_m[check][:, :, : own_m.shape[2]]
     hidden = np.sum(shifts_m**2 - (shifts_m - own_m) ** 2, axis=2)
     east, north, height = np.sqrt(np.maximum(np.nanmean(hidden, axis=0), 0.0)).tolist()
     return errors_90(east, north, height) if max(east, north, height) > 0.0 else None

@@ -81,12 +81,12 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     flat = by_values.reshape(len(chosen), 2 * ACCURACY_GRID.nodes**2, -1)
     squares = np.sum((flat @ covariance) * flat, axis=(1, 2)) + np.sum(drift_m**2, axis=(1, 2))
     total = 0.5 * squares / ACCURACY_GRID.nodes**2
-    # What the GCPs' coordinate operations may be off by shifts an image as a whole, at a given height
-    if result.operation_shifts_m is not None:
+    # What coordinate operations and the pointing of a pass may be off by shifts an image as a whole, at a given height
+    if result.shared_shifts_m is not None:
         at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
         shift_m = at_height @ _compute_image_shifts_m(result, np.arange(part.start, part.stop)[known])
-        operations = 0.5 * np.sum(shift_m**2, axis=(1, 2))
-        shared, total = shared + operations, total + operations
+        squares = 0.5 * np.sum(shift_m**2, axis=(1, 2))
+        shared, total = shared + squares, total + squares
     total[~np.isfinite(total)] = np.nan
     bias[known] = np.sqrt(np.maximum(shared, 0.0))
     rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
@@ -94,8 +94,8 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
 
 
 def _compute_image_shifts_m(result: Adjustment, images: np.ndarray) -> np.ndarray:
-    """Return the mean shift ``(k, 3, e)`` of the points on each of some images by the errors of operations."""
-    shifts_m = result.operation_shifts_m if result.operation_shifts_m is not None else np.zeros((0, 3, 0))
+    """Return the mean shift ``(k, 3, e)`` of the points on each of some images by the errors that they share."""
+    shifts_m = result.shared_shifts_m if result.shared_shifts_m is not None else np.zeros((0, 3, 0))
     rows = result.block.measurements
     mean = np.zeros((len(images), *shifts_m.shape[1:]))
     for place, image in enumerate(images.tolist()):

@@ -100,7 +100,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         status="converged" if converged else "stopped at the iteration limit",
         history=(), solves=0, findings=(), variance_components=(), parts=(), cross_validation=None,
         warnings=tuple(warning for found in refinements for warning in found.warnings),
-        operation_shifts_m=_operation_shifts(block),
+        shared_shifts_m=_operation_shifts(block),
     )  # fmt: skip
 
 

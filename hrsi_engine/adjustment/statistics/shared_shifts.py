@@ -1,4 +1,4 @@
-"""How far the error of a coordinate operation, which all GCPs that it converted share, moves an adjusted block.
+"""How far errors that many observations share move an adjusted block: of a coordinate operation, of a pass's pointing.
 
 The unknown shifts d of the operations, with the covariance D of their stated accuracies, are no unknowns of the
 adjustment: most often nothing but the GCPs tells where the block lies, and then they cannot be estimated. They are
@@ -13,14 +13,34 @@ the identity at their operation: where the GCPs alone hold the block, G = E, and
 G follows from the normal equations at the solution: the GCPs' positions are moved by one standard deviation, and the
 step that this causes is solved for. Everything else that holds the block (heights of a DEM, priors of the cameras)
 keeps its weight.
+
+The frames of one pass of a satellite share the error of its orbit and attitude: k of them do not point k times as well
+together as one. Their priors count as independent in the adjustment, so its covariance C has s^2 J_c J_c' of each
+camera c, with the a priori standard deviation s and J_c = dx / dl_c. In truth a share q of it is the camera's own, and
+the rest common to the pass. With J the sum of the J_c the covariance is::
+
+    C - s^2 (1 - q^2) sum J_c J_c' + s^2 (1 - q^2) J J'
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ..gauss_newton import GaussNewton, Solution
+
+
+class SharedErrors(NamedTuple):
+    """What errors that many positions share do to the points ``(m, …)`` of the solver.
+
+    shifts : (m, 3, e) by how much one standard deviation of each error moves a point
+    excess : (m, 3, 3) what the covariances hold of them already, as if they were independent
+    """
+
+    shifts: np.ndarray
+    excess: np.ndarray
 
 
 def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray, shifts_m: np.ndarray) -> np.ndarray:
@@ -42,3 +62,51 @@ def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray
             change = replace(unmoved, point_right=there.point_right - unmoved.point_right)
             moved[:, :, column] = loop.equations.compute_point_steps(solution.state, solution.weight, change, cameras)
     return moved
+
+
+@thresholds
+class PASS_POINTING:
+    """What the frames of one pass share of their pointing error."""
+
+    own_share: float = threshold(
+        0.15, "", "standard deviation of a frame's own pointing error, relative to the pass's",
+        "SkySat over Miami University 0.05; views 12 degrees apart see a common error 0.1 differently; 2026-11-25",
+    )  # fmt: skip
+    most_cameras: int = threshold(50, "cameras", "of a pass; the own errors of more are left to count as independent")
+
+
+def propagate_pointing(
+    loop: GaussNewton, solution: Solution, prior_sigma: np.ndarray, cameras: np.ndarray, parameters: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the pointing error of a pass does to each point.
+
+    prior_sigma : (cameras, p) a priori standard deviations
+    cameras, parameters : numbers of those that the pass has, and of those that point a camera
+
+    Returns
+    -------
+    (m, 3, parameters) and (m, 3, 3) ndarray
+        By how much the common error moves a point, east, north, up; and what C has too much of the own errors.
+    """
+    given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
+    unmoved = loop.equations.form_normals(*given)
+    change = replace(unmoved, point_right=np.zeros_like(unmoved.point_right))
+    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
+
+    def move(by: np.ndarray, parameter: int) -> np.ndarray:
+        """Return the points' steps ``(m, 3)`` for a standard deviation of the prior of some cameras at once."""
+        right = np.zeros_like(prior_sigma)
+        right[by, parameter] = loop.prior_weight[by, parameter] * prior_sigma[by, parameter]
+        step = loop.system.solve(right)
+        return loop.equations.compute_point_steps(solution.state, solution.weight, change, step)
+
+    common = np.stack([move(cameras, parameter) for parameter in parameters.tolist()], axis=2)
+    excess = np.zeros((len(common), 3, 3))
+    if len(cameras) > PASS_POINTING.most_cameras:  # what they have in common is in C with 1/k of its variance
+        return np.sqrt(1.0 - 1.0 / len(cameras)) * common, excess
+    shared = 1.0 - PASS_POINTING.own_share**2
+    for parameter in parameters.tolist():
+        for camera in cameras.tolist():
+            own = move(np.array([camera]), parameter)
+            excess += shared * own[:, :, None] * own[:, None, :]
+    return np.sqrt(shared) * common, excess
