@@ -184,7 +184,7 @@ def choose_by_number(controls: Controls) -> ModelChoice:
 def choose_by_prediction(controls: Controls) -> ModelChoice:
     """Rule ``auto``: see the module's docstring."""
     if not controls:
-        return ModelChoice(WITHOUT_CONTROL, "no GCP: only a shift of each image is supported")
+        return ModelChoice(WITHOUT_CONTROL, "no GCP supports more than a shift of each image")
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min(len(control) for _, control in clean)
     found: dict[str, Prediction] = {}

@@ -72,7 +72,10 @@ class TieSearch:
         self.images, self.options, self.surface = images, options, surface
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
-            raise InputError("tie points need two images with pixels: give image files, or `tie_points` none or FILE")
+            raise InputError(
+                "tie points are found in the pixels of two images or more: give image files, or measured points "
+                "(`tie_points`, or `tracks` of evaluate)"
+            )
         self._scheduler, self._keeper = scheduler, keeper
         self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before
         self._marks = {index: _compute_mark(images[index]) for index in self.usable} if marked else {}
