@@ -2,6 +2,7 @@
 
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.solver import adjust
+from ..hrsi_engine.block.exposures import join_exposures
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
@@ -29,7 +30,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     clock = block_outputs.Clock()
     images = open_input_images(options.images, context)
     earlier = read_earlier(options.growth, images, options.tie_points)
-    images = [*earlier.images, *images]
+    images = join_exposures([*earlier.images, *images])
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(

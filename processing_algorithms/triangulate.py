@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
+from ..hrsi_engine.block.exposures import join_exposures
 from ..hrsi_engine.block.reference_places import ReferencePlaces
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.results.block_results import assemble_result
@@ -48,7 +49,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
             "new images are tied to earlier points, which are not there where cameras are observed: let "
             "`earlier_cameras` be free, or find `tie_points` first"
         )
-    images = [*earlier.images, *images]
+    images = join_exposures([*earlier.images, *images])
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)
     clock.lap("read")

@@ -73,8 +73,9 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     earlier = _open_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
-    ground, measured = tables[0].ground, tables[1].image
-    if ground is None or measured is None:
+    measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points alone
+    ground = GroundPoints.create([], np.empty((0, 3))) if ground is None else ground
+    if measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
     measured, ground = _rename_conflicts(measured, ground, tie_points)
     return EarlierBlock(
