@@ -181,7 +181,9 @@ class GaussNewton:
     def compute_cost(self, at: Solution) -> float:
         """Half the weighted sum of squares of image points, surveys and priors."""
         joint = sum(joint.compute_cost(at.state.values) for joint in self.joint)
-        return 0.5 * (self.sum_of_squares(at) + float(np.sum(self._finite_prior * at.state.values**2))) + joint
+        weak = at.weighting.points.sum_weak_squares(at.state.ground, at.weighting.contributes)
+        own = float(np.sum(self._finite_prior * at.state.values**2))
+        return 0.5 * (self.sum_of_squares(at) + weak + own) + joint
 
     def sum_of_squares(self, at: Solution) -> float:
         """Return the weighted sum of squares of image points and surveys that have a say in the cameras."""

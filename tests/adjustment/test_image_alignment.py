@@ -7,8 +7,10 @@ import pytest
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
+from hrsi.hrsi_engine.adjustment.equations import State
+from hrsi.hrsi_engine.adjustment.gauss_newton import Solution, Weighting
 from hrsi.hrsi_engine.adjustment.problem import prepare_problem
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation.options import Noise, PointCounts, SceneSpec
 from hrsi.hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError
 from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, simulate_block
@@ -68,3 +70,19 @@ def test_the_start_meets():
     assert np.quantile(apart, 0.99) < 0.5
     heights = problem.start.ground[:, 2]
     assert np.ptp(heights) < 500.0
+
+
+def test_the_cost_is_what_the_equations_lower():
+    """Weak priors pull points on almost parallel rays: left out of the cost, no step lowered it at the minimum."""
+    problem = prepare_problem(simulate_strip(50.0).block, AdjustOptions(model="shift"))
+    loop, points = problem.loop(), len(problem.start.ground)
+    weighting = Weighting(np.zeros(problem.observations.count), problem.weighting.points, np.ones(points, dtype=bool))
+    direction = np.random.default_rng(1).normal(0.0, 1.0, (points, 3))
+
+    def form_solution(metres: float) -> Solution:
+        ground = move_ground(problem.start.ground, [0.0, 0.0, 300.0] + metres * direction)
+        return loop._form_solution(State(problem.start.values, ground), weighting, np.ones(len(weighting.image)))
+
+    slope = (form_solution(1.0).cost - form_solution(-1.0).cost) / 2.0
+    assert slope == pytest.approx(-float((form_solution(0.0).normals.point_right * direction).sum()), rel=1e-3)
+    assert slope != 0.0

@@ -98,6 +98,11 @@ class PointPriors:
         miss = self.compute_misclosures_m(ground[points], points)
         return float(np.einsum("ki,kij,kj->", miss, self.build_weight_matrices(points, observed=True), miss))
 
+    def sum_weak_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
+        """Return that of the weak priors: no observations, but in the equations, and so in the cost that they lower."""
+        miss = self.compute_misclosures_m(ground[counting], counting)
+        return float(np.einsum("ki,ki,ki->", np.where(self.observed[counting], 0.0, self.weight[counting]), miss, miss))
+
 
 @dataclass(eq=False)
 class Normals:
