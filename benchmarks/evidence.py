@@ -16,6 +16,7 @@ import random
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -291,7 +292,7 @@ ROWS: Mapping[str, tuple[str, Callable[[], str]]] = {
         judge_zy3,
     ),
     **{
-        f"{sensor} biased by {bias:.0f} m in 8 directions, 8 GCPs": (before, lambda s=sensor, b=bias: bias_rpcs(s, b))
+        f"{sensor} biased by {bias:.0f} m in 8 directions, 8 GCPs": (before, partial(bias_rpcs, sensor, bias))
         for sensor, bias, before in BIASED
     },
     "2 of 7 GCP heights wrong, 5 seeds": (

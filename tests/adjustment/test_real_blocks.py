@@ -9,7 +9,13 @@ import pytest
 from long_tests import mark_beyond
 
 from hrsi.benchmarks import real_blocks
+from hrsi.hrsi_engine import check_block, judge
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
+from hrsi.hrsi_engine.foundation.reasons import Level
+from hrsi.hrsi_engine.results.figures import control_and_check
+from hrsi.hrsi_engine.results.residuals import compute_residuals
 
 
 @pytest.fixture(autouse=True)
@@ -24,6 +30,27 @@ def test_hobart_centres_and_corners():
     print("centres", centres.round(3), "corners", corners.round(3))
     assert np.all(centres < [0.435, 0.315, 1.14])
     assert np.all(corners < [0.87, 0.81, 2.22])
+
+
+@pytest.mark.parametrize("gcps", mark_beyond(1, "real", [45, 10, 25]))
+def test_hobart_with_sigmas_three_to_five_times_too_small(gcps):
+    """The residuals are told to be larger than stated, and nine in ten check points lie within the headline.
+
+    Check points of a block share its errors: three quarters of them within it are possible where it is right.
+    """
+    defaults = DefaultSigmas(sigma_image_px=0.1, sigma_gcp_xy_m=0.1, sigma_gcp_h_m=0.5)
+    whole = real_blocks.hobart((), defaults)
+    measured = whole.points.ids[np.unique(whole.measurements.point)]
+    block = real_blocks.hobart(np.random.default_rng(4).permutation(measured)[:gcps].tolist(), defaults)
+    result = adjust(block)
+    verdict, left = judge(result, check_block(block)), compute_residuals(result)
+    check = control_and_check(result, left)["check"]
+    error = np.abs(left.ground_m[(block.points.role == Role.CHECK) & np.isfinite(left.ground_m).all(axis=1)])
+    print(gcps, verdict.sentence, [reason.code for reason in verdict.reasons])
+    assert verdict.level is Level.DOUBTFUL
+    assert "sigmas-implausible" in {reason.code for reason in verdict.reasons}
+    assert np.mean(np.hypot(error[:, 0], error[:, 1]) < check["predicted"]["ce90_m"]) > 0.75
+    assert np.mean(error[:, 2] < check["predicted"]["le90_m"]) > 0.75
 
 
 def test_hobart_with_check_points_as_ties():
