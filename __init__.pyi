@@ -284,7 +284,7 @@ def triangulate(
     fixed_images : sequence of str, optional
         Reference images, whose RPCs stay as they are.
     shared_images : sequence of sequences of str, optional
-        Images of one strip or orbit that get the same correction; groups joined by +.
+        Images of one exposure, strip or orbit that get the same correction; groups joined by +.
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).
@@ -604,7 +604,7 @@ def adjust(
     fixed_images : sequence of str, optional
         Reference images, whose RPCs stay as they are.
     shared_images : sequence of sequences of str, optional
-        Images of one strip or orbit that get the same correction; groups joined by +.
+        Images of one exposure, strip or orbit that get the same correction; groups joined by +.
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).

@@ -192,3 +192,14 @@ def test_points_of_the_bands_alone_correct_the_pan():
     options = AdjustOptions(model="affine")
     result = adjust(assemble(join_exposures([*pans, *bands]), [control(gcps, "G")], points), options)
     assert (off_truth_px(result, [*bands], 5) < 0.1).all() and (off_truth_px(result, [*pans], 5) < 0.4).all()
+
+
+def test_a_pan_sharpened_image_is_joined_where_it_is_named():
+    pans, _ = make_images()
+    sharpened = replace(pans[0], id="s0")
+    points = measure(pans, blocks.ground(100, 1), 3)
+    options = AdjustOptions(model="affine", shared_images=(("s0", "p0"),))
+    result = adjust(assemble([*pans, sharpened], [], points), options)
+    ground, refined = blocks.ground(50, 9), refine(result)
+    assert refined["s0"].project(ground) == pytest.approx(refined["p0"].project(ground), abs=1e-6)
+    assert (result.block.exposure_of_image == [0, 1, 0]).all()

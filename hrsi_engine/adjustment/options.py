@@ -89,7 +89,7 @@ class AdjustOptions:
         (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
     )
     shared_images: tuple[tuple[str, ...], ...] = option(
-        (), "Images of one strip or orbit that get the same correction; groups joined by +", advanced=True,
+        (), "Images of one exposure, strip or orbit that get the same correction; groups joined by +", advanced=True,
         metavar="A+B,C+D,…",
     )  # fmt: skip
     dem: HeightSurface | None = None
