@@ -120,8 +120,10 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
 
 def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
     """Tell which images are tiles or bands of one exposure and are adjusted as one camera."""
+    banded = {image.id for image in images if image.camera_pixel != 1.0}
     for tiles in group_tiles(images, options.shared_images):
-        log(f"{', '.join(tiles)}: one exposure, adjusted as one camera (`shared_images` groups them otherwise)")
+        kind = "bands of one exposure" if banded.intersection(tiles) else "tiles of one scene"
+        log(f"{', '.join(tiles)}: {kind}, adjusted as one camera (`shared_images` groups them otherwise)")
 
 
 def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, list[str]]:
