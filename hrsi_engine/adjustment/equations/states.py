@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -100,8 +101,14 @@ class PointPriors:
 
     def sum_weak_squares(self, ground: np.ndarray, counting: np.ndarray) -> float:
         """Return that of the weak priors: no observations, but in the equations, and so in the cost that they lower."""
-        miss = self.compute_misclosures_m(ground[counting], counting)
-        return float(np.einsum("ki,ki,ki->", np.where(self.observed[counting], 0.0, self.weight[counting]), miss, miss))
+        difference = self.target - ground
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        return float(np.einsum("ki,ki,ki->k", self._weak_weights, difference, difference)[counting].sum())
+
+    @cached_property
+    def _weak_weights(self) -> np.ndarray:
+        """Weights ``(m, 3)`` of the weak priors' coordinates in degrees and metres, zero for observed ones."""
+        return np.where(self.observed, 0.0, self.weight) * metres_per_degree(self.target) ** 2
 
 
 @dataclass(eq=False)
