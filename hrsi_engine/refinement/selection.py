@@ -7,7 +7,7 @@ rule; Breiman et al. 1984, CART, section 3.4.3). A model with more parameters fi
 worse, which shows without check points. A candidate is judged where each image has twice the GCPs that it needs; the
 generic method only where no other one predicts within `SELECTION.expected_error` sigmas. Where no judged model predicts
 within `SELECTION.large_error` sigmas, the generic method is taken from 3 GCPs on if it predicts better, its priors
-being those of a satellite.
+being those of a satellite. It must predict within these where it is judged: what nothing explains is wrong GCPs.
 
 **Rule generic** is the thesis's (section 4.3): by the number of GCPs, constants below 3, linear terms from 3, all terms
 from 50. From 4 GCPs it is an upper limit here: constants are kept where they predict as well.
@@ -54,7 +54,7 @@ class SELECTION:
     least_redundancy: float = threshold(4.0, "", "left without a GCP, for a model to judge it")
     least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP do no harm")
     expected_error: float = threshold(2.0, "sigma", "RMS prediction error, good enough", "docs/accuracy_blunders.md")
-    large_error: float = threshold(5.0, "sigma", "beyond, too few GCPs are said to disagree")
+    large_error: float = threshold(5.0, "sigma", "prediction error beyond which a model does not explain the GCPs")
     drift_measurements: int = threshold(
         25_000, "measurements",
         "an image up to which the size of a block's drift is estimated: of more, taken as independent, the "
@@ -198,6 +198,10 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         reason = f"{_count_gcps(count)} on an image: too few to support more than a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = select_simplest(errors)
+    others = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
+    explained = model != DISTORTED or found[model].sigmas <= SELECTION.large_error
+    if not explained and any(squared is not None for squared in others.values()):
+        model, reason = select_simplest(others)  # some GCPs are wrong, and shall be found
     refused = [f"{name} {one.refused}" for name, one in found.items() if one.refused]
     reason += "".join(f"; {said}" for said in refused)
     sigmas = found[model].sigmas

@@ -9,6 +9,16 @@ import pytest
 import simulated_blocks as blocks
 from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
 
+from hrsi.hrsi_engine.adjustment import adjust
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    PointCounts,
+    SceneSpec,
+    make_along_track_views,
+    simulate_block,
+)
 from hrsi.hrsi_engine.refinement import MODELS, selection
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
 from hrsi.hrsi_engine.refinement.options import RefineOptions
@@ -124,6 +134,20 @@ def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
     choice = choose_by_prediction([(image, control)])
     assert choice.model == "affine" and choice.scores["generic-affine"] is None
     assert "generic-affine stopped at the iteration limit" in choice.reason
+
+
+def test_heights_that_nothing_explains_are_found_wrong_and_not_bent_to():
+    """Two of seven heights 120 m too high: the generic method misses them least, by ten pixels, and is no model."""
+    views = make_along_track_views(SENSORS["pleiades"], 2, (2000, 2000))
+    scene = SceneSpec(5.45, 43.53, 250.0, 100.0, seed=30)
+    block = simulate_block(scene, views, PointCounts(7, 10, 100), Noise()).block
+    wrong = np.flatnonzero(block.points.role == Role.GCP)[:2]
+    ground = block.points.ground.copy()
+    ground[wrong, 2] += 120.0
+    block = replace(block, points=replace(block.points, ground=ground))
+    assert choose_model(block).model != "generic-affine"
+    left_out = {finding.id for finding in adjust(block).findings if finding.left_out}
+    assert left_out == set(block.points.ids[wrong].tolist())
 
 
 def test_a_block_with_control():
