@@ -33,6 +33,7 @@ from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import LINE_90, predict_accuracy
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
+from hrsi.hrsi_engine.block.exposures import join_parts_of_strips
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
@@ -69,6 +70,7 @@ class Configuration:
     image_stated : what the file says of the image points' standard deviations of ties, over the truth
     hand_stated : the same of the image points of GCPs and check points
     own_share : of each image's pointing error, the rest of which all share: frames of one pass, by their names
+    in_parts : whether images are strips that are delivered in two parts
     """
 
     sensor: str
@@ -87,6 +89,7 @@ class Configuration:
     image_stated: float = field(default=1.0, repr=False)
     hand_stated: float = field(default=1.0, repr=False)
     own_share: float = field(default=1.0, repr=False)
+    in_parts: bool = field(default=False, repr=False)
 
 
 TWO, THREE, NARROW = (12.0, -12.0), (15.0, 0.0, -15.0), (2.0, -2.0)
@@ -122,6 +125,10 @@ CONFIGURATIONS = {
         "pleiades", NARROW, 0, 4000, ties=2000, alike_px=0.1
     ),
     "WorldView-2, 3 images, 0 GCPs, ties err alike": Configuration("worldview-2", THREE, 0, ties=2000, alike_px=0.1),
+}
+CONFIGURATIONS |= {
+    f"WorldView-2, 2 strips in 2 parts each, {gcps} GCPs": Configuration("worldview-2", TWO, gcps, in_parts=True)
+    for gcps in (0, 6)
 }
 CONFIGURATIONS |= {
     f"{count} frames of one pass, 0 GCPs": Configuration(
@@ -208,9 +215,29 @@ def simulate(kind: Configuration, seed: int) -> tuple[Block, np.ndarray]:
     said = kind.stated * sigma[:, [0, 2]]
     said[kind.gcps : kind.gcps + kind.height_only, 0] = 1000.0
     given = GroundPoints.create(ids[:known], surveyed, role, said)
-    block = assemble([image for _, image in taken], [given], tables)
+    images = [image for _, image in taken]
+    if kind.in_parts:
+        images, tables = _cut_strips(images, tables)
+    block = assemble(images, [given], tables)
     place = {name: number for number, name in enumerate(ids)}
     return block, truth[[place[str(name)] for name in block.points.ids]]
+
+
+def _cut_strips(images: list[Image], tables: list[ImagePoints]) -> tuple[list[Image], list[ImagePoints]]:
+    """Return the parts of strips, as their names and RPCs tell what they are, and the image points on them."""
+    parts, rows = [], []
+    for number, (image, table) in enumerate(zip(images, tables, strict=True)):
+        cut, overlap = image.size[1] // 2, 200
+        name = f"WV02_2021020100513{{0}}_10300100A186580{number}_21FEB0100513{{0}}-P1BS-0162630480{number}_01_P00{{0}}"
+        pair = [
+            Image(name.format(1), image.rpc, (image.size[0], cut + overlap)),
+            Image(name.format(2), image.rpc.shift(0.0, -float(cut)), (image.size[0], image.size[1] - cut)),
+        ]
+        for part, first, seen in zip(pair, (0, cut), (table.xy[:, 1] < cut, table.xy[:, 1] >= cut), strict=True):
+            xy, ids = table.xy[seen] - [0.0, first], np.asarray(table.ids)[seen]
+            rows.append(ImagePoints.create(ids, np.full(len(ids), part.id), xy, table.sigma_px[seen]))
+        parts += pair
+    return join_parts_of_strips(parts), rows
 
 
 def _mix(common: OrientationError, own: OrientationError, share: float) -> OrientationError:
@@ -317,12 +344,15 @@ squares over the blocks, surveys' errors included; the median of sigma0.
 
 
 def write_docs(tables: dict[str, list[str]], first: int) -> None:
-    """Write the tables; those of other ways stay."""
+    """Write the tables; those of other ways, and rows of other kinds, stay."""
     old = DOCS.read_text(encoding="utf-8") if DOCS.exists() else ""
     parts = [INTRODUCTION.format(first=first, judged=JUDGED).rstrip()]
     for way, (title, _) in WAYS.items():
         before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
-        table = "\n".join([f"## {title}", "", "```", *tables.get(way, []), "```"])
+        lines = [line for part in before for line in part.splitlines()] + tables.get(way, [])
+        rows = {name: line for line in lines for name in CONFIGURATIONS if line.startswith(f"{name} ")}
+        kept = [rows[name] for name in CONFIGURATIONS if name in rows]
+        table = "\n".join([f"## {title}", "", "```", HEADER, *kept, "```"])
         parts += [table] if way in tables else before
     DOCS.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
