@@ -350,7 +350,10 @@ def write_docs(tables: dict[str, list[str]], first: int) -> None:
     for way, (title, _) in WAYS.items():
         before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
         lines = [line for part in before for line in part.splitlines()] + tables.get(way, [])
-        rows = {name: line for line in lines for name in CONFIGURATIONS if line.startswith(f"{name} ")}
+        named = (
+            (max((n for n in CONFIGURATIONS if line.startswith(f"{n} ")), key=len, default=""), line) for line in lines
+        )
+        rows = dict(named)
         kept = [rows[name] for name in CONFIGURATIONS if name in rows]
         table = "\n".join([f"## {title}", "", "```", HEADER, *kept, "```"])
         parts += [table] if way in tables else before
