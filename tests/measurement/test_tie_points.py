@@ -179,7 +179,7 @@ def test_images_apart_are_an_error(triplet):
 
 
 def test_images_without_pixels_are_an_error():
-    with pytest.raises(InputError, match="two images with pixels"):
+    with pytest.raises(InputError, match="pixels of two images or more"):
         find_tie_points(blocks.images(2))
 
 
