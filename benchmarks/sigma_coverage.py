@@ -350,10 +350,8 @@ def write_docs(tables: dict[str, list[str]], first: int) -> None:
     for way, (title, _) in WAYS.items():
         before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
         lines = [line for part in before for line in part.splitlines()] + tables.get(way, [])
-        named = (
-            (max((n for n in CONFIGURATIONS if line.startswith(f"{n} ")), key=len, default=""), line) for line in lines
-        )
-        rows = dict(named)
+        names = [[name for name in CONFIGURATIONS if line.startswith(f"{name} ")] for line in lines]
+        rows = {max(possible, key=len): line for possible, line in zip(names, lines, strict=True) if possible}
         kept = [rows[name] for name in CONFIGURATIONS if name in rows]
         table = "\n".join([f"## {title}", "", "```", HEADER, *kept, "```"])
         parts += [table] if way in tables else before

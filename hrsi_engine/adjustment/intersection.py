@@ -94,9 +94,8 @@ def compute_image_residuals(
     return form_point_equations(observations, model).compute_residuals(State(values, ground))
 
 
-def form_point_equations(
-    observations: Observations, model: RefinementModel, threads: int = 0, drawn_from: int = 0
-) -> NormalEquations:
+def form_point_equations(observations: Observations, model: RefinementModel, threads: int = 0) -> NormalEquations:
     """Return the equations of points alone."""
-    pattern = make_diagonal_pattern(observations.cameras, len(model.parameters))
-    return NormalEquations(observations, model, pattern, threads, drawn_from=drawn_from)
+    return NormalEquations(
+        observations, model, make_diagonal_pattern(observations.cameras, len(model.parameters)), threads
+    )

@@ -176,18 +176,15 @@ def _scale_covariances(
     squares, freedom = found.left_out_surveys
     stated = RESULT_WARNINGS.of_prediction
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
-    of_shifts = np.zeros_like(covariance)
+    of_shifts: np.ndarray | float = 0.0
     if shared is not None:
         covariance, others = covariance - shared.excess, others - shared.excess
-        of_shifts = shared.shifts @ shared.shifts.swapaxes(1, 2)
-        others = others + of_shifts
-    expanded, with_shifts = (
-        _expand_rows(len(problem.block.points), observations.points, one)
-        for one in (covariance, covariance + of_shifts)
-    )
-    variance = with_shifts.diagonal(axis1=1, axis2=2)
+        others = others + shared.shifts @ shared.shifts.swapaxes(1, 2)
+        of_shifts = np.sum(shared.shifts**2, axis=2)
     with np.errstate(invalid="ignore"):
-        return _Covariances(expanded, np.sqrt(variance), others, factor * alike, float(widened))
+        sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
+    expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
+    return _Covariances(expanded, sigma, others, factor * alike, float(widened))
 
 
 def _choose_variance_factors(problem: Problem, sigma0: float) -> np.ndarray:
@@ -211,18 +208,20 @@ def _propagate_shared_errors(problem: Problem, loop: GaussNewton, solution: Solu
     """Return what errors of coordinate operations and of the pointing of passes do, None without any."""
     observations = problem.observations
     of_surveys = problem.block.points.operation_shifts_m(observations.points)
+    operations, passes = of_surveys[observations.surveyed].any(), _find_cameras_of_passes(problem)
+    if not operations and not passes:
+        return None
     moved, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
-    if of_surveys[observations.surveyed].any():
+    if operations:
         moved = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
     with np.errstate(divide="ignore"):
         sigma = 1.0 / np.sqrt(problem.prior_weight)
-    for cameras in _find_cameras_of_passes(problem):
+    for cameras in passes:
         pointing = np.flatnonzero(~problem.camera.drifts)
         shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
         moved.append(shifts)
         excess += too_much
-    shared = SharedErrors(np.concatenate(moved, axis=2), excess)
-    return shared if shared.shifts.any() else None
+    return SharedErrors(np.concatenate(moved, axis=2), excess)
 
 
 def _find_cameras_of_passes(problem: Problem) -> list[np.ndarray]:

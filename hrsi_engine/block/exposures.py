@@ -223,7 +223,8 @@ def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
     """
     found: dict[tuple[str, ...], list[int]] = {}
     for index, image in enumerate(images):
-        time, sensor = _PASS.search(image.id), find_image_sensor(image)
+        time = _PASS.search(image.id)
+        sensor = find_image_sensor(image) if time is not None else None
         if time is not None and sensor is not None:
             key = sensor.title, re.sub(r"\D", "", time.group()), *_CATALOGUE.findall(image.id.upper())
             found.setdefault(key, []).append(index)

@@ -85,8 +85,8 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     if result.shared_shifts_m is not None:
         at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
         shift_m = at_height @ _compute_image_shifts_m(result, np.arange(part.start, part.stop)[known])
-        squares = 0.5 * np.sum(shift_m**2, axis=(1, 2))
-        shared, total = shared + squares, total + squares
+        of_shifts = 0.5 * np.sum(shift_m**2, axis=(1, 2))
+        shared, total = shared + of_shifts, total + of_shifts
     total[~np.isfinite(total)] = np.nan
     bias[known] = np.sqrt(np.maximum(shared, 0.0))
     rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
