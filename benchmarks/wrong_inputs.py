@@ -2,7 +2,8 @@
 
 `wrong_inputs.py [--seeds A:B] [--kinds K …] [--checks-only] [--clean N] [--docs]`. Every kind is run on simulated
 blocks of all sensors, through the files and the code of the command line (`adjust`). Right blocks and the real ones
-must pass without a reason. Seeds below 100 served to tune, those from 100 on to judge.
+must pass without a reason. Seeds below 100 served to tune, those from 100 on to judge. With `--true-errors` the kinds
+are those of `wrong_kinds.py`, and what counts is the true error of the refined RPCs.
 """
 
 from __future__ import annotations
@@ -57,13 +58,23 @@ FOOT_M = 0.3048
 # ---- inputs --------------------------------------------------------------------------------------------------------
 
 
+class TruePoints(NamedTuple):
+    """Where points are: ``ground (m, 3)``; rows of it and of the images ``(n,)``, and the pixels ``xy (n, 2)``."""
+
+    ground: np.ndarray
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Inputs:
     """What a user has: images, ground points, measurements, perhaps a DEM and laser points; and options.
 
     ``dem`` and the true ``terrain`` are heights ``(rows, columns)`` and a geotransform; ``laser (n, 3)`` are lon, lat,
     height of laser points in four passes, and ``overflown (m, 3)`` the ground at the tie points. ``crs`` is what the
-    ground points are written in, by default longitude and latitude; ``options`` are those of `adjust`.
+    ground points are written in, by default longitude and latitude; ``options`` are those of `adjust`. ``truth`` is
+    where the points really are, on the ground and in the pixels that the user has.
     """
 
     images: tuple[Image, ...]
@@ -75,6 +86,7 @@ class Inputs:
     laser: np.ndarray | None = None
     crs: int | None = None
     options: dict[str, Any] = field(default_factory=dict)
+    truth: TruePoints | None = None
 
     @property
     def gsd_m(self) -> float:
@@ -118,10 +130,14 @@ class Inputs:
 
 
 @lru_cache(maxsize=64)
-def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: float | None = None) -> Inputs:
+def clean(
+    sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: float | None = None, checks: int = 6,
+    place: int | None = None,
+) -> Inputs:  # fmt: skip
     """Return a right block of a sensor; place, relief, heading and obliqueness depend on the seed."""
     rng = np.random.default_rng([seed, sum(map(ord, sensor))])
-    lon, lat = PLACES[int(rng.integers(len(PLACES)))]
+    drawn = int(rng.integers(len(PLACES)))
+    lon, lat = PLACES[drawn if place is None else place]
     relief = float(rng.choice([60.0, 150.0, 400.0])) if relief_m is None else relief_m
     spec = SceneSpec(
         lon, lat, mean_height_m=float(rng.uniform(50.0, 1500.0)), relief_m=relief, seed=1000 * seed + len(sensor)
@@ -131,7 +147,7 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
         SENSORS[sensor], images, size, across_deg=float(rng.uniform(-15.0, 15.0)),
         heading_deg=float(rng.choice([190.0, 350.0])),
     )  # fmt: skip
-    simulated = simulate_block(spec, views, PointCounts(gcps, 6, 200), Noise())
+    simulated = simulate_block(spec, views, PointCounts(gcps, checks, 200), Noise())
     block = simulated.block
     known = block.known
     measured = block.measurements
@@ -144,6 +160,7 @@ def clean(sensor: str, seed: int, images: int = 3, gcps: int = 8, relief_m: floa
         ),
         terrain=_grid_of(simulated),
         overflown=simulated.truth.ground[simulated.truth.role == Role.TIE],
+        truth=TruePoints(simulated.truth.ground, *vars(simulated.truth.image_points).values()),
     )  # fmt: skip
 
 
@@ -915,12 +932,20 @@ def main(words: Sequence[str] = ()) -> None:
     parser.add_argument("--sensors", nargs="*", default=list(SENSORS))
     parser.add_argument("--clean", type=int, default=0, metavar="N", help="also N seeds of right blocks a sensor")
     parser.add_argument("--checks-only", action="store_true", help="only the checks before the adjustment")
+    parser.add_argument("--true-errors", action="store_true", help="other kinds, judged by what they do to the result")
     parser.add_argument("--tell", action="store_true", help="say what came instead")
     parser.add_argument(
         "--docs", action="store_true", help=f"write {PAGE.name}, the real blocks too; with kinds only their rows"
     )
     options = parser.parse_args(list(words))
     first, last = map(int, options.seeds.split(":"))
+    if options.true_errors:
+        from hrsi.benchmarks.true_errors import print_harm, write_page
+
+        harm = print_harm(options.sensors, range(first, last), options.kinds, options.tell)
+        if options.docs:
+            write_page(harm, options.sensors, f"--seeds {options.seeds} --sensors {' '.join(options.sensors)}")
+        return
     runner = run_checks if options.checks_only else run_whole
     rows, parts = [], []
     for kind in KINDS:
