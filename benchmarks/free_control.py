@@ -17,7 +17,6 @@ from scipy import ndimage
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
-from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
@@ -45,6 +44,7 @@ from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.laser_points import adjust_at_laser_points
 from hrsi.processing_algorithms.interface.declare import Context
 from hrsi.tests.laser_scenes import LaserScene, PlacedScene, placed_scene
+from hrsi.tests.reference_scenes import place_on_degrees
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
@@ -293,7 +293,7 @@ def matching(first: int) -> list[list[str]]:
             grey = np.array([band.read(0, 0, *band.size)[0] for band in bands], dtype=np.float32)
             for name, chosen in BAND_SETS.items():
                 raster = ArrayRaster(grey[chosen].mean(axis=0))
-                control = match_reference(images, Orthoimage.on_degrees(raster, bands[0].geotransform), dem)
+                control = match_reference(images, place_on_degrees(raster, bands[0].geotransform), dem)
                 for number, one in enumerate(control.images):
                     stated = control.ground[one.places[one.used]]
                     shown = locate_on_surface(simulated.truth.cameras[number], scene.terrain, one.xy[one.used])

@@ -12,11 +12,20 @@ import inspect
 import subprocess
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.facade import opening
-from hrsi.processing_algorithms.facade.signatures import function_name, stub_of
+from hrsi.processing_algorithms.facade.signatures import (
+    PROGRESS,
+    describe_call,
+    function_name,
+    signature_of,
+    sort_parameters,
+)
+from hrsi.processing_algorithms.interface.declare import Algorithm
+from hrsi.processing_algorithms.interface.options import KINDS
 
 ROOT = Path(__file__).resolve().parents[1]
 MADE_BY = "# Made by scripts/make_stubs.py: change the declarations or the package, and run it again.\n"
@@ -100,6 +109,30 @@ def facade_stub() -> str:
             made = "@overload\n" + made.replace("points: Points | None = None", "points: TableOrFile")
         parts.append(made + "\n")
     return "".join(parts)
+
+
+def stub_of(algorithm: Algorithm) -> str:
+    """Return the function as a stub (``.pyi``) has it, with types and description."""
+    parts: list[str] = []
+    parameters = signature_of(algorithm).parameters
+    for param in sort_parameters(algorithm):
+        if parameters[param.key].kind is inspect.Parameter.KEYWORD_ONLY and "*" not in parts:
+            parts.append("*")
+        needed = parameters[param.key].default is inspect.Parameter.empty
+        kind = (
+            f"Literal[{', '.join(map(_quote_text, param.choices))}]" if param.choices else KINDS[param.kind].annotation
+        )
+        default = _quote_text(param.default) if isinstance(param.default, str) else repr(param.default)
+        optional = f"{kind} | None = None" if param.default is None else f"{kind} = {default}"
+        parts.append(f"{param.key}: {kind if needed else optional}")
+    parts += ([] if "*" in parts else ["*"]) + [f"{PROGRESS}: Progress | None = None"]
+    body = textwrap.indent(f'"""{describe_call(algorithm)}"""', "    ", lambda line: line.strip() != "")
+    listed = "".join(f"    {part},\n" for part in parts)
+    return f"def {function_name(algorithm.name)}(\n{listed}) -> Result:\n{body}\n    ...\n"
+
+
+def _quote_text(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def array_stub(name: str, given: str, found: str, what: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from hrsi.hrsi_engine.block.block import ArrayRaster, Image
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image, Raster
 from hrsi.hrsi_engine.block.orthoimage import Orthoimage
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
@@ -23,6 +23,15 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.laboratory.simulation.terrain import TerrainSurface
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
+
+
+def place_on_degrees(raster: Raster, geotransform: tuple[float, ...]) -> Orthoimage:
+    """Return an orthoimage whose rows and columns follow parallels and meridians, with GDAL's geotransform."""
+    west, lon_step, _, north, _, lat_step = geotransform
+    step, corner = np.array([lon_step, lat_step]), np.array([west, north])
+    return Orthoimage(
+        raster, lambda lonlat: (lonlat - corner) / step - 0.5, lambda pixels: (pixels + 0.5) * step + corner
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +76,7 @@ def make(
         for image in block.images
     )
     photo = make_orthophoto(simulated.scene, ratio * sensor.gsd_m, band=band)
-    reference = Orthoimage.on_degrees(ArrayRaster(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
+    reference = place_on_degrees(ArrayRaster(photo.read(0, 0, *photo.size)[0]), photo.geotransform)
     return Scene(simulated, pixels, reference, surface_of(simulated.scene.terrain))
 
 

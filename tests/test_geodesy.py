@@ -65,17 +65,6 @@ def test_metres_per_degree_are_the_geodesics() -> None:
         np.testing.assert_allclose(factors[:, axis] * step, distance, rtol=1e-5)
 
 
-def test_rotation_to_is_the_derivative_of_from_ground() -> None:
-    frame = geodesy.LocalFrame(10.0, 50.0)
-    ground = np.random.default_rng(33).uniform((9.8, 49.8, 0), (10.2, 50.2, 1000), (20, 3))
-    rotation = frame.rotation_to(ground)
-    for axis in range(3):
-        step = np.zeros(3)
-        step[axis] = 1.0
-        difference = frame.from_ground(geodesy.move_ground(ground, step)) - frame.from_ground(ground)
-        np.testing.assert_allclose(rotation[:, :, axis], difference, atol=1e-6)  # one metre on a curved earth
-
-
 @given(lon=st.floats(-1000, 1000))
 def test_wrapped_degrees_lie_in_one_turn(lon: float) -> None:
     wrapped = float(geodesy.wrap_degrees(np.array(lon)))

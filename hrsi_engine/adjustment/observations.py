@@ -16,7 +16,6 @@ import numpy as np
 from ..block.block import Block, Image, Role, number_exposures
 from ..block.reference_places import REFERENCE_KIND, ReferencePlaces
 from ..foundation.large_arrays import any_of_rows
-from ..refinement.model import Linearise, RefinementModel
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height
 
@@ -142,10 +141,6 @@ class Observations:
             None if self.referenced is None else self.referenced[~lost],
             None if self.alike is None else self.alike[~lost],
         )  # fmt: skip
-
-    def linearisers(self, model: RefinementModel) -> list[Linearise]:
-        """Return the model's equations for each image's measurements."""
-        return [model.equations(image, self.xy[rows]) for image, rows in zip(self.images, self.by_image, strict=True)]
 
 
 def select_observations(

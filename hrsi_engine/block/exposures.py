@@ -106,17 +106,7 @@ class _Relation(NamedTuple):
 def join_bands(images: Sequence[Image], least_pixel: float = BANDS.least_pixel) -> list[Image]:
     """Return the images, those that are bands of a finer one as tiles of its scene: then they have one camera.
 
-    Parameters
-    ----------
-    images : sequence of Image
-        The images.
-    least_pixel : float
-        Pixel of a band over that of the finer image, at least; 0 where it is known that they belong together.
-
-    Returns
-    -------
-    list of Image
-        In the same order.
+    least_pixel : pixel of a band over that of the finer image, at least; 0 where it is known that they belong together
     """
     gsd, joined = compute_gsds_m(images), list(images)
     order = np.argsort(gsd, kind="stable").tolist()

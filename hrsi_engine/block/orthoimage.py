@@ -38,12 +38,3 @@ class Orthoimage:
         ground = np.column_stack([lonlat, np.zeros(3)])
         steps = ground_difference_m(ground[1:], ground[[0, 0]])
         return float(np.sqrt(abs(np.linalg.det(steps[:, :2]))))
-
-    @classmethod
-    def on_degrees(cls, raster: Raster, geotransform: tuple[float, ...], path: str = "") -> Orthoimage:
-        """Return an orthoimage whose rows and columns follow parallels and meridians, with GDAL's geotransform."""
-        west, lon_step, _, north, _, lat_step = geotransform
-        step, corner = np.array([lon_step, lat_step]), np.array([west, north])
-        return cls(
-            raster, lambda lonlat: (lonlat - corner) / step - 0.5, lambda pixels: (pixels + 0.5) * step + corner, path
-        )

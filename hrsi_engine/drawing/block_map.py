@@ -31,16 +31,8 @@ _GRID = 9  # positions along each axis that the graticule's polynomials are fitt
 class TieField:
     """Tie points to be drawn by cells: places and what they are coloured by.
 
-    Parameters
-    ----------
-    lonlat : (t, 2) ndarray
-        Lon, lat.
-    residual_px : (t,) ndarray
-        Root mean square of a point's image residuals.
-    sigma_m : (t,) ndarray
-        Standard deviation of its position.
-    rays : (t,) ndarray
-        Images it was measured on.
+    lonlat : (t, 2) lon, lat; residual_px : (t,) root mean square of a point's image residuals
+    sigma_m : (t,) standard deviation of its position; rays : (t,) images it was measured on
     """
 
     lonlat: np.ndarray
@@ -68,24 +60,9 @@ class GroundPicture:
 class BlockMap:
     """What the map of a report shows.
 
-    Parameters
-    ----------
-    footprints : mapping of str to shapely.geometry.Polygon
-        In degrees of lon and lat, by image id.
-    lonlat : (m, 2) ndarray
-        Lon, lat of the points.
-    roles : (m,) ndarray
-        Values of `Role`.
-    residual_en_m : (m, 2) ndarray
-        East, north; NaN without.
-    ids : (m,) ndarray of str
-        Their names.
-    residual_h_m : (m,) ndarray, optional
-        Upwards; NaN without.
-    ties : TieField, optional
-        Tie points drawn by cells.
-    pictures : sequence of GroundPicture
-        The background.
+    footprints : in degrees of lon and lat, by image id; lonlat : (m, 2) lon, lat of the points
+    roles : (m,) values of `Role`; residual_en_m : (m, 2) east, north; NaN without; ids : (m,) their names
+    residual_h_m : (m,) upwards; NaN without; ties : tie points drawn by cells; pictures : the background
     """
 
     footprints: Mapping[str, Polygon]
@@ -128,18 +105,7 @@ class _MapView:
 
 
 def draw_block_map(data: BlockMap) -> str:
-    """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show.
-
-    Parameters
-    ----------
-    data : BlockMap
-        What to draw.
-
-    Returns
-    -------
-    str
-        An SVG element.
-    """
+    """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show."""
     return draw_map(data).svg
 
 

@@ -15,17 +15,7 @@ QUANTILES = 160
 def draw_histogram(values: np.ndarray, label: str) -> str:
     """Return the histogram of normalised values as density, with the standard normal curve over it.
 
-    Parameters
-    ----------
-    values : (n,) ndarray
-        Residuals over their standard deviations.
-    label : str
-        Text alternative.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    values : (n,) residuals over their standard deviations; label : text alternative
     """
     edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, BINS + 1)
     counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
@@ -46,17 +36,7 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
 def draw_qq_plot(values: np.ndarray, label: str) -> str:
     """Return the quantiles of normalised values against those of the normal distribution, with the line y = x.
 
-    Parameters
-    ----------
-    values : (n,) ndarray
-        Residuals over their standard deviations.
-    label : str
-        Text alternative.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    values : (n,) residuals over their standard deviations; label : text alternative
     """
     parts = [_open_plot(label, [-4, -2, 0, 2, 4], [-4, -2, 0, 2, 4])]
     ends = [_place_point(end, (end + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN)) for end in (-SIGMAS_SHOWN, SIGMAS_SHOWN)]

@@ -26,28 +26,15 @@ class CARD:
 class ImageCard:
     """What is drawn of an image.
 
-    Parameters
-    ----------
-    image : str
-        Its id.
-    extent : (2, 2) ndarray
-        First and last sample and line.
-    xy, residual_px : (n, 2) ndarray
-        Measurements that are drawn one by one.
-    groups : (n,) ndarray of str
-        gcp, check, tie or outlier.
-    points : (n,) ndarray of int
-        Numbers of their points on the page; -1 without.
-    total : int
-        Measurements there are, of which these are drawn.
-    counts, rays : (rows, columns) ndarray
-        Tie points in each part of the image, and on how many images they are on the average.
-    means, mean_sigmas : (rows, columns, 2) ndarray
-        Mean residual of each part of the image, and its standard error; NaN with too few.
-    picture : str
-        The page's element with the image's picture; empty without.
-    picture_size : tuple of float
-        Pixels of the picture that the whole image takes, across and down.
+    image : its id; extent : (2, 2) first and last sample and line
+    xy, residual_px : (n, 2) measurements that are drawn one by one; groups : (n,) gcp, check, tie or outlier
+    points : (n,) numbers of their points on the page; -1 without
+    total : measurements there are, of which these are drawn
+    counts, rays : (rows, columns) tie points in each part of the image, and on how many images they are on the average
+    means, mean_sigmas : (rows, columns, 2) mean residual of each part of the image, and its standard error; NaN with
+    too few
+    picture : the page's element with the image's picture; empty without
+    picture_size : pixels of the picture that the whole image takes, across and down
     """
 
     image: str
@@ -68,17 +55,7 @@ class ImageCard:
 def draw_image_card(card: ImageCard, typical_px: float) -> str:
     """Return an image's residuals over its picture and tie points; what is shown of them the page's style chooses.
 
-    Parameters
-    ----------
-    card : ImageCard
-        What to draw.
-    typical_px : float
-        Residual that sets the scale of the arrows, one for all images of a page.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    card : what to draw; typical_px : residual that sets the scale of the arrows, one for all images of a page
     """
     size = np.maximum(card.extent[1] - card.extent[0] + 1.0, 1.0)
     scale = (CARD_WIDTH - 2.0 * CARD_MARGIN) / float(max(size))

@@ -18,16 +18,8 @@ LABEL_CELLS = 7
 class PictureSide:
     """One window of a pair of images.
 
-    Parameters
-    ----------
-    grey : (lines, samples) ndarray
-        Grey values.
-    valid : (lines, samples) ndarray
-        True where they count.
-    origin : (2,) ndarray
-        Sample and line of the first pixel.
-    points : (k, 2) ndarray
-        Sample, line of the correspondences.
+    grey : (lines, samples) grey values; valid : (lines, samples) True where they count
+    origin : (2,) sample and line of the first pixel; points : (k, 2) sample, line of the correspondences
     """
 
     grey: np.ndarray
@@ -41,15 +33,7 @@ def draw_pair(first: PictureSide, second: PictureSide) -> str:
 
     Colours follow the position in the first window, so that wrong neighbours would show.
 
-    Parameters
-    ----------
-    first, second : PictureSide
-        The two windows; row k of their points belongs together.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    first, second : the two windows; row k of their points belongs together
     """
     scale = LONGEST_PX / float(max(*first.grey.shape, *second.grey.shape))
     sizes = [np.array(side.grey.shape[::-1]) * scale for side in (first, second)]

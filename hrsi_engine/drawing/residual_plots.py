@@ -23,23 +23,9 @@ def draw_residual_vectors(
 ) -> str:  # fmt: skip
     """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
 
-    Parameters
-    ----------
-    xy, residual : (n, 2) ndarray
-        Places and residuals, lines downwards.
-    groups : (n,) ndarray of str
-        They name the colour.
-    unit : str
-        Of the residuals, for the scale.
-    extent : (2, 2) ndarray, optional
-        Two corners of what is shown; by default the points' own.
-    typical : float, optional
-        Length that sets the scale of the arrows; by default their own.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    xy, residual : (n, 2) places and residuals, lines downwards; groups : (n,) they name the colour
+    unit : of the residuals, for the scale; extent : (2, 2) two corners of what is shown; by default the points' own
+    typical : length that sets the scale of the arrows; by default their own
     """
     low, high = (xy.min(axis=0), xy.max(axis=0)) if extent is None else extent
     scale = (RESIDUALS_WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
@@ -68,17 +54,7 @@ def _draw_arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
 def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
     """Return bars by case, one for each group (thesis figures 2.7 and 2.21).
 
-    Parameters
-    ----------
-    values : mapping
-        Heights of the bars, ``values[case][group]``.
-    unit : str
-        Of the values.
-
-    Returns
-    -------
-    str
-        An SVG element.
+    values : heights of the bars, ``values[case][group]``; unit : of the values
     """
     rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
     largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0

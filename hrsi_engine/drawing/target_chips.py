@@ -15,22 +15,9 @@ CHIP_STRETCH_PERCENT = (0.5, 99.5)
 class TargetChip:
     """What a chip shows, in image coordinates.
 
-    Parameters
-    ----------
-    grey : (lines, samples) ndarray or None
-        Around the target, None without pixels.
-    origin : (2,) ndarray
-        Sample and line of its first pixel.
-    edges : (k, 2) ndarray
-        Edge points.
-    used : (k,) ndarray
-        True for those the fit kept.
-    curves : tuple of (m, 2) ndarray
-        Polylines of the fit.
-    position : (2,) ndarray
-        The target, NaN where refused.
-    computed : (2,) ndarray, optional
-        Where the adjusted block expects it.
+    grey : (lines, samples) around the target, None without pixels; origin : (2,) sample and line of its first pixel
+    edges : (k, 2) edge points; used : (k,) True for those the fit kept; curves : polylines ``(m, 2)`` of the fit
+    position : (2,) the target, NaN where refused; computed : (2,) where the adjusted block expects it
     """
 
     grey: np.ndarray | None
@@ -43,18 +30,7 @@ class TargetChip:
 
 
 def draw_target_chip(chip: TargetChip) -> str:
-    """Return the chip as an SVG element.
-
-    Parameters
-    ----------
-    chip : TargetChip
-        What to draw.
-
-    Returns
-    -------
-    str
-        An SVG element.
-    """
+    """Return the chip as an SVG element."""
     origin, size = _find_extent(chip)
     scale = CHIP_SIDE_PX / float(max(size))
     width, height = size * scale

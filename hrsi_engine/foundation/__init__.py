@@ -3,11 +3,9 @@
 from .lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "workers.certificates": "Certificates",
     "errors": "Cancelled HrsiError InputError OutputError SolveError",
     "progress": "Progress advance silent stage",
     "reasons": "Level Reason",
     "robust_scale": "robust_sigma",
-    "workers.scheduling": "WorkPart open_scheduler run_parts",
     "version": "VERSION",
 })  # fmt: skip

@@ -15,7 +15,3 @@ from .reasons import Level as Level
 from .reasons import Reason as Reason
 from .robust_scale import robust_sigma as robust_sigma
 from .version import VERSION as VERSION
-from .workers.certificates import Certificates as Certificates
-from .workers.scheduling import WorkPart as WorkPart
-from .workers.scheduling import open_scheduler as open_scheduler
-from .workers.scheduling import run_parts as run_parts

@@ -193,20 +193,3 @@ class LocalFrame:
             Lon, lat in degrees, ellipsoidal height in metres.
         """
         return from_ecef(local @ self.axes + self.origin)
-
-    def rotation_to(self, ground: np.ndarray) -> np.ndarray:
-        """Return ``(n, 3, 3)``: this frame's coordinates of each point's own east, north, up unit vectors.
-
-        Column ``k`` of each matrix is the derivative of `from_ground` by a metre along axis ``k`` at the point.
-
-        Parameters
-        ----------
-        ground : (n, 3) ndarray
-            Lon, lat in degrees, ellipsoidal height in metres.
-
-        Returns
-        -------
-        (n, 3, 3) ndarray
-            Without unit.
-        """
-        return self.axes @ east_north_up(ground[:, 0], ground[:, 1]).transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""Signatures, descriptions and type stubs of the facade's functions, made from the declarations."""
+"""Signatures and descriptions of the facade's functions, made from the declarations."""
 
 import inspect
 import textwrap
@@ -26,13 +26,13 @@ def signature_of(algorithm: Algorithm) -> inspect.Signature:
             inspect.Parameter.POSITIONAL_OR_KEYWORD if _is_first(param) else inspect.Parameter.KEYWORD_ONLY,
             default=inspect.Parameter.empty if _is_needed(param) else param.default,
         )
-        for param in _sort_parameters(algorithm)
+        for param in sort_parameters(algorithm)
     ]
     progress = inspect.Parameter(PROGRESS, inspect.Parameter.KEYWORD_ONLY, default=None)
     return inspect.Signature([*parameters, progress])
 
 
-def _sort_parameters(algorithm: Algorithm) -> list[Param]:
+def sort_parameters(algorithm: Algorithm) -> list[Param]:
     """Return the options with those first that may stand without their names, the needed ones before the others."""
     return sorted(
         algorithm.params, key=lambda param: (not _is_first(param), not (_is_first(param) and _is_needed(param)))
@@ -51,7 +51,7 @@ def describe_call(algorithm: Algorithm) -> str:
     """Return the docstring of an algorithm's function, in NumPy's sections."""
     told = spell_arguments(algorithm.help, algorithm.params, lambda param: f"``{param.key}``")
     entries: list[str] = []
-    for param in _sort_parameters(algorithm):
+    for param in sort_parameters(algorithm):
         text = spell_arguments(param.help, algorithm.params, lambda other: f"``{other.key}``")
         facts = [fact for fact in value_facts(param) if fact != "required"]
         kind = " or ".join(KINDS[param.kind].described.split(" | "))
@@ -89,27 +89,3 @@ def _wrap_text(text: str, indent: str) -> list[str]:
     for paragraph in text.split("\n\n"):
         lines += ["", *textwrap.wrap(paragraph, 100, initial_indent=indent, subsequent_indent=indent)]
     return lines[1:]
-
-
-def stub_of(algorithm: Algorithm) -> str:
-    """Return the function as a stub (``.pyi``) has it, with types and description."""
-    parts: list[str] = []
-    parameters = signature_of(algorithm).parameters
-    for param in _sort_parameters(algorithm):
-        if parameters[param.key].kind is inspect.Parameter.KEYWORD_ONLY and "*" not in parts:
-            parts.append("*")
-        needed = parameters[param.key].default is inspect.Parameter.empty
-        kind = (
-            f"Literal[{', '.join(map(_quote_text, param.choices))}]" if param.choices else KINDS[param.kind].annotation
-        )
-        default = _quote_text(param.default) if isinstance(param.default, str) else repr(param.default)
-        optional = f"{kind} | None = None" if param.default is None else f"{kind} = {default}"
-        parts.append(f"{param.key}: {kind if needed else optional}")
-    parts += ([] if "*" in parts else ["*"]) + [f"{PROGRESS}: Progress | None = None"]
-    body = textwrap.indent(f'"""{describe_call(algorithm)}"""', "    ", lambda line: line.strip() != "")
-    listed = "".join(f"    {part},\n" for part in parts)
-    return f"def {function_name(algorithm.name)}(\n{listed}) -> Result:\n{body}\n    ...\n"
-
-
-def _quote_text(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

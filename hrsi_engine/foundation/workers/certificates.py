@@ -7,14 +7,8 @@ from dataclasses import dataclass
 class Certificates:
     """PEM files for a scheduler that encrypts; what is None comes from Dask's own configuration.
 
-    Parameters
-    ----------
-    authority : str, optional
-        Certificates of the authority that the scheduler's is signed by.
-    own : str, optional
-        The certificate that this side shows.
-    key : str, optional
-        Its private key, where that is not in the same file.
+    authority : certificates of the authority that the scheduler's is signed by
+    own : the certificate that this side shows; key : its private key, where that is not in the same file
     """
 
     authority: str | None = None

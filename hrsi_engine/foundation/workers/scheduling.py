@@ -27,20 +27,10 @@ PartResult = dict[str, np.ndarray]
 class WorkPart:
     """One part of the work: ``function(job, *results of needs)``.
 
-    Parameters
-    ----------
-    key : str
-        Unique among the parts, and the same again for the same work: results are kept under it.
-    function : callable
-        Does the work; it may run in another process.
-    job : object
-        What it is given; all that it needs.
-    needs : tuple of str
-        Keys of the parts whose results it is given.
-    keep : bool
-        Whether the result is worth a file; intermediate results are not.
-    label : str
-        What progress says of it.
+    key : unique among the parts, and the same again for the same work: results are kept under it
+    function : does the work; it may run in another process; job : what it is given; all that it needs
+    needs : keys of the parts whose results it is given
+    keep : whether the result is worth a file; intermediate results are not; label : what progress says of it
     """
 
     key: str
@@ -74,28 +64,10 @@ def run_parts(
 
     Parts that were finished before a cancellation are kept.
 
-    Parameters
-    ----------
-    parts : sequence of WorkPart
-        All parts.
-    wanted : sequence of str
-        Keys of the results to return.
-    scheduler : Scheduler
-        What runs them, see `open_scheduler`.
-    keeper : Keeper, optional
-        Where finished results are kept and found again.
-    progress : Progress
-        Callback; False cancels.
+    wanted : keys of the results to return; scheduler : what runs the parts, see `open_scheduler`
+    keeper : where finished results are kept and found again
 
-    Returns
-    -------
-    dict
-        The results, by key.
-
-    Raises
-    ------
-    Cancelled
-        When ``progress`` asks to stop.
+    Raises `Cancelled` when ``progress`` asks to stop.
     """
     by_key = {part.key: part for part in parts}
     results: dict[str, PartResult] = {}
@@ -153,24 +125,8 @@ class _Call:
 def open_scheduler(address: str | None = None, threads: int = 0, certificates: Certificates = CONFIGURED) -> Scheduler:
     """Return what runs parts: workers of the Dask scheduler at an address, else threads (0: as many as cores).
 
-    Parameters
-    ----------
-    address : str, optional
-        Of a Dask scheduler; by default threads of this process.
-    threads : int
-        Their number; 0 takes as many as there are cores.
-    certificates : Certificates
-        For an address that begins with ``tls://`` or ``wss://``.
-
-    Returns
-    -------
-    Scheduler
-        What `run_parts` takes.
-
-    Raises
-    ------
-    InputError
-        The package for workers is missing, or nobody answers at the address.
+    ``certificates`` are for an address that begins with ``tls://`` or ``wss://``. Raises `InputError` where the package
+    for workers is missing, or nobody answers at the address.
     """
     if address:
         return _run_on_workers(address, certificates)

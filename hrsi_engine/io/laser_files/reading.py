@@ -23,28 +23,15 @@ def read_laser(
 ) -> LaserPoints:
     """Return the laser points of a file.
 
-    Parameters
-    ----------
-    spec : str
-        A granule (ATL06, ATL08, GEDI L2A), GeoParquet, or ``FILE[|layername=L]`` of points with the fields ``height``
-        or ``h_mean``, and ``sigma_h`` or ``h_sigma``.
-    height_datum : str
-        What heights of a layer refer to: ``ellipsoidal``, ``layer`` (as its CRS says), ``egm96``, ``egm2008`` or a
-        geoid grid file. Granules are always ellipsoidal.
-    ground_crs : str, optional
-        CRS of x and y in a file that names none; longitudes and latitudes are WGS84 there.
-    epoch : float, optional
-        Year in which a CRS fixed to a plate is brought to WGS84.
+    spec : a granule (ATL06, ATL08, GEDI L2A), GeoParquet, or ``FILE[|layername=L]`` of points with the fields
+    ``height`` or ``h_mean``, and ``sigma_h`` or ``h_sigma``
+    height_datum : what heights of a layer refer to: ``ellipsoidal``, ``layer`` (as its CRS says), ``egm96``,
+    ``egm2008`` or a geoid grid file. Granules are always ellipsoidal
+    ground_crs : CRS of x and y in a file that names none; longitudes and latitudes are WGS84 there
+    epoch : year in which a CRS fixed to a plate is brought to WGS84
 
-    Returns
-    -------
-    LaserPoints
-        All of them; those with impossible heights have a ``doubt``.
-
-    Raises
-    ------
-    InputError
-        Names file and field, and what to do.
+    All points come back; those with impossible heights have a ``doubt``. `InputError` names file and field, and what to
+    do.
     """
     path, layer = split_spec(spec)
     head = _read_head(path)
