@@ -121,7 +121,8 @@ class Problem:
         if not sources:
             return None
         estimate = options.test_sigmas or options.variance_components
-        return HeightObservations(tuple(sources), free, estimate, self._locate_by_rpcs())
+        surveyed = np.flatnonzero(observations.surveyed & ~free)
+        return HeightObservations(tuple(sources), free, estimate, self._locate_by_rpcs(), surveyed)
 
     def _locate_by_rpcs(self) -> RpcHeights | None:
         """Return what the RPCs say of the heights of tie points; None where others hold the block, or nothing does.

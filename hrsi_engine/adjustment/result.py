@@ -141,6 +141,7 @@ class HeightAgreement:
     sigma_m : median standard deviation as estimated, sigma_factor times the given one
     share : of what the sources together say of the block's height; alone_m : what the block would rise by if this
     source alone held it
+    gcps : GCPs whose surveyed heights contradict what the block lies on, and all that were compared
     """
 
     source: str
@@ -154,6 +155,7 @@ class HeightAgreement:
     share: float
     alone_m: float
     groups: tuple[SourceGroup, ...] = ()
+    gcps: tuple[int, int] = (0, 0)
 
     @property
     def contradicts(self) -> bool:

@@ -127,3 +127,21 @@ def test_heights_of_a_single_strip_between_gcps_of_one_image():
     )
     assert abs(free) > 5.0
     assert abs(held) < 1.0
+
+
+@pytest.mark.parametrize("off_m", [-49.0, -20.0, 20.0])
+def test_gcps_that_agree_outvote_a_dem_that_is_off_as_a_whole(off_m, monkeypatch):
+    """Heights of points are compared with the terrain that made them: six GCPs of 0.1 m know better than a DEM."""
+    terrain, dem, _ = surfaces(0.0, 4)
+    block, truth = weak_block(terrain, 4, gcps=6)
+    right = dem.heights
+    monkeypatch.setattr(dem, "heights", lambda grid: right(grid) + off_m)
+    options = AdjustOptions(model="shift", dem=dem, sigma_dem_m=SIGMA_DEM_M)
+    result = adjust(block, options)
+    ties = block.points.role == Role.TIE
+    error = ground_difference_m(result.ground[ties], truth[ties])[:, 2]
+    alone = adjust(block, AdjustOptions(model="shift"))
+    without = ground_difference_m(alone.ground[ties], truth[ties])[:, 2]
+    assert abs(np.median(error)) < max(2.0 * abs(np.median(without)), 1.0)
+    (agreement,) = result.heights
+    assert agreement.contradicts and agreement.left_out == agreement.observations

@@ -112,6 +112,17 @@ def test_check_points_of_another_datum():
     assert found.keys() == {"check-misfit"} and found["check-misfit"].level is Level.UNUSABLE
 
 
+def test_check_heights_off_together_are_told_though_each_fits():
+    """A height off by 3 sigma of each point is beyond chance for twenty; the truth of the block has none."""
+    block = sound()
+    check = block.points.role == Role.CHECK
+    sigma = np.sqrt(np.nanmean(evidence_of(block).result.ground_covariance_m2[check, 2, 2]))
+    size = max(6.0 * float(sigma), 3.0)
+    reason = reasons_of(moved(block, rows_of(block, Role.CHECK), (0.0, 0.0, size)))["check-misfit"]
+    assert "in height they all lie" in reason.message and "above the block's ground" in reason.message
+    assert "in east they" not in reason.message
+
+
 def test_a_lone_check_point_is_named():
     block = sound()
     wrong = rows_of(block, Role.CHECK)[4:5]

@@ -22,12 +22,21 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ...block.shared_accuracy import DEM, divide_area
+from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import HeightAgreement
-from .shared_errors import ErrorSource, GroupHistory, SourceFit, compare_groups, estimate_sigma_factor
+from .shared_errors import (
+    CommonError,
+    ErrorSource,
+    GroupHistory,
+    OtherOffsets,
+    SourceFit,
+    compare_groups,
+    estimate_sigma_factor,
+)
 
 
 @thresholds
@@ -35,6 +44,8 @@ class HEIGHTS:
     """Which heights can be judged."""
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
+    most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")
+    least_common_m: float = threshold(1e-3, "m", "error that surveyed heights share: each is wrong by itself")
 
 
 class HeightRows(NamedTuple):
@@ -106,9 +117,10 @@ class RpcHeights(NamedTuple):
     height: np.ndarray
     sigma_m: float
 
-    def compare_with(self, ground: np.ndarray) -> tuple[float, float]:
-        """Return by how much, in the median, that is above ``ground (m, 3)``, and the standard deviation."""
-        return float(np.median(self.height - ground[self.points, 2])), self.sigma_m
+    def compare_with(self, ground: np.ndarray) -> OtherOffsets:
+        """Return by how much, in the median, that is above ``ground (m, 3)``."""
+        offset = np.array([np.median(self.height - ground[self.points, 2])])
+        return OtherOffsets(offset, np.array([self.sigma_m**2]), CommonError(self.sigma_m, True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +130,15 @@ class HeightObservations:
     free : (m,) which points may be held: those whose height no survey gives
     estimate : whether the sources' sigmas are estimated
     by_rpcs : what the RPCs say of the block's height, where sources contradict one another; None: nothing
+    surveyed : (g,) points with surveyed heights. Each of them has a say where sources contradict: a DEM may be wrong as
+        a whole, and two GCPs that agree outvote it
     """
 
     sources: tuple[HeightSource, ...]
     free: np.ndarray
     estimate: bool = True
     by_rpcs: RpcHeights | None = None
+    surveyed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     memory: GroupHistory = field(default_factory=GroupHistory)
 
     def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
@@ -173,10 +188,25 @@ class HeightObservations:
                 one.sigma_factor = estimate_sigma_factor(one)
             one.weigh_by_fit(np.ones(count, dtype=bool))
             judged.append(one)
-        compare_groups(judged, self.memory, None if self.by_rpcs is None else self.by_rpcs.compare_with(ground))
+        surveys = self._compare_surveys(priors, ground, cofactors)
+        off = compare_groups(
+            judged, self.memory, [surveys, *([] if self.by_rpcs is None else [self.by_rpcs.compare_with(ground)])]
+        )
+        self.memory.surveys = (int(off[0].sum()) if off else 0), len(surveys.offset_m)
         for one in judged:
             one.reduce_shared_weights()
         return judged
+
+    def _compare_surveys(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> OtherOffsets:
+        """Return what the surveyed heights that take part say of the block's height, against the rays alone."""
+        points = self.surveyed[priors.observed[self.surveyed, 2]]
+        points = points[:: -(-len(points) // HEIGHTS.most_gcps) or 1]
+        q, w = cofactors[points, 2, 2], priors.weight[points, 2]
+        by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
+        miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
+        if len(points) > 2:  # stated sigmas of surveys are guesses: what they scatter by counts
+            variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
+        return OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
 
     def summarise_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
@@ -189,7 +219,9 @@ class HeightObservations:
         total = sum(one.weight for one in judged)
         of_cameras = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0)
         return tuple(
-            _summarise_source(one, ground, total, cofactors[:, 2, 2], of_cameras) for one in judged if len(one.miss_m)
+            replace(_summarise_source(one, ground, total, cofactors[:, 2, 2], of_cameras), gcps=self.memory.surveys)
+            for one in judged
+            if len(one.miss_m)
         ), judged
 
 

@@ -221,10 +221,14 @@ def _collect_offsets(one: SourceFit[Any], source: int) -> list[GroupOffset]:
 
 @dataclass(eq=False)
 class GroupHistory:
-    """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment."""
+    """Groups (source, group) that were left out last, and how often each came back, in the passes of an adjustment.
+
+    ``surveys`` are the surveyed heights that contradict what the block lies on, and all of them.
+    """
 
     left_out: set[tuple[str, int]] = field(default_factory=set)
     returns: Counter[tuple[str, int]] = field(default_factory=Counter)
+    surveys: tuple[int, int] = (0, 0)
 
     def decide_exclusion(self, group: tuple[str, int], decided: bool) -> bool:
         """Return whether a group is left out that is ``decided`` to be wrong, or not; take it down."""
@@ -235,20 +239,23 @@ class GroupHistory:
 
 
 def compare_groups(
-    judged: Sequence[SourceFit[Any]], memory: GroupHistory, beside: tuple[float, float] | None = None
-) -> None:
+    judged: Sequence[SourceFit[Any]], memory: GroupHistory, beside: Sequence[OtherOffsets] = ()
+) -> list[np.ndarray]:
     """Test the groups of all sources against one another; leave out those that lie off.
 
-    ``memory`` is that of the passes before; ``beside`` is what else says where the block lies, and holds nothing:
-    offset and standard deviation.
+    ``memory`` is that of the passes before; ``beside`` is what else says where the block lies. Returned are masks of
+    those of its offsets that contradict the others.
     """
     opinions = [opinion for number, one in enumerate(judged) for opinion in _collect_offsets(one, number)]
     sources = [CommonError(one.source.overall_m, one.source.can_be_biased_as_a_whole) for one in judged]
     said = len(opinions)
-    if beside is not None and opinions:
-        opinions.append(GroupOffset(len(judged), 0, beside[0], beside[1] ** 2, 0))
-        sources.append(CommonError(beside[1], can_be_biased_as_a_whole=True))
+    if opinions:
+        for other in beside:
+            pairs = zip(other.offset_m.tolist(), other.variance.tolist(), strict=True)
+            opinions += [GroupOffset(len(sources), k, *pair, 1) for k, pair in enumerate(pairs)]
+            sources.append(other.common)
     off, decided, middle = find_outlying_groups(opinions, sources)
+    of_others = np.split(off[said:], np.cumsum([len(other.offset_m) for other in beside])[:-1]) if opinions else []
     opinions = opinions[:said]
     left_out = [
         memory.decide_exclusion((judged[opinion.source].source.name, opinion.group), sure)
@@ -263,8 +270,10 @@ def compare_groups(
     for number, one in enumerate(judged):
         wrong_groups = [opinion.group for opinion, sure in zip(opinions, left_out, strict=True)
                         if sure and opinion.source == number]  # fmt: skip
-        if wrong_groups:
-            one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups))
+        if wrong_groups:  # with all that could be judged go the small ones that could not
+            all_wrong = one.source.can_be_biased_as_a_whole and len(wrong_groups) == len(one.groups)
+            one.weigh_by_fit(~np.isin(one.rows.group, wrong_groups) & (not all_wrong))
+    return of_others
 
 
 class GroupOffset(NamedTuple):
@@ -282,6 +291,14 @@ class CommonError(NamedTuple):
 
     sigma_m: float
     can_be_biased_as_a_whole: bool
+
+
+class OtherOffsets(NamedTuple):
+    """What other observations than those of the sources say of the block's place: offsets and variances ``(k,)``."""
+
+    offset_m: np.ndarray
+    variance: np.ndarray
+    common: CommonError
 
 
 def find_outlying_groups(

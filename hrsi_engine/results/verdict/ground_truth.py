@@ -17,6 +17,7 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
+from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..residuals import by_image, state_known_sigmas_px
 from .evidence import CAMERA, Evidence
@@ -32,6 +33,9 @@ class GroundTruthThresholds:
     unusable_error: float = threshold(10.0, "", "RMS check point error over prediction: block unusable", SOUND_BLOCKS)
     height_scatter: float = threshold(2.0, "", "scatter of heights over stated, beyond the next too", SOUND_BLOCKS)
     height_scatter_m: float = threshold(5.0, "m", "the same in metres", SOUND_BLOCKS)
+    outvoted_share: float = threshold(0.5, "", "share of the GCPs against other heights that makes a block unusable")
+    doubtful_parts: float = threshold(0.1, "", "share of a source in parts that contradict the others: reported")
+    unusable_parts: float = threshold(0.25, "", "from which on, without GCPs, the others may be the wrong ones")
     canopy_m: float = threshold(3.0, "m", "laser points lower by more are ground, the others tree tops", SOUND_BLOCKS)
     fewest_lower: int = threshold(10, "points", "so many lower points are reported", SOUND_BLOCKS)
     lower_share: float = threshold(0.1, "", "or this share of the laser points, the larger of both", SOUND_BLOCKS)
@@ -41,16 +45,31 @@ class GroundTruthThresholds:
     wrong_share: float = threshold(0.3, "", "share of GCPs left out beyond which the others may be the wrong ones")
     fewest_agreeing: int = threshold(3, "points", "check points from which on their agreement counts")
     agreeing_error: float = threshold(2.0, "", "RMS check point error over prediction up to which they agree")
+    large_scatter: float = threshold(2.7, "", "robust scatter along an axis over the predicted one", SOUND_BLOCKS)
+    most_independent: int = threshold(5, "points", "whose cameras' unmodelled errors are independent", SOUND_BLOCKS)
     fewest_rest: int = threshold(3, "points", "GCPs that must be left where wrong ones were left out: a plane")
     ambiguous_sigmas: float = threshold(10.0, "sigma", "unresolved contradiction of GCPs: block unusable", SOUND_BLOCKS)
 
 
 GROUND_TRUTH = GroundTruthThresholds()
+AXES = {"east": ("west of", "east of"), "north": ("south of", "north of"), "height": ("below", "above")}
 
 
 def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for GCPs whose residuals are larger than their standard deviations allow."""
-    yield from _find_misfit(evidence, Role.GCP, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit)
+    """Yield the reason for GCPs whose residuals are larger than their standard deviations allow, singly or together."""
+    found = list(_find_misfit(evidence, Role.GCP, GROUND_TRUTH.doubtful_misfit, GROUND_TRUTH.unusable_misfit))
+    yield from found
+    result, points = evidence.result, evidence.result.block.points
+    out = [finding.id for finding in result.findings if finding.left_out]
+    gcps = np.flatnonzero((points.role == Role.GCP) & ~np.isin(points.ids, out))
+    own, cofactors = result.survey_covariance_m2(gcps), _compute_ray_cofactors(evidence, gcps)
+    axes = _find_axis_errors(evidence, evidence.left.ground_m[gcps], np.zeros_like(own), own, cofactors, means=True)
+    if axes and not found:
+        yield Reason(
+            "control-misfit", Level.DOUBTFUL, f"the {len(gcps)} GCPs do not lie on the block: {'; '.join(axes)}",
+            "see what else holds the block (DEM, laser points, reference, RPCs) and which of both is right",
+            points=tuple(points.ids[gcps].tolist()),
+        )  # fmt: skip
 
 
 def find_check_misfit_in_images(evidence: Evidence) -> Iterator[Reason]:
@@ -137,23 +156,28 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
     result, points = evidence.result, evidence.result.block.points
     check = np.flatnonzero(points.role == Role.CHECK)
     error = evidence.left.ground_m[check]
-    covariance = result.covariance_to_surveys_m2(check) + result.survey_covariance_m2(check)
-    covariance += evidence.camera_px**2 * _compute_ray_cofactors(evidence, check)
+    block_part = result.covariance_to_surveys_m2(check)
+    own = result.survey_covariance_m2(check)
+    cofactors = _compute_ray_cofactors(evidence, check)
+    covariance = block_part + own + evidence.camera_px**2 * cofactors
     usable = finite_rows(error[:, :2]) & np.isfinite(covariance[:, :2, :2]).all(axis=(1, 2))
     check, error, covariance = check[usable], error[usable], covariance[usable]
     if not len(check):
         return
     squares, freedom = _compute_chi_squares(error, covariance)
     factor = float(np.sqrt(squares.sum() / freedom.sum()))
+    axes = _find_axis_errors(evidence, error, block_part[usable], own[usable], cofactors[usable])
     # The errors of a block's points are correlated: their sum is tested with the degrees of freedom of one point.
-    if is_significant(3.0 * factor**2, 3.0):
+    if axes or is_significant(3.0 * factor**2, 3.0):
         predicted = np.sqrt(np.nanmean(covariance.diagonal(axis1=1, axis2=2), axis=0))
         found = np.sqrt(np.nanmean(error**2, axis=0))
+        ratio = float(np.nanmax(found / predicted))
         yield Reason(
             "check-misfit",
-            Level.UNUSABLE if factor >= GROUND_TRUTH.unusable_error else Level.DOUBTFUL,
+            Level.UNUSABLE if max(factor, ratio) >= GROUND_TRUTH.unusable_error else Level.DOUBTFUL,
             f"{len(check)} check points are {factor:.2g} times as far off as predicted: "
-            f"RMSE {_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)",
+            f"RMSE {_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)"
+            + "".join(f"; {axis}" for axis in axes),
             "compare the datum and heights of check points and GCPs; look at the arrows of the report: one direction "
             "is a datum, a fan is a missing model, single ones are wrong points",
             points=tuple(str(name) for name in points.ids[check]),
@@ -173,6 +197,44 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
             "compare these points with their source and their measurements in the images",
             points=ids,
         )  # fmt: skip
+
+
+def _find_axis_errors(
+    evidence: Evidence, error: np.ndarray, block_part: np.ndarray, own: np.ndarray, cofactors: np.ndarray,
+    means: bool = False,
+) -> list[str]:  # fmt: skip
+    """Return what is wrong with the errors ``(k, 3)`` of points along single axes, as text.
+
+    The variance of an axis's mean is that of the block, which all points share, and that of k surveys and measurements
+    over k; of what cameras do not follow at most `most_independent` errors are independent. So a common error is seen
+    that no single point shows. ``block_part``, ``own`` are covariances ``(k, 3, 3)`` by the adjustment and of the
+    surveys, ``cofactors`` those of rays; ``means`` leaves out how they scatter, as drifts do too.
+    """
+    ray, stated = (one.diagonal(axis1=1, axis2=2) for one in (cofactors, own))
+    pixel = evidence.result.unit_sigma * float(np.median(evidence.result.sigma_px))
+    shared = np.maximum(block_part.diagonal(axis1=1, axis2=2) - pixel**2 * ray, 0.0)
+    single = shared + stated + (pixel**2 + evidence.camera_px**2) * ray
+    told = []
+    for axis, (name, sides) in enumerate(AXES.items()):
+        used = np.isfinite(error[:, axis]) & np.isfinite(single[:, axis])
+        count = int(used.sum())
+        if count < GROUND_TRUTH.fewest_agreeing:
+            continue
+        mean, sigma = float(error[used, axis].mean()), float(np.sqrt(single[used, axis].mean()))
+        of_cameras = evidence.camera_px**2 * ray[used, axis] / min(count, GROUND_TRUTH.most_independent)
+        by_points = (stated[used, axis] + pixel**2 * ray[used, axis]) / count
+        of_mean = float(np.sqrt((shared[used, axis] + of_cameras + by_points).mean()))
+        scatter = float(robust_sigma(error[used, axis] - np.median(error[used, axis]))) / sigma
+        if is_significant((mean / of_mean) ** 2, 1.0, SIGNIFICANCE.risk / 3.0) and abs(mean) > sigma:
+            told.append(
+                f"in {name} they all lie {abs(mean):.2g} m {sides[mean > 0.0]} the block's ground in the mean, "
+                f"{abs(mean) / of_mean:.0f} standard deviations ({of_mean:.2g} m)"
+            )
+        elif not means and scatter > max(
+            GROUND_TRUTH.large_scatter, np.sqrt(compute_chi_square_limit(count - 1.0) / (count - 1.0))
+        ):
+            told.append(f"in {name} they scatter {scatter:.1f} times as much as predicted ({sigma:.2g} m)")
+    return told
 
 
 def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
@@ -265,21 +327,33 @@ def _format_metres(values: np.ndarray) -> str:
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
-    """Yield reasons for laser points or a DEM that contradict the other observations of the block's height."""
+    """Yield reasons for laser points or a DEM that contradict one another, or the GCPs, on the block's height.
+
+    GCPs that agree decide, and so do most parts of a DEM; where nothing decides, the height may be either.
+    """
+    le90_m = max((part.le90_m for part in evidence.result.parts if part.le90_m is not None), default=np.inf)
     for one in evidence.result.heights:
+        off, compared = one.gcps
         undecided = list(one.undecided)
-        if not one.contradicts and not undecided:
-            continue
         told = [group for group in one.groups if group.wrong and not (undecided and group.left_out)]
-        middle = float(np.median([group.offset_m for group in told]))
-        who = "all of its heights" if one.contradicts else f"the heights of {list_ids(undecided)}"
-        done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
+        middle = float(np.median([group.offset_m for group in told])) if told else 0.0
+        share = sum(group.observations for group in told) / max(one.observations, 1)
+        outvoted = off > GROUND_TRUTH.outvoted_share * compared and one.left_out < one.observations
+        if not (one.contradicts or undecided or outvoted or share > GROUND_TRUTH.doubtful_parts):
+            continue
+        open_between = bool(undecided) or (not compared and share > GROUND_TRUTH.unusable_parts)
+        if outvoted:
+            what = f"its heights contradict those of {off} of {compared} GCPs, and hold the block against them"
+        else:
+            who = "all of its heights" if one.contradicts else f"the heights of {list_ids(g.name for g in told)}"
+            done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
+            what = f"{who} differ by {middle:+.1f} m (median) from the other observations of the block's height"
+            what += f" (sigma {told[0].sigma_m:.1f} m); they {done}"
+        unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
         yield Reason(
-            "sources-disagree", Level.DOUBTFUL,
-            f"{one.source}: {who} differ by {middle:+.1f} m (median) from the other observations of the block's "
-            f"height; they {done}",
+            "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
             "check what the heights of laser points, DEM and GCPs refer to: above a geoid and above the ellipsoid they "
-            "differ by tens of metres",
+            "differ by tens of metres; a DEM whose parts disagree may be a mosaic with a step",
         )  # fmt: skip
 
 
