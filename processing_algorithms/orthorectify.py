@@ -17,7 +17,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     terrain = ortho_inputs.open_ortho_terrain(options)
     plan = ortho_inputs.plan_block(images, terrain, options)
     jobs = ortho_jobs.jobs_of(plan, options)
-    ortho_outputs.check_ortho_folder(options, jobs)
+    ortho_outputs.check_ortho_folder(options, jobs, context.inputs)
     if context.dry_run:
         return ortho_outputs.plan_orthoimages(plan, jobs, options, context)
     entries = ortho_outputs.make_all(jobs, options, context)

@@ -1,72 +1,93 @@
 """`write-rpc`: an RPC into a GeoTIFF, a sidecar or a VRT, and the original back."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..hrsi_engine.camera.rpc import RPC
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
+from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.io.rpc_files import (
+    KEEPS_NONE,
     FoundRpc,
+    prepare_restoring,
+    prepare_sidecar,
     read_back_px,
     read_rpc,
     read_rpc_or_none,
-    restore,
+    require_in_place,
     rpc_for_image,
     rpc_in_folder,
     rpc_reader_of,
 )
+from ..hrsi_engine.io.safety.transactions import Transaction
 from .declarations.write_rpc import OUTPUT_ENDINGS, WriteRpcOptions
 from .files.dry_run import plan
 from .interface.declare import Context, Report
 
 _NEEDS_FOLDER = ("copy", "vrt")
-#: Ways of writing an RPC beside pixels, and the kinds of files that hold it alone.
-WRITERS: dict[str, Callable[[str, str, RPC, Progress], tuple[str, ...]]] = {
-    "copy": rpc_files.write_geotiff_copy,
-    "in-place": lambda path, output, rpc, progress: rpc_files.write_in_place(path, rpc, progress),
-    "vrt": lambda path, output, rpc, progress: rpc_files.write_vrt(path, output, rpc),
+#: What prepares an RPC beside pixels, by the choice of `write`; and the kinds of files that hold it alone.
+WRITERS: dict[str, Callable[[str, str, RPC, Transaction, Progress], tuple[str, ...]]] = {
+    "copy": rpc_files.prepare_geotiff_copy,
+    "in-place": lambda path, _, rpc, changes, progress: rpc_files.prepare_in_place(path, rpc, changes, progress),
+    "vrt": lambda path, output, rpc, changes, _: rpc_files.write_vrt(path, output, rpc, replace=changes.replacing),
 }
 SIDECAR_KINDS = {"sidecar": "rpc-txt", "rpb": "rpb", "xml": "isd", "geom": "geom", "json": "rpcm-json"}
 
 
 def run(options: WriteRpcOptions, context: Context) -> Report:
-    """Find every image's RPC and its output first, then write; or restore."""
-    report: Report = {**context.record, "images": {}, "warnings": []}
-    jobs = [] if options.restore else _plan_jobs(options)
+    """Find every image's RPC and its output first, then write or restore all of them, or none."""
+    jobs = [] if options.restore else _plan_jobs(options, context.inputs)
     if context.dry_run:
         return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
-    if options.output_dir:
-        os.makedirs(options.output_dir, exist_ok=True)
-    entry: Report
-    steps = len(jobs) or len(options.images)
-    for index in range(steps):
-        part = stage(context.progress, index / steps, (index + 1) / steps)
-        advance(part, 0.0)
+    report: Report = {**context.record, "images": {}, "warnings": []}
+    with Transaction(options.output_dir or os.path.dirname(options.images[0])) as changes:
         if options.restore:
-            path = options.images[index]
-            notices, found = restore(path, part), read_rpc_or_none(path)
-            entry = {"path": path, "output": path, "source": found.source if found else None, "max_difference_px": None}
-        else:
-            path, output, how, job_rpc = jobs[index]
-            rpc = job_rpc.rpc
-            if how in SIDECAR_KINDS:
-                notices = rpc_files.write_sidecar(output, rpc, SIDECAR_KINDS[how])
+            report["warnings"] += _prepare_restoring(options.images, changes, context.progress)
+        for index, job in enumerate(jobs):
+            part = stage(context.progress, index / len(jobs), (index + 1) / len(jobs))
+            advance(part, 0.0)
+            if job.how in SIDECAR_KINDS:
+                report["warnings"] += prepare_sidecar(job.output, job.found.rpc, changes, SIDECAR_KINDS[job.how])
             else:
-                notices = WRITERS[how](path, output, rpc, part)
-            entry = {
-                "path": path, "output": output, "source": job_rpc.source, "ignored": list(job_rpc.ignored),
-                "max_difference_px": read_back_px(output, rpc),
-            }  # fmt: skip
-        report["images"][image_id(path)] = entry
-        report["warnings"] += notices
+                report["warnings"] += WRITERS[job.how](job.path, job.output, job.found.rpc, changes, part)
+        changes.commit()
+    for path in options.images if options.restore else ():
+        found = read_rpc_or_none(path)
+        report["images"][image_id(path)] = {
+            "path": path, "output": path, "source": found.source if found else None, "max_difference_px": None
+        }  # fmt: skip
+    for job in jobs:
+        if job.how in WRITERS:
+            require_in_place(job.output, job.found.rpc)
+        report["images"][image_id(job.path)] = {
+            "path": job.path, "output": job.output, "source": job.found.source, "ignored": list(job.found.ignored),
+            "max_difference_px": read_back_px(job.output, job.found.rpc),
+        }  # fmt: skip
     for notice in report["warnings"]:
         context.log(notice)
     advance(context.progress, 1.0, "done")
     return report
+
+
+def _prepare_restoring(images: Sequence[str], changes: Transaction, progress: Progress) -> list[str]:
+    """Prepare the return of all originals; return notices.
+
+    Where no image keeps an original, an earlier run may have brought all back, and nothing is to do. Raises
+    `InputError` where some do and others do not.
+    """
+    notices: dict[str, tuple[str, ...]] = {}
+    for index, path in enumerate(images):
+        part = stage(progress, index / len(images), (index + 1) / len(images))
+        advance(part, 0.0)
+        notices[path] = prepare_restoring(path, changes, part)
+    without = [path for path in images if not notices[path]]
+    if without and len(without) < len(notices):
+        raise InputError(f"{list_ids(without)}: {KEEPS_NONE}: leave it out; nothing was changed")
+    return [text for texts in notices.values() for text in texts] + [f"{path}: {KEEPS_NONE}" for path in without]
 
 
 class WriteJob(NamedTuple):
@@ -78,7 +99,7 @@ class WriteJob(NamedTuple):
     found: FoundRpc
 
 
-def _plan_jobs(options: WriteRpcOptions) -> list[WriteJob]:
+def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob]:
     """Return what is to be written; raise `InputError` before anything is."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
@@ -92,6 +113,7 @@ def _plan_jobs(options: WriteRpcOptions) -> list[WriteJob]:
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
+    require_no_input([job.output for job in jobs if job.how != "in-place"], inputs)
     made_from: dict[str, str] = {}
     for job in jobs:
         first = made_from.setdefault(os.path.realpath(job.output), job.path)

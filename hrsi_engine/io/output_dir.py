@@ -20,19 +20,15 @@ from .opening.json_files import read_json
 from .opening.virtual_files import VIRTUAL, remove_virtual, virtual_status, write_virtual
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.leftovers import temporary_folder
-from .safety.replacing import REPLACING, remove_write_ahead_log
-from .safety.transactions import Transaction, recover_folders
+from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only
+from .safety.transactions import Transaction
 
 _REPORT = "report.json"
 RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
 
 
-def check_output_dir(
-    path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = (), looking: bool = False
-) -> list[str]:
-    """Make sure, before the work begins, that its results can be written; return notices for the log.
-
-    What an interrupted run left in the folder is finished or removed first, unless one is only ``looking``.
+def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = ()) -> None:
+    """Make sure, before the work begins, that its results can be written.
 
     path : the output folder; it need not exist
     overwrite : whether files that are there may be replaced
@@ -44,19 +40,16 @@ def check_output_dir(
     """
     if path.startswith(VIRTUAL):
         found = [name for name in RESULT_FILES if virtual_status(f"{path.rstrip('/')}/{name}") is not None]
-        notices = []
     else:
         folder = Path(path)
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
-        notices = recover_folders([path]) if folder.exists() and not looking else []
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
         raise InputError(
             f"{path} already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
         )
     _require_replaceable(path, names, inputs, overwrite)
-    return notices
 
 
 def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
@@ -147,7 +140,8 @@ def _move_into_place(
     for file in files:
         target = folder / file.name
         if file.suffix == ".gpkg":
-            remove_write_ahead_log(str(target))
+            for suffix in WRITE_AHEAD_LOG:  # SQLite would play it into the new file
+                changes.remove(f"{target}{suffix}")
         keep_original(str(target), changes)
         changes.rename(str(file), str(target))
     changes.commit()
@@ -155,22 +149,45 @@ def _move_into_place(
 
 def _require_replaceable(path: str, names: Iterable[str], inputs: Iterable[str], overwrite: bool) -> None:
     """Raise `InputError` where a file of these names is there and is an input, or may not be replaced."""
-    targets = [target for name in names if exists_anywhere(target := os.path.join(path, name))]
-    if not targets:
-        return
-    read = {os.path.realpath(file) for file in inputs if file}
-    for target in targets:
-        if os.path.realpath(target) in read:
-            raise InputError(f"{target} is an input and would be replaced: choose another `output_dir`")
-    beside = {os.path.realpath(file) for file in files_with(inputs)}
+    targets = [os.path.join(path, name) for name in names]
+    require_no_input(targets, inputs)
     named = set() if overwrite else names_of_last_run(path)
     for target in targets:
-        if os.path.realpath(target) in beside and not is_rpc_file(target):
-            raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
-        if not overwrite and os.path.basename(target) not in named:
+        if not overwrite and os.path.basename(target) not in named and exists_anywhere(target):
             raise InputError(
                 f"{target} exists and would be replaced: allow `overwrite`, or choose another `output_dir`"
             )
+
+
+def require_no_input(targets: Iterable[str], inputs: Iterable[str]) -> None:
+    """Raise `InputError` where a file that would be written is there and read-only, or an input by whatever path.
+
+    What belongs to an input is not replaced either, except its RPC files: `keep_original` keeps what they were.
+    """
+    there = [target for target in targets if exists_anywhere(target)]
+    if not there:
+        return
+    inputs = [file for named in inputs for file in (_files_in(named) if os.path.isdir(named) else [named])]
+    read, beside = ({_identity(file) for file in files} for files in (inputs, files_with(inputs)))
+    for target in there:
+        if _identity(target) in read:
+            raise InputError(f"{target} is an input and would be replaced: choose another `output_dir`")
+        if _identity(target) in beside and not is_rpc_file(target):
+            raise InputError(f"{target} belongs to an input and would be replaced: choose another `output_dir`")
+        require_not_read_only(target)
+
+
+def _files_in(folder: str) -> list[str]:
+    return [entry.path for entry in os.scandir(folder) if entry.is_file()]
+
+
+def _identity(path: str) -> object:
+    """Return what tells a file from others, by whatever path, symbolic or hard link; else its path."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return os.path.realpath(path)
+    return status.st_dev, status.st_ino
 
 
 def require_plain_name(name: str, what: str) -> None:

@@ -70,9 +70,7 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
     """Raise `InputError`, before the work begins, where its results would replace what they may not replace."""
     names = _file_names(output, images)
     folder = output.folder
-    told = check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs, context.dry_run)
-    for notice in told:
-        context.log(notice)
+    check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs)
     if output.stac and output.write == WRITE_NOTHING:
         raise InputError("`stac` tells of refined images: let `write` say where they go, or leave out `stac`")
 

@@ -25,7 +25,7 @@ class PAGE_LENGTH:
 def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> None:
     """Raise `InputError` where the output directory of the options, if any, cannot take a result."""
     if options.output_dir:
-        check_output_dir(options.output_dir, options.overwrite, looking=context.dry_run)
+        check_output_dir(options.output_dir, options.overwrite, inputs=context.inputs)
 
 
 def plan_folder(

@@ -158,6 +158,8 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     line = fill_options(LineOptions, typed)
     keys = {param.key for param in LINE_PARAMS}
     options = check_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
+    if str(options.get("output_dir") or "").startswith("/vsimem"):
+        raise InputError(f"{options['output_dir']} lies in memory, where nothing would remain: name a directory")
     terminal = terminal_of(sys.stderr, line.quiet)
     listeners: list[TerminalProgress | RunLog] = [terminal, *([log] if log else [])]
 

@@ -284,12 +284,15 @@ class Algorithm:
         }  # fmt: skip
         context = replace(context, inputs=self.inputs(options), record=lineage.without_secrets_in(record))
         try:
-            if context.dry_run and options.get("output_dir"):
-                lock.require_writable(options["output_dir"])
-            with lock.only_writer(None if context.dry_run else options.get("output_dir")):
-                if not context.dry_run:  # images may have been written in place by a run that was stopped
-                    folders = {os.path.dirname(path) or "." for path in images if os.path.exists(path)}
-                    for notice in transactions.recover_folders(folders):
+            target = options.get("output_dir")
+            if context.dry_run and target:
+                lock.require_writable(target)
+            where_they_lie = options.get("restore") or options.get("write") == "in-place" or not target
+            locked = [path for path in images if os.path.exists(path)] if "write" in options and where_they_lie else []
+            with lock.only_writer(*((None,) if context.dry_run else (target, locked))):
+                if not context.dry_run:  # what a run that was stopped left where this one reads or writes
+                    folders = {os.path.dirname(path) or "." for path in images} | {target or "."}
+                    for notice in transactions.recover_folders(filter(os.path.isdir, folders)):
                         context.log(notice)
                 with threads.limit_threads(options.get("threads") or 0):
                     report: Report = values.json_ready(work.run(made, context))
@@ -308,7 +311,8 @@ class Algorithm:
         """Return the files that checked options name for reading, without what stands behind ``|``."""
         files: list[str] = []
         for param in self.params:
-            value = options.get(param.key) if param.kind in READ_KINDS else None
+            is_read = param.kind in READ_KINDS or "FILE" in param.metavar.split("|")  # a geoid grid is a text
+            value = options.get(param.key) if is_read else None
             named = [value] if isinstance(value, str) else value or ()
             for text in (name for name in named if not isinstance(name, InMemory)):
                 files += [part.partition("|")[0].strip() for part in (text, *text.split(";"))]

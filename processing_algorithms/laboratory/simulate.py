@@ -7,6 +7,7 @@ import os
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.laboratory.simulation.synthesis import simulate_block
 from ..files.dry_run import plan
 from ..interface.declare import Context, Report
@@ -18,14 +19,15 @@ from .simulation_steps import outputs as simulation_outputs
 def run(options: SimulateOptions, context: Context) -> Report:
     """Simulate a block and write its files."""
     folder = options.folder.output_dir
-    check_output_dir(folder, options.folder.overwrite, looking=context.dry_run)
+    check_output_dir(folder, options.folder.overwrite)
     views = simulation_inputs.make_views(options.views, options.vendor, options.scene)
     if context.dry_run:
         names = ["report.json", *simulation_outputs.files_of_simulation(views, options)]
         return plan(context, folder, names, {"images": len(views), "GCPs": options.points.gcps})
     simulated = simulate_block(options.scene, views, options.points, options.noise, stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.report_simulated_block(simulated, context.record)
-    with stage_folder(folder, context.inputs, options.folder.overwrite) as temporary:
+    changes = Transaction(folder)
+    with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as temporary:
         names = simulation_outputs.write_points_and_truth(temporary, simulated)
         names += simulation_outputs.write_laser(temporary, simulated, options)
         names += simulation_outputs.write_free_dem(temporary, simulated, options)
@@ -34,6 +36,9 @@ def run(options: SimulateOptions, context: Context) -> Report:
             errors = simulation_outputs.write_free_ortho(temporary, simulated, options, context.progress)
             names.append(simulation_outputs.FREE_ORTHO)
             report["free_ortho"] = errors
+        earlier = simulation_outputs.files_of_earlier_run(folder)
+        for name in earlier - {*names} if options.folder.overwrite else ():
+            changes.remove(os.path.join(folder, name))
         report["outputs"] = [os.path.join(folder, name) for name in names]
         write_report_json(str(temporary / "report.json"), report)
     return report

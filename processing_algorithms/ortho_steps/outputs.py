@@ -15,7 +15,7 @@ from ...hrsi_engine.foundation.workers.threads import thread_count
 from ...hrsi_engine.io.catalogue.lineage import rpc_history
 from ...hrsi_engine.io.opening.json_files import read_json
 from ...hrsi_engine.io.opening.virtual_files import VIRTUAL
-from ...hrsi_engine.io.output_dir import stage_folder
+from ...hrsi_engine.io.output_dir import require_no_input, stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
@@ -30,7 +30,7 @@ from .jobs import OrthoJob
 KEPT, MADE = "kept", "made"
 
 
-def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -> None:
+def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], inputs: Sequence[str]) -> None:
     """Raise `InputError` where the output directory holds something that may not be replaced."""
     if options.folder.output_dir.startswith(VIRTUAL):
         raise InputError(
@@ -40,10 +40,7 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob]) -
     folder = Path(options.folder.output_dir)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give `output_dir` a directory")
-    inputs = {os.path.realpath(job.image.path) for job in jobs}
-    for job in jobs:
-        if os.path.realpath(job.path) in inputs:
-            raise InputError(f"{job.path} is an input and would be replaced: choose another `output_dir`")
+    require_no_input([job.path for job in jobs], inputs)
     if options.folder.overwrite:
         return
     others = [job.path for job in jobs if os.path.exists(job.path) and not _finish(job)]

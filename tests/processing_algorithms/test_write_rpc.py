@@ -60,8 +60,48 @@ def test_restore(image: Path, new: Path) -> None:
     report = run(image, restore=True)
     assert read_rpc(str(image)).rpc == OLD
     assert "the original RPC is back" in report["warnings"][0]
-    with pytest.raises(InputError, match="keeps no original RPC"):
-        run(image, restore=True)
+    again = run(image, restore=True)
+    assert read_rpc(str(image)).rpc == OLD and "keeps no original RPC" in again["warnings"][0]
+
+
+def test_restoring_several_is_all_or_none(image: Path, new: Path, tmp_path: Path) -> None:
+    """One that was never written in place: nothing changes; without it all come back, and once more is no error."""
+    write_image(tmp_path / "other.tif", OLD)
+    write_image(tmp_path / "third.tif", OLD)
+    written = [image, tmp_path / "third.tif"]
+    for one in written:
+        run(one, rpc=new, write="in-place")
+    with pytest.raises(InputError, match=r"other\.tif: keeps no original RPC.*nothing was changed"):
+        run(written[0], tmp_path / "other.tif", written[1], restore=True)
+    assert [read_rpc(str(one)).rpc for one in written] == [NEW, NEW]
+    for _ in range(2):
+        run(*written, restore=True)
+        assert [read_rpc(str(one)).rpc for one in written] == [OLD, OLD]
+
+
+def test_read_only_images_stay_and_modes_are_kept(image: Path, new: Path) -> None:
+    image.chmod(0o640)
+    run(image, rpc=new, write="in-place")
+    assert image.stat().st_mode & 0o777 == 0o640
+    image.chmod(0o444)
+    before = image.read_bytes()
+    for options in ({"restore": True}, {"rpc": new, "write": "in-place"}):
+        with pytest.raises(InputError, match=r"image\.tif is read-only \(mode 444\)"):
+            run(image, **options)
+    assert image.read_bytes() == before and image.stat().st_mode & 0o777 == 0o444
+
+
+def test_images_only_rpc_is_kept_whoever_wrote_it(tmp_path: Path, new: Path) -> None:
+    """An image whose only RPC is a file that this program wrote: the file comes back from every way of writing."""
+    write_image(tmp_path / "image.tif", None)
+    write_rpc_text(str(tmp_path / "image_RPC.TXT"), OLD)
+    for how in ("sidecar", "in-place", "sidecar"):
+        run(tmp_path / "image.tif", rpc=new, write=how, overwrite=True)
+        assert read_rpc(str(tmp_path / "image.tif")).rpc == NEW
+        run(tmp_path / "image.tif", restore=True)
+        assert read_rpc(str(tmp_path / "image.tif")).rpc == OLD
+    run(tmp_path / "image_RPC.TXT", restore=True)  # keeps none, and is not removed
+    assert read_rpc(str(tmp_path / "image_RPC.TXT")).rpc == OLD
 
 
 def test_own_rpc_of_several_images(image: Path, tmp_path: Path) -> None:
@@ -96,7 +136,7 @@ def test_refused_before_anything_is_written(image: Path, new: Path, tmp_path: Pa
         "holds no RPC file for bare": lambda: run(image, bare, rpc=new.parent, output_dir=tmp_path / "out"),
         "same id": lambda: run(image, new, write="sidecar", output_dir=tmp_path / "out"),
         "exists already": lambda: run(image, write="copy", output_dir=tmp_path),
-        "is the input itself": lambda: run(image, write="copy", output_dir=tmp_path, overwrite=True),
+        "is an input": lambda: run(image, write="copy", output_dir=tmp_path, overwrite=True),
     }
     for message, call in refused.items():
         with pytest.raises(InputError, match=message):

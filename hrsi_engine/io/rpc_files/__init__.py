@@ -7,12 +7,22 @@ process leaves the old file or the new one.
 
 from .compare import difference_px, read_back_px
 from .find import RPC_READERS, read_rpc, read_rpc_or_none, rpc_for_image, rpc_in_folder, rpc_of_dataset, rpc_reader_of
-from .in_place import prepare_in_place, require_in_place, restore, write_in_place, write_sidecar
+from .in_place import (
+    KEEPS_NONE,
+    prepare_in_place,
+    prepare_restoring,
+    prepare_sidecar,
+    require_in_place,
+    restore,
+    write_in_place,
+    write_sidecar,
+)
 from .reading import FoundRpc, RpcReader, RpcReading
 from .sidecars import free_the_way
-from .write import Lineage, write_geotiff_copy, write_rpb, write_rpc_text, write_vrt
+from .write import Lineage, prepare_geotiff_copy, write_geotiff_copy, write_rpb, write_rpc_text, write_vrt
 
 __all__ = [
+    "KEEPS_NONE",
     "RPC_READERS",
     "FoundRpc",
     "Lineage",
@@ -20,7 +30,10 @@ __all__ = [
     "RpcReading",
     "difference_px",
     "free_the_way",
+    "prepare_geotiff_copy",
     "prepare_in_place",
+    "prepare_restoring",
+    "prepare_sidecar",
     "read_back_px",
     "read_rpc",
     "read_rpc_or_none",

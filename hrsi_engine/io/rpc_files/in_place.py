@@ -7,14 +7,12 @@ that at any moment some complete RPC, old or new, is what a reader finds.
 """
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from ...camera.rpc import RPC
-from ...foundation.errors import InputError, OutputError
+from ...foundation.errors import InputError
 from ...foundation.progress import Progress, silent
 from ..opening.raster_datasets import open_raster
-from ..safety.replacing import copy_bytes, replacing
+from ..safety.replacing import copy_bytes, require_not_read_only
 from ..safety.transactions import Transaction
 from . import tiff_tag
 from .compare import require_same
@@ -34,6 +32,7 @@ SIDECARS = {
 _RPC_ONLY = ("rpc-txt", "rpb")
 #: Sidecars that GDAL reads, but takes after an ``.RPB``; it does not read the rest.
 _AFTER_RPB = ("rpc-txt", "isd")
+KEEPS_NONE = "keeps no original RPC: it was not written in place by this program, or is restored already"
 
 
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
@@ -83,14 +82,14 @@ def prepare_in_place(
 
     Raises `InputError` for a file of another kind, `OutputError` without room or permission, and `Cancelled`.
     """
+    require_not_read_only(path)
     reader = rpc_reader_of(path)
     if reader is not None:
-        key = next(key for key, reader in RPC_READERS.items() if reader is rpc_reader_of(path))
+        key = next(key for key, other in RPC_READERS.items() if other is reader)
         if key not in _RPC_ONLY:
             raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
-        with _disk_errors(path):
-            keep_original(path, changes)
-            SIDECARS[key][1](changes.new_file(path), rpc)
+        keep_original(path, changes, is_alone=True)
+        SIDECARS[key][1](path, rpc, replace=changes.replacing)
         return ()
     notices = _prepare_tag(path, rpc, changes, progress, lineage)
     if vendor_xml(path):
@@ -108,8 +107,7 @@ def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, 
     if not os.path.isfile(path) or read_directory(path) is None:
         raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
     was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
-    temporary = changes.new_file(path)
-    with _disk_errors(path):
+    with changes.replacing(path) as temporary:
         copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
         stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
         written = tiff_tag.read(temporary)
@@ -118,15 +116,6 @@ def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, 
     if was_cog and not stayed:
         return (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)
     return ()
-
-
-@contextmanager
-def _disk_errors(path: str) -> Iterator[None]:
-    """Turn what the disk refuses into an `OutputError` that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}): check free space and permissions") from None
 
 
 def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]:
@@ -145,9 +134,8 @@ def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-
     """
     suffix, write = SIDECARS[kind]
     path = siblings(path).get(os.path.basename(path).lower(), path)
-    with _disk_errors(path):
-        keep_original(path, changes)
-        write(changes.new_file(path), rpc)
+    keep_original(path, changes)
+    write(path, rpc, replace=changes.replacing)
     if kind not in _AFTER_RPB:
         return ()
     image = f"{path[: -len(suffix)]}.tif"
@@ -178,17 +166,25 @@ def restore(path: str, progress: Progress = silent) -> tuple[str, ...]:
     InputError
         Nothing is kept that could be brought back.
     """
+    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
+        notices = prepare_restoring(path, changes, progress)
+        changes.commit()
+    if not notices:
+        raise InputError(f"{path}: {KEEPS_NONE}")
+    return notices
+
+
+def prepare_restoring(path: str, changes: Transaction, progress: Progress = silent) -> tuple[str, ...]:
+    """Prepare what `restore` does, committed with the changes; return notices, none where no original is kept."""
     stem = os.path.splitext(os.path.basename(path))[0].lower()
     is_rpc_file = rpc_reader_of(path) is not None
     names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}
-    kept_inside = not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path)
-    notices = put_back(path, names)
-    if kept_inside:
-        with replacing(path) as temporary:
+    notices = put_back(path, names, changes)
+    if not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path):
+        require_not_read_only(path)
+        notices += (f"{path}: the original RPC is back",)
+        with changes.replacing(path) as temporary:
             copy_bytes(path, temporary, progress, f"restoring {os.path.basename(path)}")
             tiff_tag.restore_numbers(temporary)
             open_raster(temporary)
-        notices += (f"{path}: the original RPC is back",)
-    if not notices:
-        raise InputError(f"{path}: keeps no original RPC: it was not written in place by this program")
     return notices

@@ -4,11 +4,12 @@ A vendor's file is never deleted: it is renamed to ``<name>.original`` and `put_
 here carry a mark and are simply replaced or removed.
 """
 
+import contextlib
 import os
 
 from ...camera.rpc import RPC
-from ...foundation.errors import InputError, OutputError
-from ..safety.replacing import copy_bytes
+from ...foundation.errors import InputError
+from ..safety.replacing import copy_bytes, take_permissions
 from ..safety.transactions import Transaction
 from . import geom, isd, rpb, rpc_txt, rpcm_json
 from .compare import same_numbers
@@ -49,9 +50,23 @@ def is_rpc_file(path: str) -> bool:
         return False
 
 
+def is_only_rpc(path: str) -> bool:
+    """Return whether an image beside an RPC file has no other RPC: then it may not be lost, whoever wrote it."""
+    name, files = os.path.basename(path).lower(), siblings(path)
+    if name + ORIGINAL in files:
+        return False
+    for other, image in files.items():
+        if other != name and name.startswith(os.path.splitext(other)[0]) and not is_rpc_file(image):
+            with contextlib.suppress(InputError):  # no image, or of another RPC file
+                if any(path in found for found in side_files(image).values()):
+                    others = read_rpc(image).ignored  # among them what GDAL makes of this very file
+                    return all(title.startswith("GTiff ") for title in others)
+    return False
+
+
 def set_aside(path: str, changes: Transaction) -> str:
     """Schedule the removal of our own RPC file, or the renaming of a vendor's; return a notice for the log."""
-    if is_ours(path):
+    if is_ours(path) and not is_only_rpc(path):
         changes.remove(path)
         return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
     kept = _free_name(path)
@@ -59,10 +74,16 @@ def set_aside(path: str, changes: Transaction) -> str:
     return f"{path}: would win over the new RPC and was set aside as {os.path.basename(kept)}"
 
 
-def keep_original(path: str, changes: Transaction) -> None:
-    """Schedule a copy ``<name>.original`` of a vendor's RPC file that will be overwritten; not for our own."""
-    if is_rpc_file(path) and not is_ours(path):
-        copy_bytes(path, changes.new_file(_free_name(path)))
+def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> None:
+    """Schedule a copy ``<name>.original`` of an RPC file that will be overwritten.
+
+    Not of our own, unless it is an image's only RPC, or was given as an RPC file alone, and nothing is kept yet.
+    """
+    first = is_alone and not os.path.exists(path + ORIGINAL)
+    if is_rpc_file(path) and (not is_ours(path) or first or is_only_rpc(path)):
+        with changes.replacing(_free_name(path)) as copy:
+            copy_bytes(path, copy)
+            take_permissions(path, copy)
 
 
 def _free_name(path: str) -> str:
@@ -73,8 +94,8 @@ def _free_name(path: str) -> str:
     return kept
 
 
-def put_back(image_path: str, names: set[str]) -> tuple[str, ...]:
-    """Bring back the originals among an image's RPC files and remove our own; return notices for the log.
+def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[str, ...]:
+    """Schedule the return of the originals among an image's RPC files and the removal of our own; return notices.
 
     ``names`` are the file names, in lower case, that count as the image's.
     """
@@ -82,15 +103,12 @@ def put_back(image_path: str, names: set[str]) -> tuple[str, ...]:
     files = siblings(image_path)
     for name in sorted(names):
         original, current = files.get(name + ORIGINAL), files.get(name)
-        try:
-            if original is not None:
-                os.replace(original, original.removesuffix(ORIGINAL))
-                notices.append(f"{original.removesuffix(ORIGINAL)}: the original is back")
-            elif current is not None and is_ours(current):
-                os.remove(current)
-                notices.append(f"{current}: written by an earlier run, removed")
-        except OSError as error:
-            raise OutputError(f"{original or current}: cannot be renamed ({error.strerror})") from None
+        if original is not None:
+            changes.rename(original, original.removesuffix(ORIGINAL))
+            notices.append(f"{original.removesuffix(ORIGINAL)}: the original is back")
+        elif current not in (None, image_path) and is_ours(current) and not is_only_rpc(current):
+            changes.remove(current)
+            notices.append(f"{current}: written by an earlier run, removed")
     return tuple(notices)
 
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,9 +37,11 @@ class Lineage:
 
 
 UNTOLD = Lineage()
+#: What gives a hidden name to write to: `replacing`, or a transaction's, by which the file appears with others.
+Replace = Callable[[str], AbstractContextManager[str]]
 
 
-def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
+def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing) -> None:
     """Write a ``_RPC.TXT`` file with all digits, read it again and compare.
 
     Parameters
@@ -49,16 +52,18 @@ def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
         The camera.
     lineage : Lineage, optional
         What the file tells of itself.
+    replace : callable, optional
+        What gives a hidden name to write to.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    _write_text(path, rpc, rpc_txt.text_of(rpc, lineage.items), rpc_txt.READER.read)
+    _write_text(path, rpc, rpc_txt.text_of(rpc, lineage.items), rpc_txt.READER.read, replace)
 
 
-def write_rpb(path: str, rpc: RPC) -> None:
+def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write an ``.RPB`` file with all digits, read it again and compare.
 
     Parameters
@@ -67,32 +72,34 @@ def write_rpb(path: str, rpc: RPC) -> None:
         The file.
     rpc : RPC
         The camera.
+    replace : callable, optional
+        What gives a hidden name to write to.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read)
+    _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read, replace)
 
 
-def write_isd_xml(path: str, rpc: RPC) -> None:
+def write_isd_xml(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write an ISD XML file with all digits, read it again and compare."""
-    _write_text(path, rpc, isd.text_of(rpc), isd.READER.read)
+    _write_text(path, rpc, isd.text_of(rpc), isd.READER.read, replace)
 
 
-def write_geom(path: str, rpc: RPC) -> None:
+def write_geom(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write a ``.geom`` file of the Orfeo ToolBox with all digits, read it again and compare."""
-    _write_text(path, rpc, geom.text_of(rpc), geom.READER.read)
+    _write_text(path, rpc, geom.text_of(rpc), geom.READER.read, replace)
 
 
-def write_rpcm_json(path: str, rpc: RPC) -> None:
+def write_rpcm_json(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write an rpcm JSON file with all digits, read it again and compare."""
-    _write_text(path, rpc, rpcm_json.text_of(rpc), rpcm_json.READER.read)
+    _write_text(path, rpc, rpcm_json.text_of(rpc), rpcm_json.READER.read, replace)
 
 
-def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading]) -> None:
-    with replacing(path) as temporary:
+def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading], replace: Replace) -> None:
+    with replace(path) as temporary:
         with open(temporary, "w", encoding="ascii", errors="backslashreplace", newline="\n") as file:
             file.write(text)
         require_same(path, rpc, read(temporary).rpc)
@@ -132,26 +139,36 @@ def write_geotiff_copy(
     Cancelled
         When ``progress`` asks to stop.
     """
+    with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
+        notices = prepare_geotiff_copy(source_path, target_path, rpc, changes, progress, lineage)
+        changes.commit()
+    require_same(target_path, rpc, read_rpc(target_path).rpc)
+    return notices
+
+
+def prepare_geotiff_copy(
+    source_path: str, target_path: str, rpc: RPC, changes: Transaction, progress: Progress = silent,
+    lineage: Lineage = UNTOLD,
+) -> tuple[str, ...]:  # fmt: skip
+    """Prepare a copy as `write_geotiff_copy` writes it; it appears when the changes are committed."""
     _require_other_file(source_path, target_path)
     source = open_raster(source_path)
     is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
-    with Transaction(os.path.dirname(os.path.abspath(target_path))) as changes:
-        notices = free_the_way(target_path, source_path, rpc, changes)
-        changes.commit()
+    notices = free_the_way(target_path, source_path, rpc, changes)
     if not is_tiff:
-        return notices + save_geotiff(source, target_path, rpc, "GTiff", _creation_options(source), progress, lineage)
-    with replacing(target_path) as temporary:
-        _copy_companions(source_path, target_path)
+        options, replace = _creation_options(source), changes.replacing
+        return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, replace)
+    _copy_companions(source_path, target_path, changes)
+    with changes.replacing(target_path) as temporary:
         copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
         notices += _set_tag(temporary, target_path, rpc, source, lineage)
         _require_tag(temporary, target_path, rpc)
-    require_same(target_path, rpc, read_rpc(target_path).rpc)
     return notices
 
 
 def save_geotiff(
     source: gdal.Dataset, target_path: str, rpc: RPC, driver: str, options: Sequence[str],
-    progress: Progress = silent, lineage: Lineage = UNTOLD,
+    progress: Progress = silent, lineage: Lineage = UNTOLD, replace: Replace = replacing,
 ) -> tuple[str, ...]:  # fmt: skip
     """Write a dataset, which may be virtual, with GDAL's ``driver`` GTiff or COG; as `write_geotiff_copy` otherwise."""
     notices: tuple[str, ...] = ()
@@ -160,12 +177,11 @@ def save_geotiff(
     virtual.SetMetadata(gdal_metadata(rpc), "RPC")
     for name, value in lineage.items.items():
         virtual.SetMetadataItem(name, value)
-    with replacing(target_path) as temporary:
+    with replace(target_path) as temporary:
         create_copy(virtual, temporary, target_path, driver, options, progress)
         if lineage.original is not None:
             notices = _set_tag(temporary, target_path, rpc, gdal.Open(temporary), lineage)
         _require_tag(temporary, target_path, rpc)
-    require_same(target_path, rpc, read_rpc(target_path).rpc)
     return notices
 
 
@@ -190,14 +206,14 @@ def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset, l
     return (f"{target_path}: there was no room for the RPC tag in the header: no longer a Cloud Optimized GeoTIFF",)
 
 
-def _copy_companions(source_path: str, target_path: str) -> None:
+def _copy_companions(source_path: str, target_path: str, changes: Transaction) -> None:
     """Copy what GDAL keeps beside a TIFF: mask, overviews, and the auxiliary metadata except an old RPC."""
     for suffix in (".msk", ".ovr"):
         if os.path.isfile(source_path + suffix):
-            with replacing(target_path + suffix) as temporary:
+            with changes.replacing(target_path + suffix) as temporary:
                 copy_bytes(source_path + suffix, temporary)
     if os.path.isfile(f"{source_path}.aux.xml"):
-        with replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
+        with changes.replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
             file.write(pam.without_domain(f"{source_path}.aux.xml", "RPC"))
 
 
@@ -233,7 +249,9 @@ def _creation_options(source: gdal.Dataset) -> list[str]:
     return [*options, f"PREDICTOR={predictor.get(kind, '1')}"]
 
 
-def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> tuple[str, ...]:
+def write_vrt(
+    source_path: str, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing
+) -> tuple[str, ...]:
     """Write a virtual image: the source's pixels with another RPC; the source is only read.
 
     Parameters
@@ -245,6 +263,8 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = U
         The camera of the VRT.
     lineage : Lineage, optional
         What the VRT tells of itself.
+    replace : callable, optional
+        What gives a hidden name to write to.
 
     Returns
     -------
@@ -260,13 +280,16 @@ def write_vrt(source_path: str, target_path: str, rpc: RPC, lineage: Lineage = U
     """
     _require_other_file(source_path, target_path)
     local = os.path.exists(source_path)
-    save_vrt(open_raster(os.path.abspath(source_path) if local else source_path), target_path, rpc, lineage)
+    source = open_raster(os.path.abspath(source_path) if local else source_path)
+    save_vrt(source, target_path, rpc, lineage, replace)
     return ()
 
 
-def save_vrt(source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD) -> None:
+def save_vrt(
+    source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing
+) -> None:
     """Write a dataset that was opened under its absolute path, or a virtual one of such; as `write_vrt` otherwise."""
-    with replacing(os.path.abspath(target_path)) as temporary:
+    with replace(os.path.abspath(target_path)) as temporary:
         virtual = None
         with gdal_messages() as messages:
             virtual = gdal.GetDriverByName("VRT").CreateCopy(temporary, source)
@@ -284,4 +307,3 @@ def save_vrt(source: gdal.Dataset, target_path: str, rpc: RPC, lineage: Lineage 
             raise OutputError(f"{target_path}: cannot be opened again ({message})")
         require_same(target_path, rpc, rpc_from_gdal(target_path, metadata_of(reopened, "RPC")))
         del reopened
-    require_same(target_path, rpc, read_rpc(target_path).rpc)

@@ -1,43 +1,67 @@
-"""One writer at a time in a folder: a lock that the system releases when its owner ends, however it ends."""
+"""One writer at a time of a folder or image: locks that the system releases when their owner ends, however it ends."""
 
 import contextlib
 import errno
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from ...foundation.errors import InputError
 from ...foundation.interruption import holding_signals
+from ...foundation.thresholds import threshold, thresholds
 
 LOCK = ".hrsi-lock"
 _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
-@contextmanager
-def only_writer(folder: str | None) -> Iterator[None]:
-    """Lock a folder against other runs; it is made where missing, and removed again where it stays empty.
+@thresholds
+class LOCKS:
+    """How long a run waits for another one's lock."""
 
-    Nothing is locked where it is None, or in one of GDAL's virtual file systems. Raises `InputError` where another run
-    writes into the folder, or it cannot be made.
+    patience_s: float = threshold(0.1, "s", "a lock that is held for longer is that of a run, not of one that looks")
+
+
+@contextmanager
+def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None]:
+    """Lock a folder, and files that are written where they lie, against other runs.
+
+    The folder is made where missing, and removed again where it stays empty; nothing is locked where it is None, or in
+    one of GDAL's virtual file systems. Raises `InputError` where another run writes there, or the folder cannot be
+    made.
     """
-    if not folder or folder.startswith("/vsi"):
-        yield
-        return
     made: list[str] = []
+    paths = [] if not folder or folder.startswith("/vsi") else [os.path.join(folder, LOCK)]
+    with contextlib.ExitStack() as locks:
+        try:
+            with holding_signals():  # one between making something and knowing of it would leave it behind
+                made = _make_folders(os.path.dirname(paths[0])) if paths else []
+            for image in sorted({os.path.realpath(image) for image in images}):
+                paths.append(os.path.join(os.path.dirname(image), f"{LOCK}-{os.path.basename(image)}"))
+            for path in paths:
+                locks.enter_context(locked(path))
+            yield
+        finally:
+            with holding_signals():
+                locks.close()
+                for path in reversed(made):
+                    with contextlib.suppress(OSError):  # it holds results
+                        os.rmdir(path)
+
+
+@contextmanager
+def locked(path: str, patience_s: float = LOCKS.patience_s) -> Iterator[None]:
+    """Hold the lock whose file has this name; raise `InputError` where another run holds it for longer."""
     lock = None
     try:
-        with holding_signals():  # one between making something and knowing of it would leave it behind
-            made = _make_folders(folder)
-            lock = _take_lock(os.path.join(folder, LOCK))
+        with holding_signals():
+            lock = _take_lock(path, patience_s)
         yield
     finally:
         with holding_signals():
             if lock is not None:
-                _release_lock(lock, os.path.join(folder, LOCK))
-            for path in reversed(made):
-                with contextlib.suppress(OSError):  # it holds results
-                    os.rmdir(path)
+                _release_lock(lock, path)
 
 
 def require_writable(folder: str) -> None:
@@ -53,14 +77,13 @@ def require_writable(folder: str) -> None:
         raise InputError(f"{there} cannot be written (Permission denied): choose another `output_dir`")
 
 
-def remove_dead_lock(folder: str) -> None:
-    """Remove the lock's file that a killed run left in a folder; that of a living one stays."""
-    path = os.path.join(folder, LOCK)
-    if os.path.exists(path):
-        with contextlib.suppress(InputError, OSError):
-            lock = _take_lock(path)
-            if lock is not None:
-                _release_lock(lock, path)
+def remove_dead_locks(folder: str) -> None:
+    """Remove the locks' files that killed runs left in a folder; those of living ones stay."""
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):
+            if name.startswith(LOCK) or (name.startswith(".hrsi-journal-") and name.endswith(".lock")):
+                with contextlib.suppress(InputError), locked(os.path.join(folder, name), 0.0):
+                    pass
 
 
 def _make_folders(folder: str) -> list[str]:
@@ -87,8 +110,9 @@ def _make_all(folder: str) -> None:
             raise InputError(f"{folder} cannot be made ({error.strerror}): choose another `output_dir`") from None
 
 
-def _take_lock(path: str) -> int | None:
+def _take_lock(path: str, patience_s: float) -> int | None:
     """Return the descriptor of a lock's file, locked; None where the file system knows no locks."""
+    until = time.monotonic() + patience_s
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -106,8 +130,14 @@ def _take_lock(path: str) -> int | None:
             os.close(descriptor)
             if error.errno not in _BUSY:
                 return None
+            if time.monotonic() < until:
+                time.sleep(patience_s / 5.0)
+                continue
+            folder, _, image = path.partition(f"{os.sep}{LOCK}-")
             raise InputError(
-                f"{os.path.dirname(path)}: another run writes there now: wait until it ends, or choose another "
+                f"{os.path.join(folder, image)}: another run writes it now: wait until it ends"
+                if image
+                else f"{os.path.dirname(path)}: another run writes there now: wait until it ends, or choose another "
                 "`output_dir`"
             ) from None
         os.close(descriptor)  # its owner removed the file meanwhile: that lock keeps nobody out

@@ -3,14 +3,17 @@
 import contextlib
 import os
 import shutil
+import stat
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from ...foundation.errors import OutputError
+from ...foundation.errors import InputError, OutputError
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 from .leftovers import is_unfinished, temporary_name
+
+WRITE_AHEAD_LOG = ("-wal", "-shm")  #: what follows the name of an SQLite file
 
 
 @thresholds
@@ -30,12 +33,15 @@ def replacing(path: str) -> Iterator[str]:
 
     Anything raised inside removes the temporary file and leaves ``path`` as it was; failures of the disk become
     `OutputError`. The temporary name keeps the extension, because GDAL and the readers choose by it, and begins
-    with a dot; it tells who writes (see `leftovers`). A symbolic link is followed: the file it points to is replaced.
+    with a dot; it tells who writes (see `leftovers`). A symbolic link is followed: the file it points to is replaced,
+    its permissions and owner stay, and one that is read-only is refused by `InputError`.
     """
     path = os.path.realpath(path)
+    require_not_read_only(path)
     temporary = temporary_name(path)
     try:
         yield temporary
+        take_permissions(path, temporary)
         folder = os.path.dirname(path)
         if is_unfinished(folder):  # whoever moves its files into place flushes them
             os.replace(temporary, path)
@@ -49,6 +55,27 @@ def replacing(path: str) -> Iterator[str]:
         for leftover in (temporary, f"{temporary}.aux.xml"):
             with contextlib.suppress(OSError):
                 os.remove(leftover)
+
+
+def require_not_read_only(path: str) -> None:
+    """Raise `InputError` where a file is there that its permissions protect; renaming another over it would not ask."""
+    with contextlib.suppress(FileNotFoundError):
+        mode = stat.S_IMODE(os.stat(path).st_mode)
+        if not mode & 0o222 or not os.access(path, os.W_OK):  # root may write everywhere
+            raise InputError(
+                f"{path} is read-only (mode {mode:o}) and would be changed: give it write permission (chmod u+w), or "
+                "write elsewhere; nothing was changed"
+            )
+
+
+def take_permissions(path: str, temporary: str) -> None:
+    """Give a new file the mode bits and, as far as the system lets us, the owner of the file that it replaces."""
+    with contextlib.suppress(FileNotFoundError):  # nothing is replaced
+        old = os.stat(path)
+        if hasattr(os, "chown"):
+            with contextlib.suppress(OSError):
+                os.chown(temporary, old.st_uid, old.st_gid)
+        os.chmod(temporary, stat.S_IMODE(old.st_mode))  # behind the owner, whose change takes bits away
 
 
 def flush(path: str) -> None:
@@ -106,6 +133,6 @@ def remove_write_ahead_log(path: str) -> None:
 
     QGIS leaves one beside every GeoPackage that it has open.
     """
-    for suffix in ("-wal", "-shm"):
+    for suffix in WRITE_AHEAD_LOG:
         with contextlib.suppress(FileNotFoundError):
             os.remove(path + suffix)

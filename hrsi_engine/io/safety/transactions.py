@@ -5,16 +5,20 @@ and flushed to disk: from that moment on the change counts as made. Whoever find
 carries out what is left of it (`recover_folders`), each step being harmless when it is done already; without a
 journal nothing was changed, and the hidden files are leftovers.
 
-The journal lies in one folder; every other folder in which a file changes gets a signpost to it, so that a later run
-finds it from any of the files.
+The journal lies in one folder, beside the inputs that change where there are such: somebody may remove an unfinished
+result. Every other folder in which a file changes gets a signpost of the same name, so that a later run finds the
+journal from any of the files. Each transaction has a name of its own: several runs may write into one folder.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
+import secrets
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
@@ -22,12 +26,11 @@ from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.json_values import json_text
 from ..opening.json_files import read_json
-from .folder_lock import remove_dead_lock
-from .leftovers import is_writer_running, sweep, temporary_name, writer
-from .replacing import flush, flush_files
+from .folder_lock import locked, remove_dead_locks
+from .leftovers import is_unfinished, is_writer_running, sweep, temporary_name, writer
+from .replacing import flush, flush_files, require_not_read_only, take_permissions
 
-JOURNAL = ".hrsi-journal.json"
-SIGNPOST = ".hrsi-journal-elsewhere.json"
+_JOURNAL_NAME = re.compile(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json")
 _JOURNAL_KEYS: dict[str, type] = {"writer": str, "steps": list, "signposts": list}
 _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
 
@@ -35,7 +38,7 @@ _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
 class Transaction:
     """Collects changes; `commit` makes them. Left without a commit, nothing has changed and nothing is left.
 
-    home : folder that gets the journal; where it is none on the disk (a virtual file system), that of the first change
+    home : folder of the results; it gets the journal where nothing outside it changes
     """
 
     def __init__(self, home: str) -> None:
@@ -61,6 +64,16 @@ class Transaction:
         self._steps.append(("rename", temporary, path))
         return temporary
 
+    @contextmanager
+    def replacing(self, path: str) -> Iterator[str]:
+        """Provide a hidden name as `new_file`; failures of the disk become `OutputError`s that name the file."""
+        try:
+            yield self.new_file(path)
+        except OSError as error:
+            raise OutputError(
+                f"{path}: cannot be written ({error.strerror}): check free space and permissions"
+            ) from None
+
     def rename(self, old: str, new: str) -> None:
         """Have `commit` rename a file; what has the new name is replaced."""
         self._steps.append(("rename", os.path.abspath(old), os.path.abspath(new)))
@@ -78,8 +91,9 @@ class Transaction:
     def commit(self) -> None:
         """Make all changes, in the order in which they were asked for.
 
-        Raises `OutputError` where the journal cannot be written (then nothing has changed), or a step fails (then the
-        next run goes on).
+        What replaces a file gets its mode bits and owner. Raises `InputError` where that file is read-only, and
+        `OutputError` where the journal cannot be written (then nothing has changed), or a step fails (then the next run
+        goes on).
         """
         if not self._steps:
             return
@@ -89,12 +103,19 @@ class Transaction:
             shutil.rmtree(self._discarded.pop(), ignore_errors=True)
 
     def _commit(self) -> None:
-        if not os.path.isdir(self.home):
-            self.home = os.path.dirname(self._steps[0][1])
-        journal = os.path.join(self.home, JOURNAL)
-        signposts = [os.path.join(folder, SIGNPOST) for folder in self._other_folders()]
+        if is_unfinished(self.home):  # whoever moves its files into place flushes them
+            _do_steps(self._steps)
+            self.abandon()
+            return
+        name = f".hrsi-journal-{writer()}-{secrets.token_hex(4)}.json"
+        home, *others = [*self._other_folders(), *([self.home] if os.path.isdir(self.home) else [])]
+        journal, signposts = os.path.join(home, name), [os.path.join(folder, name) for folder in others]
         try:
-            flush_files([old for what, old, _ in self._steps if what == "rename" and os.path.isfile(old)])
+            renamed = [(old, new) for what, old, new in self._steps if what == "rename" and os.path.isfile(old)]
+            for old, new in renamed:
+                require_not_read_only(new)
+                take_permissions(new, old)
+            flush_files([old for old, _ in renamed])
             for signpost in signposts:
                 _write_journal(signpost, {"journal": journal, "writer": writer()})
             _write_journal(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
@@ -103,12 +124,12 @@ class Transaction:
                 with contextlib.suppress(OSError):
                     os.remove(file)
             raise OutputError(
-                f"{error.filename or self.home}: cannot be written ({error.strerror}): nothing was changed"
+                f"{error.filename or home}: cannot be written ({error.strerror}): nothing was changed"
             ) from None
         self.is_under_way = True
         _carry_out(journal, self._steps, signposts)
         self.is_under_way = False
-        self._steps, self._made = [], []
+        self.abandon()
 
     def abandon(self) -> None:
         """Forget the changes and remove the hidden files; what a journal names is left for the next run."""
@@ -133,24 +154,35 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
     for folder in sorted({os.path.abspath(folder) for folder in folders}):
         notices += _finish_in(folder)
         sweep(folder)
-        remove_dead_lock(folder)
+        remove_dead_locks(folder)
     return notices
 
 
 def _finish_in(folder: str) -> list[str]:
-    signpost, journal = os.path.join(folder, SIGNPOST), os.path.join(folder, JOURNAL)
-    elsewhere = _read_journal(signpost, _SIGNPOST_KEYS)
-    if elsewhere is not None and not is_writer_running(elsewhere["writer"]):
-        if os.path.exists(elsewhere["journal"]):
-            journal = elsewhere["journal"]
-        else:  # its writer had not come to the journal: nothing was changed
-            os.remove(signpost)
+    notices = []
+    with contextlib.suppress(OSError):  # no folder, or none that may be read
+        for name in sorted(filter(_JOURNAL_NAME.fullmatch, os.listdir(folder))):
+            own = os.path.join(folder, name)
+            signpost = _read_journal(own, _SIGNPOST_KEYS)
+            journal = own if signpost is None else signpost["journal"]
+            if signpost is None or os.path.exists(journal):
+                notices += _finish(journal)
+            elif not is_writer_running(signpost["writer"]):  # it had not come to the journal: nothing was changed
+                os.remove(own)
+    return notices
+
+
+def _finish(journal: str) -> list[str]:
+    """Carry out what is left of a journal, one process at a time, unless its writer runs; return notices."""
     left = _read_journal(journal, _JOURNAL_KEYS)
     if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
         return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
-    steps = _own_steps(journal, left["steps"])
-    signposts = [str(file) for file in left["signposts"]]
-    _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
+    with locked(f"{journal}.lock"):
+        if not os.path.exists(journal):  # another run has finished it, and may have changed the files since
+            return []
+        steps = _own_steps(journal, left["steps"])
+        signposts = [str(file) for file in left["signposts"]]
+        _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
     count = len({new for _, _, new in steps if new})
     return [f"{os.path.dirname(journal)}: an earlier run was stopped while it put {count} files in place; finished now"]
 
@@ -162,9 +194,9 @@ def _own_steps(journal: str, steps: Iterable[Sequence[object]]) -> list[tuple[st
     """
     home = os.path.dirname(journal)
 
-    def is_own(path: str) -> bool:
+    def is_own(path: str) -> bool:  # new files of a folder lie in a hidden one inside
         folder = os.path.dirname(path)
-        return folder == home or folder.startswith(home + os.sep) or _leads_to(folder, journal)
+        return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
 
     told = [(str(what), str(old), str(new)) for what, old, new in (step for step in steps if len(step) == 3)]
     return [(what, old, new) for what, old, new in told if all(is_own(path) for path in (old, new) if path)]
@@ -172,7 +204,7 @@ def _own_steps(journal: str, steps: Iterable[Sequence[object]]) -> list[tuple[st
 
 def _leads_to(folder: str, journal: str, file: str = "") -> bool:
     """Return whether a folder's signpost leads to this journal, and is this file where one is named."""
-    path = os.path.join(folder, SIGNPOST)
+    path = os.path.join(folder, os.path.basename(journal))
     signpost = _read_journal(path, _SIGNPOST_KEYS)
     return signpost is not None and signpost["journal"] == journal and file in ("", path)
 
@@ -180,12 +212,7 @@ def _leads_to(folder: str, journal: str, file: str = "") -> bool:
 def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[str]) -> None:
     """Do the steps that are not done yet, flush the folders, and remove signposts and journal."""
     try:
-        for what, old, new in steps:
-            with contextlib.suppress(FileNotFoundError):  # done already, by a run that was interrupted
-                if what == "rename":
-                    os.replace(old, new)
-                else:
-                    os.remove(old)
+        _do_steps(steps)
         for folder in {os.path.dirname(path) for _, old, new in steps for path in (old, new) if path}:
             if os.path.isdir(folder):
                 flush(folder)
@@ -196,6 +223,15 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
         raise OutputError(
             f"{error.filename}: cannot be put in place ({error.strerror}): mend that and run again, which finishes it"
         ) from None
+
+
+def _do_steps(steps: Iterable[tuple[str, str, str]]) -> None:
+    for what, old, new in steps:
+        with contextlib.suppress(FileNotFoundError):  # done already, by a run that was interrupted
+            if what == "rename":
+                os.replace(old, new)
+            else:
+                os.remove(old)
 
 
 def _write_journal(path: str, content: dict[str, object]) -> None:

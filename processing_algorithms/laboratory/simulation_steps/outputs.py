@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from ....hrsi_engine.foundation.progress import Progress, stage
 from ....hrsi_engine.foundation.workers.threads import thread_count
 from ....hrsi_engine.ground.geodesy import WGS84_3D
 from ....hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ....hrsi_engine.io.output_dir import names_of_last_run, read_report
 from ....hrsi_engine.io.pages.report import write_report_json
 from ....hrsi_engine.io.rpc_files import write_rpc_text
 from ....hrsi_engine.laboratory.simulated_files import (
@@ -86,6 +88,15 @@ def files_of_simulation(views: Sequence[SceneView], options: SimulateOptions) ->
         (FREE_ORTHO, options.free_ortho.pixel_m),
     )
     return [*TRUTH_FILES, *laser, *cameras, *(name for name, made in wanted if made)]
+
+
+def files_of_earlier_run(folder: str) -> set[str]:
+    """Return the names of the files in a folder that the report of an earlier simulation there says are its own."""
+    report = read_report(os.path.join(folder, "report.json")) or {}
+    if report.get("algorithm") != "simulate":
+        return set()
+    cameras = {f"{image}{end}" for image in report.get("images", ()) for end in (".tif", "_ms.tif", "_RPC.TXT")}
+    return names_of_last_run(folder) & {*TRUTH_FILES, *LASER_FILES, *cameras, FREE_DEM, FREE_ORTHO, "orthophoto.tif"}
 
 
 def write_laser(folder: Path, simulated: BlockSimulation, options: SimulateOptions) -> list[str]:
