@@ -15,11 +15,13 @@ from pathlib import Path
 
 import pytest
 from long_tests import mark_beyond
+from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.interface.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +183,68 @@ def test_report_names_what_was_written(folder: Path, tmp_path: Path) -> None:
     named |= {os.path.basename(file) for file in written["outputs"].values()}
     assert named == {path.name for path in output.iterdir()}
     assert report["outputs"] == written["outputs"]
+
+
+def test_a_dem_is_not_replaced_by_its_orthoimage(folder: Path, tmp_path: Path) -> None:
+    """By its path, and by a symbolic or hard link to it."""
+    output = tmp_path / "o"
+    output.mkdir()
+    target = output / "image_1_ortho.tif"
+    shutil.copy(folder / "dem.tif", target)
+    (tmp_path / "symbolic.tif").symlink_to(target)
+    (tmp_path / "hard.tif").hardlink_to(target)
+    before = digests(output)
+    for dem in (target, tmp_path / "symbolic.tif", tmp_path / "hard.tif", os.path.relpath(target)):
+        with pytest.raises(InputError, match="is an input"):
+            run("orthorectify", images=[str(folder / "image_1.tif")], dem=str(dem), output_dir=str(output),
+                overwrite=True)  # fmt: skip
+    assert digests(output) == before
+
+
+def test_an_images_only_rpc_file_comes_back(folder: Path, tmp_path: Path) -> None:
+    """Written by this program or not: beside an image without RPC it is all there is."""
+    images = [folder / f"image_{number}.tif" for number in (1, 2, 3)]
+    for image in images:
+        gdal.Translate(str(tmp_path / "plain.tif"), str(image), creationOptions=["PROFILE=BASELINE"])
+        shutil.move(tmp_path / "plain.tif", image)
+        rpc = read_rpc(str(folder / f"{image.stem}_RPC.TXT")).rpc
+        write_rpc_text(str(folder / f"{image.stem}_RPC.TXT"), rpc)
+    before = digests(folder)
+    for how in ("sidecar", "in-place"):
+        adjust(folder, folder, write=how, overwrite=True)
+        run("write-rpc", images=[str(image) for image in images], restore=True)
+        after = digests(folder)
+        assert {name: after[name] for name in before if "RPC" in name} == {
+            name: before[name] for name in before if "RPC" in name
+        }
+
+
+def test_one_of_six_runs_in_place_wins(folder: Path, tmp_path: Path) -> None:
+    words = ["adjust", *(str(folder / f"image_{k}.tif") for k in (1, 2, 3)), "--gcps",
+             str(folder / "ground_points.csv"), "--image-points", str(folder / "image_points.csv"), "--height-datum",
+             "ellipsoidal", "--write", "in-place", "--no-report", "--output-dir"]  # fmt: skip
+    runs = [
+        subprocess.Popen([sys.executable, "-c", WRITER, *words, str(tmp_path / f"o{number}")], stderr=subprocess.PIPE)
+        for number in range(6)
+    ]
+    said = [one.communicate(timeout=120)[1] for one in runs]
+    won = [number for number, one in enumerate(runs) if one.returncode == 0]
+    assert won and all(
+        one.returncode == 0 or b"another run writes it now" in text for one, text in zip(runs, said, strict=True)
+    )
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name[0] == "o") == [f"o{number}" for number in won]
+    assert not list(folder.rglob(".*"))
+
+
+def test_a_simulation_of_fewer_images_leaves_nothing_of_the_earlier_one(tmp_path: Path) -> None:
+    options = {"sensor": "pleiades", "size": 64, "gcps": 1, "checks": 0, "ties": 0, "output_dir": str(tmp_path / "s")}
+    run("simulate", images=3, along="-9,0,9", ortho=True, **options)
+    (tmp_path / "s" / "image_3.txt").write_text("mine")
+    run("simulate", images=2, along="-9,9", overwrite=True, **options)
+    there = {path.name for path in (tmp_path / "s").iterdir()}
+    assert "image_3.txt" in there and not there & {"image_3.tif", "orthophoto.tif"}
+
+
+def test_memory_is_no_output_directory(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rpc-info", str(folder / "image_1.tif"), "--output-dir", "/vsimem/x"]) == 2
+    assert "nothing would remain" in capsys.readouterr().err
