@@ -12,7 +12,7 @@ from .ortho_steps import pairs as ortho_pairs
 
 def run(options: OrthoCheckOptions, context: Context) -> Report:
     """Match windows of every overlapping pair and write figures, arrows and maps."""
-    check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
+    check_output_dir(options.folder.output_dir, options.folder.overwrite, inputs=context.inputs)
     pairs, warnings = ortho_pairs.open_pairs(options)
     if context.dry_run:
         counts = {"orthoimages": len(options.images), "overlapping pairs": len(pairs)}

@@ -32,7 +32,7 @@ TABLE_FILE, MEASUREMENTS_LAYER = "tie_points.csv", "image_points"
 
 def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
-    check_output_dir(options.folder.output_dir, options.folder.overwrite, looking=context.dry_run)
+    check_output_dir(options.folder.output_dir, options.folder.overwrite, inputs=context.inputs)
     clock = Clock()
     new = open_input_images(options.images, context)
     earlier = read_earlier_ties(options.add_to, new)

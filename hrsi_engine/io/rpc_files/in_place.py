@@ -7,6 +7,7 @@ that at any moment some complete RPC, old or new, is what a reader finds.
 """
 
 import os
+from collections.abc import Callable
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
@@ -24,7 +25,7 @@ from .tiff_directory import read_directory
 from .write import UNTOLD, Lineage, write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
 
 #: Format of a sidecar -> what follows the image's stem, and the function that writes it.
-SIDECARS = {
+SIDECARS: dict[str, tuple[str, Callable[..., None]]] = {
     "rpc-txt": ("_RPC.TXT", write_rpc_text), "rpb": (".RPB", write_rpb), "isd": (".xml", write_isd_xml),
     "geom": (".geom", write_geom), "rpcm-json": (".json", write_rpcm_json),
 }  # fmt: skip
