@@ -3,12 +3,12 @@
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.opening.numbers import has_decimal_commas, parse_finite
 
 
 def standard_input(example: str) -> Iterable[str]:
@@ -26,15 +26,16 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
     """
     numbers, rest = [], []
     for count, line in enumerate(lines, start=1):
+        if has_decimal_commas(line):
+            raise InputError(f"line {count}: {line.strip()[:60]!r} has decimals behind commas: write them with a point")
         words = line.replace(",", " ").split()
         if not words:
             continue
         values: list[float] = []
-        with suppress(ValueError):  # the first word that is no number
-            for word in words[: len(names)]:
-                if not math.isfinite(value := float(word)):
-                    break
-                values.append(value)
+        for word in words[: len(names)]:
+            if (value := parse_finite(word)) is None:
+                break
+            values.append(value)
         if len(values) < len(names) - 1:
             raise InputError(f"line {count}: {line.strip()[:60]!r} does not begin with {' '.join(names)}: correct it")
         rest.append(" ".join(words[len(values) :]))

@@ -33,7 +33,7 @@ class RunLog:
         self._spell = spell
         self._told, self._message = -1.0, ""
         try:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK, 0o666)
         except OSError as error:
             raise InputError(f"--log {path} cannot be written ({error.strerror}): name another file") from None
         if os.path.isfile(path) and os.path.getsize(path) > 0 and not _part(path, -1).endswith(b"\n"):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ..opening.budgets import require_size
+from ..opening.budgets import FILE_BUDGETS, list_archive, require_delivery, require_size
 from ..opening.datasets import open_dataset
 from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 from .stac_items import images_of_items
@@ -17,6 +17,7 @@ LIST = "@"  #: begins the name of a text file with an image a line
 ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
 RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
+_LOOKED_AT = (*IMAGE_ENDINGS, ".xml", ".dim")  # files that are opened
 
 
 def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
@@ -84,8 +85,9 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     A product file that GDAL opens stands for the tiles that it puts together, one without pixels for the RPC file that
     it names.
     """
-    files = [os.path.join(folder, file) for file in sorted(gdal.ReadDirRecursive(folder) or []) if file[-1] != "/"]
+    files = [os.path.join(folder, file) for file in _list_files(name, folder)]
     files = [file for file in files if not os.path.basename(file).startswith(".")]
+    require_delivery(name, len(files), sum(file.lower().endswith(_LOOKED_AT) for file in files))
     faults: list[str] = []
     products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
     tiled = {part: file for file in products for part in _list_parts(file)}
@@ -95,11 +97,40 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
         names = [os.path.basename(file).lower() for file in products]
         named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
         alone = [one for one in files if os.path.basename(one).lower() not in named and not one.endswith(".aux.xml")]
+        require_delivery(name, 0, len(alone))
         images = [*_with_rpc([file for file in alone if _is_rpc_file(file)], faults)]
     if not images:
         reason = f" ({faults[0]})" if faults else ""
         raise InputError(f"{name}: holds no image with an RPC{reason}: name the images, or another folder")
     return sorted(images)
+
+
+def _list_files(name: str, folder: str) -> list[str]:
+    """Return the sorted names of all files below a folder, or in an archive, counted from there.
+
+    Those with names that are no text, which GDAL cannot open, are left out.
+    """
+    if folder.startswith("/vsi"):
+        held = list_archive(name)
+        packed, unfolded = os.path.getsize(name), sum(size for _name, size in held)
+        if unfolded > max(FILE_BUDGETS.points_bytes, FILE_BUDGETS.packed_factor * packed):
+            raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: get it again")
+        require_delivery(name, len(held), sum(one.lower().endswith(_LOOKED_AT) for one, _size in held))
+        if any(one.count("/") > FILE_BUDGETS.delivery_depth for one, _size in held):
+            raise InputError(f"{name}: holds folders deeper than {FILE_BUDGETS.delivery_depth}: unpack what you need")
+        listed = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
+        return sorted(file for file in listed if file[-1] != "/")
+    found: list[str] = []
+    seen = set[tuple[int, int]]()
+    for place, folders, files in os.walk(folder, followlinks=True):
+        status, within = os.stat(place), os.path.relpath(place, folder)
+        if (status.st_dev, status.st_ino) in seen or within.count(os.sep) >= FILE_BUDGETS.delivery_depth:
+            folders.clear()  # links that lead in circles, and what no delivery has
+            continue
+        seen.add((status.st_dev, status.st_ino))
+        found += [os.path.normpath(os.path.join(within, file)) for file in files]
+        require_delivery(name, len(found), 0)
+    return sorted(file for file in found if file.encode(errors="ignore").decode() == file)
 
 
 def _list_parts(product: str) -> list[str]:

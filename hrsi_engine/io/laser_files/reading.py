@@ -8,6 +8,7 @@ import numpy as np
 from ...block.laser import LaserPoints
 from ...foundation.errors import InputError
 from ..opening.budgets import GROUND_HEIGHTS
+from ..opening.plain_files import require_plain
 from ..point_files.find import point_reader_of, split_spec
 from ..point_files.positions import Reference, ground_positions, has_positions
 from ..point_files.table import PointTable
@@ -42,6 +43,7 @@ def read_laser(
 
 
 def _read_head(path: str) -> bytes:
+    require_plain(path)
     if not os.path.isfile(path):
         return b""  # the readers of point files say what is wrong
     try:

@@ -11,7 +11,9 @@ sent something (`datasets.HTTP_PATIENCE`).
 """
 
 import os
+import tarfile
 import zipfile
+import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -19,6 +21,7 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from .plain_files import require_plain
 from .virtual_files import virtual_status
 
 MIB = 2**20
@@ -55,6 +58,20 @@ class FILE_BUDGETS:
         512 * MIB, "byte", "largest column of longer texts", "NumPy gives every row the width of the longest"
     )
     unfolded_bytes: int = threshold(2048 * MIB, "byte", "largest sum of a spreadsheet's parts")
+    directory_bytes: int = threshold(
+        32 * MIB, "byte", "largest directory of a zip archive", "an entry has some 100 bytes, and takes 1 kB of memory"
+    )
+    delivery_files: int = threshold(
+        200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
+    )
+    delivery_images: int = threshold(
+        5_000, "files", "most files of a folder or archive that are opened to see whether they are images with RPCs",
+        "each takes 1 ms; a delivery has some hundred tiles",
+    )  # fmt: skip
+    delivery_depth: int = threshold(32, "folders", "deepest folder of a delivery")
+    packed_factor: int = threshold(
+        100, "", "most bytes that one byte of an archive of images can unfold to", "imagery comes to 2, text to 20"
+    )
 
 
 #: Bytes of files that are read as a whole, by what they hold.
@@ -129,7 +146,8 @@ LEAST_SCALES = {
 
 
 def require_size(path: str, kind: str) -> None:
-    """Raise `InputError` for a file larger than any of its ``kind``, one of `MOST_BYTES`."""
+    """Raise `InputError` for a file larger than any of its ``kind``, one of `MOST_BYTES`, or no plain file."""
+    require_plain(path)
     size, most = file_bytes(path), MOST_BYTES[kind]
     if size is not None and size > most:
         raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({most // MIB}): "
@@ -157,14 +175,68 @@ def require_texts(source: str, field: str, rows: int, longest: int) -> None:
 
 def require_small_archive(path: str) -> None:
     """Raise `InputError` for a spreadsheet (a zip archive) whose parts are larger than any table's."""
+    require_plain(path)
     if not path.startswith("/vsi") and zipfile.is_zipfile(path):
-        try:
-            with zipfile.ZipFile(path) as archive:
-                size = sum(part.file_size for part in archive.infolist())
-        except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as error:
-            raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
+        size = sum(size for _name, size in list_archive(path))
         if size > FILE_BUDGETS.unfolded_bytes:
             raise InputError(f"{path}: unfolds to {size // MIB} MiB, no table does: get it again, or save it as CSV")
+
+
+def list_archive(path: str) -> list[tuple[str, int]]:
+    """Return names and sizes of what a zip or tar archive of the disk holds; unlike GDAL's, this can be interrupted.
+
+    Raises `InputError` where it is damaged, holds more than any delivery, or would take for ever to unfold.
+    """
+    try:
+        if zipfile.is_zipfile(path):
+            _require_small_directory(path)
+            with zipfile.ZipFile(path) as archive:
+                return [(part.filename, part.file_size) for part in archive.infolist()]
+        found: list[tuple[str, int]] = []
+        with tarfile.open(path) as tar:
+            for member in tar:
+                found.append((member.name, member.size))
+                tar.members.clear()  # TarFile keeps all of them
+                unfolded = member.offset_data + member.size
+                if len(found) > FILE_BUDGETS.delivery_files:
+                    raise InputError(f"{path}: holds more than {FILE_BUDGETS.delivery_files} files: name its images")
+                if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a packed one
+                    raise InputError(
+                        f"{path}: unfolds to more than {unfolded // MIB} MiB: unpack it, and name the folder"
+                    )
+        return found
+    except (
+        OSError,
+        EOFError,
+        ValueError,
+        zlib.error,
+        zipfile.BadZipFile,
+        tarfile.TarError,
+        NotImplementedError,
+    ) as error:
+        raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
+
+
+def _require_small_directory(path: str) -> None:
+    """Raise `InputError` for a zip archive with more entries than are looked through, before any is read."""
+    with open(path, "rb") as file:
+        file.seek(-min(os.path.getsize(path), 2**16 + 100), os.SEEK_END)
+        tail = file.read()
+    end, wide = tail.rfind(b"PK\5\6"), tail.rfind(b"PK\6\6")
+    size = int.from_bytes(tail[end + 12 : end + 16], "little")
+    if size == 2**32 - 1 and wide >= 0:
+        size = int.from_bytes(tail[wide + 40 : wide + 48], "little")
+    if size > FILE_BUDGETS.directory_bytes:
+        raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
+
+
+def require_delivery(name: str, files: int, images: int) -> None:
+    """Raise `InputError` for a folder or archive with more files, or files that may be images, than a delivery has."""
+    for count, most, what in ((files, FILE_BUDGETS.delivery_files, "files"),
+                              (images, FILE_BUDGETS.delivery_images, "files that may be images")):  # fmt: skip
+        if count > most:
+            raise InputError(f"{name}: holds {count} {what}, more than are looked through ({most}): name the images "
+                             "themselves (by a pattern such as FOLDER/*.tif, or @LIST), or parts of it")  # fmt: skip
 
 
 def database_seconds(size: int) -> float:

@@ -9,6 +9,9 @@ from typing import Any, TypeVar
 
 from osgeo import gdal
 
+from ...foundation.errors import InputError
+from .plain_files import require_plain_around
+
 Told = TypeVar("Told")
 #: How long servers are waited for, in seconds: until they take a connection, and while they send less than some bytes a
 #: second; and how often what a busy one refuses (429, 500, 502, 503, 504) is asked for again,
@@ -103,9 +106,10 @@ def open_dataset(path: str, flags: int = 0) -> tuple[gdal.Dataset | None, str]:
     with quiet():
         gdal.ErrorReset()
         try:
+            require_plain_around(path)
             dataset = gdal.OpenEx(path, gdal.OF_RASTER | flags)
             return dataset, "" if dataset is not None else " ".join(gdal.GetLastErrorMsg().split())
-        except (RuntimeError, SystemError, UnicodeDecodeError) as error:
+        except (InputError, RuntimeError, SystemError, UnicodeError) as error:
             return None, " ".join(str(error).split())
 
 

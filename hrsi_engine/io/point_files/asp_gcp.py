@@ -12,6 +12,7 @@ import numpy as np
 from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
 from ..opening.budgets import require_size
+from ..opening.numbers import has_decimal_commas, parse_finite
 from .table import PointReader, PointTable
 
 _POINT_FIELDS, _IMAGE_FIELDS = 7, 5
@@ -33,6 +34,8 @@ def read(path: str, _layer: str = "") -> PointTable:
         raise InputError(f"{path}: cannot be read ({error}): check the file") from None
     rows: list[_Row] = []
     for number, line in enumerate(lines, start=1):
+        if has_decimal_commas(line.partition("#")[0].partition(" ")[2]):
+            raise InputError(f"{path}, line {number}: has decimals behind commas: write them with a point")
         fields = line.partition("#")[0].replace(",", " ").split()
         rows += _parse_line(path, number, fields) if fields else []
     return _read_table(path, rows)
@@ -81,12 +84,10 @@ def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
 def _parse_floats(path: str, number: int, texts: list[str]) -> list[float]:
     values = []
     for text in texts:
-        try:
-            values.append(float(text))
-        except ValueError:
-            values.append(math.nan)
-        if not math.isfinite(values[-1]):
+        value = parse_finite(text)
+        if value is None:
             raise InputError(f"{path}, line {number}: {text[:40]!r} is not a number: correct it")
+        values.append(value)
     return values
 
 

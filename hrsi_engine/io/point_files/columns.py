@@ -11,6 +11,7 @@ import numpy as np
 
 from ...foundation.errors import InputError
 from ..opening.budgets import require_texts
+from ..opening.numbers import parse_finite
 
 #: Text fields and what else they may be called.
 TEXT_FIELDS: dict[str, tuple[str, ...]] = {
@@ -88,7 +89,8 @@ def numbers(
     except ValueError:
         pass
     else:
-        if np.isfinite(values).all() and "_" not in "".join(texts):  # Python reads 1_000 as a number
+        joined = "".join(texts)  # Python reads 1_000 and full-width digits as numbers
+        if np.isfinite(values).all() and joined.isascii() and "_" not in joined:
             return values
     one_by_one = [_parse_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
     return np.array(one_by_one, dtype=np.float64)
@@ -98,11 +100,10 @@ def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_co
     text = text.strip()
     if text.lower() in _EMPTY:
         return np.nan
-    try:
-        value = float(text.replace(",", ".") if decimal_comma else text)
-    except ValueError:
-        value = np.nan
-    if not (np.isfinite(value) or (infinite and value == np.inf)) or "_" in text:
+    if infinite and text.lower() in ("inf", "+inf", "infinity"):
+        return np.inf
+    value = parse_finite(text.replace(",", ".") if decimal_comma else text)
+    if value is None:
         raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {_advise(text)}")
     return value
 

@@ -11,6 +11,7 @@ from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
 from ...ground.operation_uses import OperationUse
 from ..opening.datasets import check_advice
+from ..opening.plain_files import require_plain_around
 from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
 from .columns import match_fields
 from .in_memory import PointsInMemory
@@ -156,6 +157,7 @@ def _parse_options(spec: str) -> dict[str, str]:
 
 def point_reader_of(path: str) -> PointReader:
     """Return the reader of a file; raise `InputError` where there is no such file or no format fits."""
+    require_plain_around(path)
     head = b""
     if not path or not (path.startswith("/vsi") or os.path.exists(path)):
         raise InputError(f"{path or 'point file'}: no such file: check the path")

@@ -8,6 +8,7 @@ import numpy as np
 from ...foundation.errors import InputError
 from ...ground.geoids import Geoid, find_geoid
 from ..opening.datasets import call_quiet
+from ..opening.plain_files import require_plain
 
 #: Of a ``.gtx`` grid, big-endian: latitude and longitude of the first cell, their steps, rows, columns; then float32.
 GTX_HEAD = struct.Struct(">4d2i")
@@ -20,6 +21,7 @@ def open_geoid(datum: str) -> Geoid:
     themselves where they are damaged. ``datum`` is ``egm96``, ``egm2008`` or the path of a grid; the result tells by
     ``stands_for`` where another model has to stand in. Raises `InputError` where the grid is missing or damaged.
     """
+    require_plain(datum)
     if datum.lower().endswith(".gtx") and os.path.isfile(datum):
         with open(datum, "rb") as file:
             head = file.read(GTX_HEAD.size)

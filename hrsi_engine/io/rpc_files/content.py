@@ -1,6 +1,5 @@
 """Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
 
-import math
 import os
 
 # Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with
@@ -13,6 +12,8 @@ from osgeo import gdal
 from ...foundation.errors import InputError
 from ..opening.budgets import MOST_BYTES
 from ..opening.datasets import call_quiet, check_advice
+from ..opening.numbers import parse_finite
+from ..opening.plain_files import require_plain
 from ..opening.virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
@@ -31,6 +32,7 @@ def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
 
 def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
     """Return the first bytes of a file; raise `InputError` where it cannot be read."""
+    require_plain(path)
     if path.startswith("/vsi"):
         content = read_virtual(path, count)
         if content is None:
@@ -104,11 +106,7 @@ def positive_size(samples: str | None, lines: str | None) -> tuple[int, int] | N
 
 def finite_number(text: str | None) -> float | None:
     """Return a number given as text, None for what is none."""
-    try:
-        number = float(text or "")
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
+    return parse_finite(text or "")
 
 
 def siblings(path: str) -> dict[str, str]:

@@ -29,7 +29,8 @@ GDAL_NAMES = {key: key.upper() for key in (*ERRORS, *SCALARS)} | {key: f"{key.up
 #: RPC field -> its name in a STAC item: GDAL's names, as a field with a prefix.
 STAC_NAMES = {name: f"rpc:{title.lower()}" for name, title in GDAL_NAMES.items()}
 _PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
+_UNIT = re.compile(r"\s*[,;]?(\s+[^\d\s.+-].*)?", re.ASCII)  # what may follow a number: its unit
 
 Text = str | Sequence[str]
 
@@ -149,15 +150,14 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
 
 def _parse_number(where: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
-    if isinstance(text, str) and _PLAIN_NUMBER.fullmatch(text):
-        return float(text)
     if not isinstance(text, str) or not text.strip():
         raise InputError(f"{where}: {name} is missing: this is not a whole RPC, get the file again")
     match = _NUMBER.match(text.strip())
-    rest = text.strip()[match.end() :] if match else ""
-    if match is None or (rest and not (rest[0].isspace() or rest[0] in ",;")):
-        raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed")
-    return _parse_double(match.group())
+    value = _parse_double(match.group()) if match and _UNIT.fullmatch(text.strip()[match.end() :]) else math.nan
+    if not math.isfinite(value):
+        advice = ", with a point before its decimals" if "," in text else ""
+        raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed{advice}")
+    return value
 
 
 def _parse_optional(where: str, name: str, text: Text | None) -> float | None:

@@ -12,6 +12,7 @@ import numpy as np
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from ..opening.numbers import parse_finite
 
 CORNERS = ("11", "12", "21", "22")
 
@@ -54,7 +55,7 @@ def _shift_and_scale(path: str, metadata: Mapping[str, str], axis: str) -> tuple
 
 
 def _read_field(path: str, metadata: Mapping[str, str], name: str) -> float:
-    try:
-        return float(metadata[name])
-    except (KeyError, ValueError):
-        raise InputError(f"{path}: ICHIPB field {name} is missing or no number: get the file again") from None
+    value = parse_finite(metadata.get(name, ""))
+    if value is None:
+        raise InputError(f"{path}: ICHIPB field {name} is missing or no number: get the file again")
+    return value

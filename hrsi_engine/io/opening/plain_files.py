@@ -1,0 +1,72 @@
+"""Which files can be opened at all: plain ones under names that are text.
+
+A named pipe, a socket or a device, named by the user or lying beside an image under a name that is looked for there
+(``a_RPC.TXT``, ``a.tif.aux.xml``), would hold GDAL, and every other reader, for ever. `require_plain` is asked before
+a file is opened, `require_plain_around` before GDAL opens one and looks for what belongs to it.
+"""
+
+import os
+import stat
+from functools import lru_cache
+
+from ...foundation.errors import InputError
+
+_OF_THE_SHELL = ("/dev/fd/", "/dev/stdin", "/proc/self/fd/")  # `<(…)`: who writes there ends
+_IN_ARCHIVES = ("/vsizip/", "/vsitar/", "/vsigzip/")
+_PRODUCT_ENDINGS = (".xml", ".dim", ".imd")  # GDAL looks for these under other names than the image's
+_KINDS = ((stat.S_ISFIFO, "a named pipe"), (stat.S_ISSOCK, "a socket"),
+          (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"))  # fmt: skip
+
+
+def require_plain(path: str) -> None:
+    """Raise `InputError` for a pipe, socket or device, and for a name that is no text; a file that is missing passes.
+
+    An archive is looked at for what lies in it.
+    """
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        shown = path.encode("utf-8", "backslashreplace").decode()
+        raise InputError(f"{shown}: its name is no UTF-8, which GDAL and all results need: rename it") from None
+    if "\0" in path:
+        raise InputError(f"{path!r}: no file has such a name: correct it")
+    way = next((way for way in _IN_ARCHIVES if path.startswith(way)), "")
+    place = path.removeprefix(way)
+    while way and len(place) > 1 and not os.path.exists(place):
+        place = os.path.dirname(place)
+    kind = "" if place.startswith("/vsi") else _special_kind(place)
+    if kind and not (kind == "a named pipe" and place.startswith(_OF_THE_SHELL)):
+        raise InputError(f"{path}: is {kind}, which may never end: name a file, or remove it")
+
+
+def require_plain_around(path: str) -> None:
+    """Raise `InputError` where a file, or one beside it that GDAL would open with it, is a pipe, socket or device."""
+    require_plain(path)
+    folder, name = os.path.split(path)
+    try:
+        changed = os.stat(folder or ".").st_mtime_ns
+        names = () if path.startswith("/vsi") else _special_names(folder or ".", changed)
+    except OSError:  # no folder of the disk
+        return
+    stem = os.path.splitext(name)[0].lower()
+    for other in names:
+        if stem in other.lower() or other.lower().endswith(_PRODUCT_ENDINGS):
+            require_plain(os.path.join(folder, other))
+
+
+def _special_kind(path: str) -> str:
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):  # links that lead nowhere: opening them fails at once
+        return ""
+    return next((word for is_kind, word in _KINDS if is_kind(mode)), "")
+
+
+@lru_cache(maxsize=64)
+def _special_names(folder: str, _changed_ns: int) -> tuple[str, ...]:
+    """Return the names of a folder that are no plain files; looked up once for all images in it."""
+    with os.scandir(folder) as entries:
+        others = [
+            one for one in entries if not (one.is_file(follow_symlinks=False) or one.is_dir(follow_symlinks=False))
+        ]
+    return tuple(one.name for one in others if _special_kind(one.path))

@@ -1,0 +1,170 @@
+"""Archives, folders, special files and number forms that readers must refuse, or read whole, within little time."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import resource
+import signal
+import socket
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+from rpc_samples import sample_rpc, write_image
+
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
+from hrsi.hrsi_engine.io.opening.numbers import parse_finite
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
+from hrsi.processing_algorithms.files.coordinate_lines import parse_lines
+
+ENTRIES = 60_000
+MOST_CPU_S = 10.0  # the promise of docs/robustness.md
+
+
+def _cpu_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _make_zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        for number in range(ENTRIES):
+            archive.writestr(f"d{number % 100}/f{number}.tif", b"II*\0xxxx")
+
+
+def _make_tar(path: Path) -> None:
+    with tarfile.open(path, "w") as archive:
+        for number in range(ENTRIES):
+            member = tarfile.TarInfo(f"d{number % 100}/f{number}.tif")
+            member.size = 8
+            archive.addfile(member, io.BytesIO(b"II*\0xxxx"))
+
+
+def _make_folder(path: Path) -> None:
+    path.mkdir()
+    for number in range(ENTRIES):
+        (path / f"f{number}.tif").touch()
+
+
+@pytest.mark.parametrize(("name", "make"), [("a.zip", _make_zip), ("a.tar", _make_tar), ("a", _make_folder)])
+def test_a_delivery_of_60000_files_is_refused_at_once(tmp_path: Path, name: str, make) -> None:
+    make(tmp_path / name)
+    before = _cpu_seconds()
+    with pytest.raises(InputError, match=rf"{name}: holds \d+ files .* name the images"):
+        resolve_images([str(tmp_path / name)], lambda _text: None)
+    assert _cpu_seconds() - before < MOST_CPU_S
+
+
+def test_an_archive_that_unfolds_without_end_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(300):
+            archive.writestr(f"f{number}.tif", b"\0" * 2**20)
+    with pytest.raises(InputError, match="unfold"):
+        resolve_images([str(tmp_path / "bomb.zip")], lambda _text: None)
+
+
+def test_a_delivery_with_odd_names_is_read_without_them(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.tif", sample_rpc(1), size=(40, 30))
+    os.symlink(".", tmp_path / "circle")
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe.tif")).write_bytes(b"II*\0")
+    assert resolve_images([str(tmp_path)], lambda _text: None) == (str(tmp_path / "a.tif"),)
+    with pytest.raises(InputError, match="no UTF-8"):
+        read_rpc(os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe.tif"))
+
+
+def _make_special(kind: str, path: Path) -> None:
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        os.symlink("/dev/zero", path)
+    else:
+        with socket.socket(socket.AF_UNIX) as server:
+            here = os.getcwd()
+            os.chdir(path.parent)
+            server.bind(path.name)
+            os.chdir(here)
+
+
+@pytest.fixture
+def alarm():
+    """Let a reader that waits for ever fail: the default action of the signal ends even C code."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+
+
+@pytest.mark.usefixtures("alarm")
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket"])
+@pytest.mark.parametrize("side", ["_RPC.TXT", ".RPB", ".xml", ".tif.aux.xml", ".tif.ovr", ".tfw", ".IMD"])
+def test_special_files_beside_an_image_are_never_waited_for(tmp_path: Path, kind: str, side: str) -> None:
+    write_image(tmp_path / "a.tif", sample_rpc(1), size=(40, 30))
+    _make_special(kind, tmp_path / f"a{side}")
+    with pytest.raises(InputError, match=f"a{side}: is a (named )?{kind}"):
+        read_rpc(str(tmp_path / "a.tif"))
+
+
+@pytest.mark.usefixtures("alarm")
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket"])
+@pytest.mark.parametrize("name", ["g.csv", "g.gpkg", "g.points", "g.gcp", "g.geojson", "g.h5", "g.shp", "g_RPC.TXT"])
+def test_special_files_named_as_inputs_are_refused(tmp_path: Path, kind: str, name: str) -> None:
+    _make_special(kind, tmp_path / name)
+    read = read_rpc if name.endswith("TXT") else read_points
+    with pytest.raises(InputError, match=f"{name}: is a (named )?{kind}"):
+        read(str(tmp_path / name))
+
+
+@pytest.mark.usefixtures("alarm")
+@pytest.mark.parametrize("link", ["nowhere", "self", "folder"])
+def test_links_that_lead_nowhere_are_passed_over(tmp_path: Path, link: str) -> None:
+    write_image(tmp_path / "a.tif", sample_rpc(1), size=(40, 30))
+    place = tmp_path / "a_RPC.TXT"
+    place.mkdir() if link == "folder" else os.symlink(place if link == "self" else tmp_path / "none", place)
+    assert read_rpc(str(tmp_path / "a.tif")).rpc.lat_off == sample_rpc(1).lat_off
+
+
+REFUSED = ["43,5", "1e400", "nan", "inf", "0x10", "1_000", "４３.5", "43.5abc", "43.5 12", "43.5,5", "43..5", "--43"]
+READ = {"43.5 degrees": 43.5, "+0043.5 pixels": 43.5, "43.5;": 43.5, "4.35D+01": 43.5, "43.5, degrees": 43.5}
+
+
+@pytest.mark.parametrize("text", [*REFUSED, *READ])
+@pytest.mark.parametrize("ending", ["_RPC.TXT", ".RPB", ".vrt"])
+def test_numbers_of_rpcs_are_read_whole_or_refused(tmp_path: Path, ending: str, text: str) -> None:
+    if ending == ".RPB" and text.endswith(";"):
+        text = text[:-1]
+    path = tmp_path / f"a{ending}"
+    if ending == ".vrt":
+        write_image(tmp_path / "b.tif", None, size=(40, 30))
+        write_vrt(str(tmp_path / "b.tif"), str(path), sample_rpc(1))
+        path.write_text(re.sub(r'(key="LAT_OFF">)[^<]*', rf"\g<1>{text}", path.read_text("utf-8")), "utf-8")
+    else:
+        (write_rpb if ending == ".RPB" else write_rpc_text)(str(path), sample_rpc(1))
+        written = re.sub(r"(LAT_OFF: |latOffset = )[^;\n]*", rf"\g<1>{text}", path.read_text("utf-8"))
+        path.write_text(written, "utf-8")
+    if text in REFUSED:
+        with pytest.raises(InputError, match=r"(?i)lat_?off"):
+            read_rpc(str(path))
+    else:
+        assert read_rpc(str(path)).rpc.lat_off == 43.5
+
+
+@pytest.mark.parametrize("text", ["43,5", "1e400", "0x10", "1_000", "４３.5", "43.5abc"])
+def test_numbers_of_points_are_read_whole_or_refused(tmp_path: Path, text: str) -> None:
+    assert parse_finite(text) is None
+    path = tmp_path / "g.csv"
+    path.write_text(f"id,lon,lat,height\na,7.0,45.0,300\nb,7.0,{text},300\n", "utf-8")
+    with pytest.raises(InputError, match="line 3"):
+        read_points(str(path), height_datum="ellipsoidal")
+
+
+def test_coordinates_with_decimal_commas_are_refused() -> None:
+    assert parse_lines(["7.5,43.5,300", "7.5 43.5 300", "7, 43, 300"], ["lon", "lat", "height"])[0][:, 0].tolist() == [
+        7.5, 7.5, 7.0,
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="decimals behind commas"):
+        parse_lines(["7,5 43,5 300"], ["lon", "lat", "height"])
