@@ -17,6 +17,7 @@ import numpy as np
 
 from ..foundation.large_arrays import finite_rows
 from .equations.states import FREE_POINT_SIGMA_M
+from .few_gcps import compare_few_gcps
 from .gauss_newton import Solution
 from .problem import Problem
 from .result import DatumPart
@@ -51,10 +52,13 @@ def describe_parts(
         left_out = candidates & parallel if (candidates & ~parallel).any() else np.zeros_like(candidates)
         chosen = np.flatnonzero(candidates & ~left_out)
         used = chosen[:: -(-len(chosen) // MOST_POINTS)] if len(chosen) else chosen
+        apart = compare_few_gcps(problem, solution, part)
         widened = leave_one_out if part.gcps else 1.0
-        area = predict_accuracy(
-            widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weigh_by_area(solution.state.ground[used])
-        )
+        weight = weigh_by_area(solution.state.ground[used])
+        area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
+        if apart is not None and area["ce90_m"]:  # one of them may be wrong: beyond both it bends by twice as much
+            widened *= max(min(apart.factor / widened, 1.0 + 2.0 * apart.metres / area["ce90_m"]), 1.0)
+            area = predict_accuracy(widened**2 * covariance[used], np.zeros((len(used), 3, 3)), weight)
         sigma = [area[name] for name in ("rmse_east_m", "rmse_north_m", "rmse_height_m")]
         east, north, height = (np.nan if value is None else value for value in sigma)
         parts.append(
@@ -62,7 +66,7 @@ def describe_parts(
                 tuple(observations.images[k].id for k in part.images), part.gcps, part.ties,
                 float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
                 (east, north, height), area["ce90_m"], area["le90_m"], len(chosen),
-                tuple(ids[left_out].tolist()), widened,
+                tuple(ids[left_out].tolist()), widened, apart,
             )
         )  # fmt: skip
     return tuple(parts)

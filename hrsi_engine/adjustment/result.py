@@ -92,6 +92,17 @@ class ModelTest:
 
 
 @dataclass(frozen=True)
+class GcpsApart:
+    """Two of few GCPs that disagree on an image: by metres, in sigmas, and as a factor of the stated sigmas."""
+
+    ids: tuple[str, str]
+    image: str
+    metres: float
+    sigmas: float
+    factor: float
+
+
+@dataclass(frozen=True)
 class DatumPart:
     """Images connected by common points: what holds them, and the accuracy of the ground that they measure.
 
@@ -101,7 +112,8 @@ class DatumPart:
         others predict them); no height where no point is seen by two images
     points : how many points that is taken from; parallel : ids of those left out, as their rays are nearly parallel
     leave_one_out : by how much the GCPs' leave-one-out errors exceed what is predicted of them, 1 or more; the figures
-        above contain it
+        above contain it, and what few GCPs disagree by
+    apart : those of few GCPs that disagree most, None where they agree
     """
 
     images: tuple[str, ...]
@@ -114,6 +126,7 @@ class DatumPart:
     points: int = 0
     parallel: tuple[str, ...] = ()
     leave_one_out: float = 1.0
+    apart: GcpsApart | None = None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
-from .accuracy import SIMULATED
+from .accuracy import ACCURACY, SIMULATED
 from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
@@ -41,6 +41,10 @@ class SLIP:
 HEIGHT_CODES = {"height-unit", "height-offset", "height-datum"}
 #: Mistakes that a few points alone do not prove: other wrong heights look the same.
 UNPROVABLE_CODES = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
+
+
+#: Mistakes of image coordinates that are told from a shift of the image by how the misfit changes over it.
+SHIFTING_CODES = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,12 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
 
 
+def _are_shifted_alike(given: ControlFit, reading: SlipHypothesis) -> bool:
+    """Return whether a shift of the images explains all, as one of a crop or of a biased RPC does, or one point."""
+    images = given.control.images if reading.images is None else reading.images
+    return bool((given.scatter[images] <= CONTROL_FIT.usual_scatter).all())
+
+
 def _is_suspicious(given: ControlFit) -> bool:
     """Return whether mistakes are worth a try: a right block hardly ever is suspicious."""
     lift, sigma = estimate_common_lift(given.control, given.shift_m)
@@ -103,6 +113,8 @@ def _find_best_slip(
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
         saved = given.cost - reading.cost
+        if reading.slip.code in SHIFTING_CODES and _are_shifted_alike(given, reading):
+            continue
         if saved > SLIP.least_cost and _is_explanation(reading.fit, given):
             code = reading.slip.code
             if code not in best or reading.cost < best[code].cost:
@@ -316,9 +328,13 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
     off += f"{figures[worst]:.3g} m; {_format_shifts(control, large)})"
     concerned = control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)]))
     if (size > control.get_figures("biased_m")).any():
+        unwritten_m = np.maximum(
+            control.get_figures("biased_m"), ACCURACY.unwritten_sigmas * control.get_figures("sigma_m")
+        )
+        level = Level.UNUSABLE if (size > unwritten_m).any() else Level.DOUBTFUL
         return [
             Reason(
-                "control-far", Level.DOUBTFUL,
+                "control-far", level,
                 f"the RPCs of {where} see all ground points {off}: farther than biased RPCs do",
                 "check the datum of the ground points, and that RPC and image points are of these pixels, not of a "
                 "crop or the whole scene", *concerned,

@@ -192,13 +192,24 @@ def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
 
 
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images."""
+    """Figures over the tie measurements that took part; ``by_rays`` splits them by the number of images.
+
+    ``images`` are those that ties connect: at least half of an exposure's ties are kept, each with another ray.
+    """
     block, point = result.block, result.block.measurements.point
+    exposure = block.exposure_of_image
+    is_tie = (block.points.role == Role.TIE)[point]
+    kept = is_tie & (result.decision == int(Decision.KEPT))
+    kept &= (np.bincount(point[kept], minlength=len(block.points)) > 1)[point]
+    count, left_in = (
+        np.bincount(exposure[block.measurements.image[rows]], minlength=len(exposure)) for rows in (is_tie, kept)
+    )
     used = np.flatnonzero(result.took_part & (block.points.role == Role.TIE)[point])
     rays = np.bincount(point[used], minlength=len(block.points))
     rays_of_row = rays[point[used]]
     return {
         **_tie_figures(result, left, used),
+        "images": int(np.count_nonzero(((left_in > 0) & (2 * left_in >= count))[exposure])),
         "by_rays": {
             str(count): _tie_figures(result, left, used[rays_of_row == count]) for count in np.unique(rays[rays > 0])
         },

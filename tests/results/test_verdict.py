@@ -123,6 +123,26 @@ def test_check_heights_off_together_are_told_though_each_fits():
     assert "in east they" not in reason.message
 
 
+@pytest.mark.parametrize("gcps", [2, 3])
+@pytest.mark.parametrize("step", [(20.0, 0.0, 0.0), (0.0, 0.0, 60.0)])
+def test_one_of_few_gcps_that_is_wrong_is_doubtful_and_in_the_prediction(gcps: int, step: tuple[float, float, float]):
+    """What comes out is compared with the right survey of the wrong GCP, and with the metres that it was moved by."""
+    right = sound(gcps=gcps, checks=0)
+    assert "control-ambiguous" not in reasons_of(right, AdjustOptions())
+    evidence = evidence_of(moved(right, rows_of(right, Role.GCP)[:1], step), AdjustOptions())
+    reason = {one.code: one for one in find_reasons(evidence)}["control-ambiguous"]
+    assert reason.level is Level.DOUBTFUL
+    assert right.points.ids[rows_of(right, Role.GCP)[0]] in reason.points
+    told_m = float(re.search(r"disagree by ([0-9.]+) m", reason.message)[1])
+    assert told_m == pytest.approx(20.0, rel=0.2) if step[0] else told_m > 3.0
+    (part,) = evidence.result.parts
+    ties = right.points.role == Role.TIE
+    truth = adjust(right, AdjustOptions()).ground
+    error = ground_difference_m(evidence.result.ground[ties], truth[ties])
+    assert 2.0 * part.ce90_m > np.percentile(np.hypot(*error[:, :2].T), 90.0)
+    assert 2.0 * part.le90_m > np.percentile(np.abs(error[:, 2]), 90.0)
+
+
 def test_a_lone_check_point_is_named():
     block = sound()
     wrong = rows_of(block, Role.CHECK)[4:5]

@@ -240,9 +240,19 @@ def _find_axis_errors(
 def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
     """Yield the reason for GCPs that the others predict worse than the block says, where no check points tell.
 
-    Their errors are correlated as those of check points are, and tested alike: `find_check_point_errors`.
+    Their errors are correlated as those of check points are, and tested alike: `find_check_point_errors`. Of two or
+    three GCPs that disagree nothing shows which is wrong.
     """
-    parts = [part for part in evidence.result.parts if part.gcps and part.ce90_m is not None]
+    for one in (part.apart for part in evidence.result.parts if part.apart is not None):
+        yield Reason(
+            "control-ambiguous", Level.DOUBTFUL,
+            f"GCPs {one.ids[0]} and {one.ids[1]} disagree by {one.metres:.2g} m on the ground of {one.image}, "
+            f"{one.sigmas:.0f} sigmas of surveys, measurements and drift, and so few do not show which is wrong; the "
+            "predicted accuracy contains it",
+            "compare the points with their source, or measure more GCPs: four show which one is wrong",
+            images=(one.image,), points=one.ids,
+        )  # fmt: skip
+    parts = [part for part in evidence.result.parts if part.gcps and part.ce90_m is not None and part.apart is None]
     part = max(parts, key=lambda one: one.leave_one_out, default=None)
     if part is None or part.ce90_m is None or not is_significant(3.0 * part.leave_one_out**2, 3.0):
         return

@@ -165,7 +165,7 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
-    tied = sum(part["image_count"] for part in report["parts"] if part["ties"])
+    tied = ties["images"]
     text = f"{tied} of {images} images" if 0 < tied < images else _format_count(images, "image")
     text += f" tied to {format_figure(ties['rmse_px'])} px" if tied else ""
     gcps = report["control"]["points"]
