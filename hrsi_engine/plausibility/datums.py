@@ -13,6 +13,7 @@ from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
+from ..ground.map_crs import map_epsg
 
 
 @thresholds
@@ -50,4 +51,25 @@ def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
             )
             if DATUM.least_shift_m < np.hypot(shift.east_m, shift.north_m) < DATUM.largest_shift_m:
                 found.append(shift)
+    return tuple(found)
+
+
+@lru_cache(maxsize=16)
+def find_projected_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
+    """Return the UTM systems of other datums in use at a place, and how far their numbers, read as WGS84's, are off."""
+    area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
+    known = pyproj.database.query_crs_info(
+        auth_name="EPSG", pj_types=PJType.PROJECTED_CRS, area_of_interest=area, contains=True
+    )
+    place = np.array([[lon_deg, lat_deg, 0.0]])
+    factors, found = metres_per_degree(place)[0], []
+    for info in known:
+        if "UTM zone" in info.name and not info.name.startswith("WGS 84 /"):
+            with contextlib.suppress(InputError):
+                numbers = operations_of(f"EPSG:{map_epsg(lon_deg, lat_deg)}").from_wgs84(place)
+                there = operations_of(f"EPSG:{info.code}").to_wgs84(np.column_stack([numbers[:, :2], [0.0]]))[0]
+                east, north = wrap_degrees(there[:1] - lon_deg) * factors[0], (there[1:2] - lat_deg) * factors[1]
+                shift = DatumShift(info.name, float(east[0]), float(north[0]))
+                if DATUM.least_shift_m < np.hypot(shift.east_m, shift.north_m) < DATUM.largest_shift_m:
+                    found.append(shift)
     return tuple(found)

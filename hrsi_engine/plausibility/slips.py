@@ -19,7 +19,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 from ..ground.geoids import GEOID_GRIDS, geoid_heights
 from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
-from .datums import find_datum_shifts
+from .datums import find_datum_shifts, find_projected_shifts
 
 FEET_M = 0.3048
 DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
@@ -303,7 +303,8 @@ def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
 
 def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     degrees = 1.0 / metres_per_degree(near[None])[0]
-    candidates = find_datum_shifts(round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1))
+    place = round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1)
+    candidates = [*find_datum_shifts(*place), *find_projected_shifts(*place)]
     for sign, what in (
         (1.0, "refer to {} but count as WGS84"),
         (-1.0, "were converted from {} though they were WGS84"),
