@@ -21,7 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 from every_algorithm import make_scene  # noqa: E402  # lies with the tests
-from killed_runs import SIGNALS, Kill, Target, load_everything, writers  # noqa: E402
+from killed_runs import SIGNALS, Kill, Target, add_shifted_rpcs, load_everything, writers  # noqa: E402
 
 from hrsi.benchmarks.robustness_page import write_section  # noqa: E402
 from hrsi.benchmarks.thesis_tables import render  # noqa: E402
@@ -30,7 +30,7 @@ FEWEST = 3  # times that each signal ends a writer
 #: What counts as which fault, by how it is told.
 FAULTS = {
     "inputs damaged": ("input damaged", "third camera"),
-    "half-written": ("half-written", "half a result", "another result", "hidden"),
+    "half-written": ("half-written", "half a result", "another result", "hidden", "mixed"),
     "left over": ("left over", "the next run"),
     "changed without a report": ("images changed without", "report without"),
     "tracebacks, exit codes": ("traceback", "exit code"),
@@ -68,6 +68,7 @@ def main(words: Sequence[str]) -> int:
     place = Path(tempfile.mkdtemp(prefix="hrsi-kills-"))
     try:
         make_scene(place / "scene")
+        add_shifted_rpcs(place / "scene")
         load_everything(chosen, place / "scene", place / "loaded")
         targets = [Target(one, place / "scene", place / str(one).replace(" ", "_")) for one in chosen]
         for target, rounds in zip(targets, rounds_of(targets, options.kills / len(numbers)), strict=True):
@@ -102,7 +103,9 @@ after the first change of a file, half exactly before a random one of its change
 result* and *finished parts* (orthoimages, which appear one by one) tell what was found when the next run, or anything
 that looks into the folder, had finished or removed what was under way. *Half-written* counts files that do not read
 as whole, results of which a part is missing, and next runs that come to other results than an undisturbed one; *left
-over* what lies about after the next run."""
+over* what lies about after the next run: every path, hidden or not, in the folders of inputs and results that an
+undisturbed run does not leave, and every mode bit that it does. `write-rpc` has two images: *half-written* counts those
+of which one has the new RPC and the other the old one, too."""
 
 
 if __name__ == "__main__":

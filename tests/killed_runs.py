@@ -25,7 +25,7 @@ from every_algorithm import sound_options, words_of
 from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.interruption import quit_on_signals
-from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
@@ -38,6 +38,7 @@ CHANGES = {"os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.truncate", "os.
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 IN_WRITING = 0.8  # share of the moments that lie after the first change of a file
 LONGEST_S = 300
+SHIFTED = "shifted"
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,22 @@ class Writer:
         options |= {"write": self.how} if self.how else {}
         if "threads" in algorithm.defaults():
             options["threads"] = 1
+        if self.algorithm == "write-rpc":  # several images, each with another RPC than its own
+            options["images"] = [str(scene / f"image_{number}.tif") for number in (1, 2)]
+            options["rpc"] = str(scene / SHIFTED)
         if self.restore:
             options["restore"] = True
         elif not (self.algorithm == "write-rpc" and self.how == "in-place"):
             options["output_dir"] = str(output)
         return words_of(algorithm, options)
+
+
+def add_shifted_rpcs(scene: Path) -> None:
+    """Write RPC files of the images, 3 px beside their own, into a folder of the scene."""
+    (scene / SHIFTED).mkdir(exist_ok=True)
+    for number in (1, 2):
+        rpc = read_rpc(str(scene / f"image_{number}.tif")).rpc
+        write_rpc_text(str(scene / SHIFTED / f"image_{number}_RPC.TXT"), rpc.shift(3.0, -2.0))
 
 
 def writers() -> Iterator[Writer]:
@@ -189,6 +201,12 @@ def hidden_in(*folders: Path) -> list[str]:
     return [str(path) for path in found if path.parts[0] != UNFINISHED]
 
 
+def tree(*folders: Path) -> dict[str, int]:
+    """Return every path below folders, hidden ones too, with its mode bits."""
+    paths = [path for folder in folders for path in (folder, *folder.rglob("*")) if path.exists()]
+    return {str(path): path.stat().st_mode for path in paths}
+
+
 def cameras(scene: Path) -> list[Any]:
     return [read_rpc(str(scene / f"image_{number}.tif")).rpc for number in (1, 2)]
 
@@ -221,6 +239,7 @@ class Target:
         self.measured = Measured(first, whole, changes, contents(self.output))
         self.changed_to = cameras(self.scene)
         self.after = sources(self.scene)
+        self.tree = tree(self.scene, self.output)
 
     def lay_out(self) -> dict[str, str]:
         """Make the inputs anew, and the output folder go; return the inputs' hashes."""
@@ -229,7 +248,8 @@ class Target:
         shutil.copytree(self._original, self.scene)
         if self.writer.restore:
             words = words_of(REGISTRY["write-rpc"], {
-                "write": "in-place", "rpc": str(self.scene / "cameras"), "images": [str(self.scene / "image_1.tif")],
+                "write": "in-place", "rpc": str(self.scene / SHIFTED),
+                "images": [str(self.scene / f"image_{number}.tif") for number in (1, 2)],
             })  # fmt: skip
             if main([*words, "--quiet"]):
                 raise AssertionError("cannot write in place")
@@ -263,6 +283,9 @@ class Target:
         hidden = hidden_in(self.scene, self.output)
         kill.wrong += [f"hidden: {', '.join(hidden[:3])}"] if hidden else []
         found, changed = contents(self.output), cameras(self.scene) != self.unchanged
+        each = [now == old for now, old in zip(cameras(self.scene), self.unchanged, strict=True)]
+        if self.in_place and len(set(each)) > 1:
+            kill.wrong.append("mixed: some images have the new camera")
         whole = found.keys() == measured.made.keys()
         one_by_one = self.writer.algorithm in ("orthorectify", "write-rpc")  # each file for itself
         if found and not whole and not one_by_one:
@@ -278,6 +301,9 @@ class Target:
         left = hidden_in(self.scene, self.output)
         left += [UNFINISHED] if (self.output / UNFINISHED).exists() else []
         kill.wrong += [f"left over: {', '.join(left[:3])}"] if left else []
+        now = tree(self.scene, self.output)  # from outside: every path that an undisturbed run does not leave
+        others = [name for name in {**now, **self.tree} if now.get(name) != self.tree.get(name)]
+        kill.wrong += [f"left over, missing or of another mode: {', '.join(others[:3])}"] if others else []
         again = contents(self.output)
         if again != measured.made:
             differ = [name for name in {**again, **measured.made} if again.get(name) != measured.made.get(name)]
