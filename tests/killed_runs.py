@@ -179,7 +179,8 @@ def content_of(file: Path) -> str:
         return f"{dataset.RasterXSize} {dataset.RasterYSize} {sums} {sorted(rpc.items())}"
     if file.suffix == ".html":
         return str(file.read_text().rstrip().endswith("</html>"))
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    lines = [line for line in file.read_bytes().splitlines() if not line.startswith(b"HRSI_DATE")]
+    return hashlib.sha256(b"\n".join(lines)).hexdigest()
 
 
 def contents(folder: Path) -> dict[str, str]:
