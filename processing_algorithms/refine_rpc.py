@@ -8,7 +8,6 @@ import numpy as np
 from ..hrsi_engine.block.block import Block, Role
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance
-from ..hrsi_engine.refinement.options import RefineOptions
 from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
 from ..hrsi_engine.refinement.selection import select_control
 from ..hrsi_engine.results.block_results import assemble_result
@@ -44,7 +43,12 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)
     with plausibility.explain_failures(reasons):
-        refinements = _refine_images(block, options.refinement, context.stage(0.1, 0.3))
+        # Every image's refinement from its own GCPs
+        refinements = []
+        for index, image in enumerate(block.images):
+            advance(context.stage(0.1, 0.3).progress, index / len(block.images), f"refining {image.id}")
+            control = select_control(block, index, Role.GCP)
+            refinements.append(refine_image(image, control, options.refinement, SINGLE_IMAGE_MODELS))
     result = separate_result(block, refinements)
     clock.lap("refine")
     # What the report has besides a block's: each image's model, how it was chosen, GCPs left out
@@ -69,16 +73,6 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, more, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest)
-
-
-def _refine_images(block: Block, options: RefineOptions, context: Context) -> list[Refinement]:
-    """Return every image's refinement from its own GCPs."""
-    refinements = []
-    for index, image in enumerate(block.images):
-        advance(context.progress, index / len(block.images), f"refining {image.id}")
-        control = select_control(block, index, Role.GCP)
-        refinements.append(refine_image(image, control, options, SINGLE_IMAGE_MODELS))
-    return refinements
 
 
 def _compare_models(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:

@@ -125,7 +125,9 @@ class CommonDrift:
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior to reduced normal equations at ``values (cameras, p)``."""
-        by_value = self._derive_modes()
+        # The derivatives of the common drifts by the cameras' parameters, (k, p, r)
+        by_value = np.zeros((*self.free.shape, self.basis.shape[1]))
+        by_value[self.free] = self.basis / self.believed[:, None]
         rows, columns = np.triu_indices(len(self.camera))
         blocks = np.einsum("bpr,bqr->bpq", (by_value @ self.weight)[rows], by_value[columns])
         normals.blocks[pattern.find_blocks(*self.pairs)] += blocks
@@ -140,12 +142,6 @@ class CommonDrift:
         """Return how many of the parameters come from the prior, for ``cofactors`` on the pattern."""
         own, _ = self.select_drifts(cofactors, np.zeros((pattern.cameras, pattern.parameters)), pattern)
         return float(np.sum(self.weight * (self.basis.T @ own @ self.basis)))
-
-    def _derive_modes(self) -> np.ndarray:
-        """Return the derivatives of the common drifts by the cameras' parameters, ``(k, p, r)``."""
-        by_value = np.zeros((*self.free.shape, self.basis.shape[1]))
-        by_value[self.free] = self.basis / self.believed[:, None]
-        return by_value
 
     def _measure_modes(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(self.basis.T @ (values[self.place] / self.believed))

@@ -99,7 +99,13 @@ class Adjuster(Snooping):
             self.solution = self.leave_out_wrong_control(self.solution, stage(progress, 0.6, 0.7))
         else:
             self.solution = self.solve(None, progress)
-        precise = self.estimate_sigmas(stage(progress, 0.7, 0.8))
+        # Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show
+        sigmas = self.sigmas
+        how = self.problem.options.robust, self.problem.options.tolerance, silent
+        if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
+            self.solution = self.loop.continue_from(self.solution, *how)
+            sigmas.test_few_surveys(self.loop, self.solution)
+        precise = self.iterate_sigmas(stage(progress, 0.7, 0.8))
         if self.sigmas.tried and rejecting:  # once more: by drifts and sigmas as they are
             solves = self.loop.solves
             self.solution = self.judge_ties_again(self.solution, silent)
@@ -149,15 +155,6 @@ class Adjuster(Snooping):
         return precise
 
     # ---- sigmas ----------------------------------------------------------------------------------------------------
-
-    def estimate_sigmas(self, progress: Progress) -> Precision:
-        """Test the sigmas by the residuals; where they fail, adjust again with those that the residuals show."""
-        sigmas = self.sigmas
-        how = self.problem.options.robust, self.problem.options.tolerance, silent
-        if sigmas.start_estimation(self.loop, self.solution) and sigmas.drifts:
-            self.solution = self.loop.continue_from(self.solution, *how)
-            sigmas.test_few_surveys(self.loop, self.solution)
-        return self.iterate_sigmas(progress)
 
     def iterate_sigmas(self, progress: Progress) -> Precision:
         """Estimate sigmas and adjust with them in turn until they settle; return the precision then."""

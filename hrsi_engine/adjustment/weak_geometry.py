@@ -39,7 +39,18 @@ def set_point_priors(
         priors.target[found, 2], priors.weight[found, 2] = heights[found], 1.0 / sigma_dem_m**2
         priors.observed[found, 2] = True
         unknown &= ~found
-    converging = _compute_convergence_deg(observations, ground)
+    # The largest angle between rays of each point, twice the largest from their mean, (m,). The direction of an image's
+    # rays is taken at its centre; it changes by a degree across a scene at most.
+    stack = stack_of(observations.images)
+    _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
+    ray = np.cross(at[:, 0], at[:, 1])
+    direction = ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True)
+    first = observations.first[:-1]
+    seen = direction[observations.image]
+    mean = np.add.reduceat(seen, first, axis=0)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
+    converging = 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))
     weak = unknown & (converging < RAY_GEOMETRY.weak_angle_deg) & (np.diff(observations.first) > 1)
     if not weak.any():
         return priors, []
@@ -63,34 +74,13 @@ def _warn_of_images(observations: Observations, weak: np.ndarray, open_height: n
             f"less than {RAY_GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain",
         ),
     ):
-        images = _list_weak_images(observations, points)
+        # The images most of whose points are weak
+        count = len(observations.images)
+        all_points = np.bincount(observations.image, minlength=count)
+        share = np.bincount(observations.image[points[observations.point]], minlength=count) / np.maximum(all_points, 1)
+        images = [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
         if images:
             found.append(
                 f"most rays of image {list_ids(images)} converge by {consequence}; give a DEM to hold them better"
             )
     return found
-
-
-def _list_weak_images(observations: Observations, weak: np.ndarray) -> list[str]:
-    """Return the images most of whose points are weak."""
-    count = len(observations.images)
-    all_points = np.bincount(observations.image, minlength=count)
-    share = np.bincount(observations.image[weak[observations.point]], minlength=count) / np.maximum(all_points, 1)
-    return [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
-
-
-def _compute_convergence_deg(observations: Observations, ground: np.ndarray) -> np.ndarray:
-    """Return the largest angle between rays of each point, twice the largest from their mean, ``(m,)``.
-
-    The direction of an image's rays is taken at its centre; it changes by a degree across a scene at most.
-    """
-    stack = stack_of(observations.images)
-    _, at = stack.project_with_metric_jacobian(np.arange(len(observations.images)), stack.middles())
-    ray = np.cross(at[:, 0], at[:, 1])
-    direction = ray * np.sign(ray[:, 2:]) / np.linalg.norm(ray, axis=1, keepdims=True)
-    first = observations.first[:-1]
-    seen = direction[observations.image]
-    mean = np.add.reduceat(seen, first, axis=0)
-    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    cosine = np.einsum("ni,ni->n", seen, mean[observations.point])
-    return 2.0 * np.degrees(np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0)))

@@ -60,9 +60,15 @@ def assemble(
         raise InputError(f"image id {list_ids(twice)} occurs more than once: rename one of the files")
     known = _merge_ground(list(ground_points))
     rows = stack_image_points([table for table in image_points if len(table)])
-    known, rows = _drop_points_off(known, rows, [*(gcp_ids or ()), *(check_ids or ())])
+    # The points without those that are off, unless they are named; these take no part, as ties neither
+    off = (known.role == Role.OFF) & ~np.isin(known.ids, [*(gcp_ids or ()), *(check_ids or ())])
+    known, rows = (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
     if gcp_ids and check_ids:
-        known, rows = _select_points(known, rows, [*gcp_ids, *check_ids])
+        # The points without the surveyed ones that are not chosen; these take no part, as ties neither
+        other = (
+            ~np.isin(known.ids, [*gcp_ids, *check_ids]) & ~np.isin(known.role, UNSURVEYED) & finite_rows(known.ground)
+        )
+        known, rows = known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
     warnings: list[str] = []
     image_index = find_image_indices(rows, images)
     ids, point_index = find_unique_ids(rows.ids)
@@ -135,18 +141,6 @@ def stack_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
         for name in names
     }
     return ImagePoints(**columns, source=tables[0].source)
-
-
-def _drop_points_off(known: GroundPoints, rows: ImagePoints, named: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
-    """Return the points without those that are off, unless they are named; these take no part, as ties neither."""
-    off = (known.role == Role.OFF) & ~np.isin(known.ids, named)
-    return (known.select(~off), rows.select(~isin(rows.ids, known.ids[off]))) if off.any() else (known, rows)
-
-
-def _select_points(known: GroundPoints, rows: ImagePoints, chosen: Sequence[str]) -> tuple[GroundPoints, ImagePoints]:
-    """Return the points without the surveyed ones that are not chosen; these take no part, as ties neither."""
-    other = ~np.isin(known.ids, chosen) & ~np.isin(known.role, UNSURVEYED) & finite_rows(known.ground)
-    return known.select(~other), rows.select(~isin(rows.ids, known.ids[other]))
 
 
 def _assign_roles(known: GroundPoints, gcp_ids: Sequence[str] | None, check_ids: Sequence[str] | None) -> np.ndarray:

@@ -15,7 +15,9 @@ class ArrayFilters:
     def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
         for axis, kernel in ((1, along_row), (0, along_column)):
             if len(kernel) > 1 or kernel[0] != 1:
-                result = _allocate_padding(image.shape, image.dtype)
+                # An empty image whose columns do not all fall on the same lines of the processor's cache
+                spare = 24 if image.shape[1] % 256 == 0 else 0
+                result = np.empty((image.shape[0], image.shape[1] + spare), image.dtype)[:, : image.shape[1]]
                 ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
                 image = result
         return np.ascontiguousarray(image)
@@ -88,12 +90,6 @@ class ArrayFilters:
             part = slice(start, start + SAMPLED_AT_A_TIME)
             result[part] = _interpolate_part(padded, image.shape, x[part], y[part], order)
         return result.reshape(shape)
-
-
-def _allocate_padding(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """Return an empty image whose columns do not all fall on the same lines of the processor's cache."""
-    spare = 24 if shape[1] % 256 == 0 else 0
-    return np.empty((shape[0], shape[1] + spare), dtype)[:, : shape[1]]
 
 
 def _area_shares(old: int, new: int) -> sparse.csr_matrix:

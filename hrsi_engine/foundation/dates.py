@@ -6,14 +6,9 @@ from datetime import UTC, datetime
 EPOCH = "SOURCE_DATE_EPOCH"  #: environment variable: seconds since 1970 (reproducible-builds.org/specs)
 
 
-def read_source_date() -> int | None:
-    """Return the seconds since 1970 that the environment states; None where it states none."""
-    text = os.environ.get(EPOCH, "").strip()
-    return int(text) if text.isdecimal() else None
-
-
 def run_date() -> str:
     """Return the date of now in UTC, to the second, by ISO 8601: ``2026-03-01T12:00:00Z``."""
-    epoch = read_source_date()
+    text = os.environ.get(EPOCH, "").strip()
+    epoch = int(text) if text.isdecimal() else None
     now = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(epoch, UTC)
     return now.strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -152,7 +152,10 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
     rows = []
     tile = read_tile(job.reference, job.window.grow(EXTERNAL.border_px))
     for pair in () if tile is None else job.pairs:
-        agreed = _select_consistent(job.reference, pair)
+        # The matches of a pair that are consistent with the geometry of its RPCs
+        start, rpcs = float(np.mean(job.reference.rpc.height_range)), (job.reference.rpc, pair.image.rpc)
+        good = check_rpc_consistency(*rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px).good
+        agreed = replace(pair, first_xy=pair.first_xy[good], second_xy=pair.second_xy[good])
         if not len(agreed.first_xy):
             continue
         # Looked for where those lie that agree: one wrong match would have all of a large image read
@@ -170,13 +173,6 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         )  # fmt: skip
         rows.append(PartnerMatches(pair.number, found))
     return stack_matches(rows)
-
-
-def _select_consistent(reference: Image, pair: ExternalPair) -> ExternalPair:
-    """Return the matches of a pair that are consistent with the geometry of its RPCs."""
-    start, rpcs = float(np.mean(reference.rpc.height_range)), (reference.rpc, pair.image.rpc)
-    good = check_rpc_consistency(*rpcs, pair.first_xy, pair.second_xy, start, floor_px=EXTERNAL.across_px).good
-    return replace(pair, first_xy=pair.first_xy[good], second_xy=pair.second_xy[good])
 
 
 def _estimate_geometry(reference: Image, pair: ExternalPair) -> TilePairGeometry:

@@ -32,12 +32,6 @@ def check_control(image: Image, control: Control) -> list[str]:
     """Return warnings about the control of an image. Raises `InputError` that names the points."""
     if not len(control):
         raise InputError(f"{image.id}: no GCP is measured on it: measure one, name its image file, or leave it out")
-    _require_numbers(image, control)
-    _require_near(image, control)
-    return [warning for check in WARNINGS for warning in check(image, control)]
-
-
-def _require_numbers(image: Image, control: Control) -> None:
     finite = finite_rows(control.ground) & finite_rows(control.xy)
     sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
     if not finite.all():
@@ -57,9 +51,6 @@ def _require_numbers(image: Image, control: Control) -> None:
             f"{image.id}: GCP {list_ids(control.ids[wild])} is at no longitude and latitude "
             f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
         )
-
-
-def _require_near(image: Image, control: Control) -> None:
     swapped = _has_swapped_axes(image, control.ground)
     if swapped.any():
         raise InputError(
@@ -72,6 +63,7 @@ def _require_near(image: Image, control: Control) -> None:
             f"{image.id}: GCP {list_ids(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: "
             "check its coordinates and the CRS"
         )
+    return [warning for check in WARNINGS for warning in check(image, control)]
 
 
 def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:

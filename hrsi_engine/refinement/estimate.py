@@ -238,7 +238,25 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
     equations = ObservationEquations(model, image, control, model.equations(image, control.xy), sigmas)
     solver: Estimator = getattr(model, "solve", iterate_least_squares)
     values, iterations, status = solver(equations)
-    return _compute_estimate(equations.linearise_at(values), sigmas, iterations, status)
+    # Precision, redundancy and leave-one-out residuals at the solution
+    at = equations.linearise_at(values)
+    count, p = len(at.residual), len(sigmas)
+    triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
+    inverse = np.linalg.inv(triangle) if p else np.zeros((0, 0))
+    rows = (at.matrix @ inverse).reshape(count, 2, p)
+    share = rows @ rows.transpose(0, 2, 1)
+    whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
+    redundancy = float(2 * count - np.einsum("nii->", share))
+    sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
+    # I minus leverage, with eigenvalues of at least 1e-9: a point that alone determines its residual has 0
+    eigenvalues, vectors = np.linalg.eigh(np.eye(2) - share)
+    not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
+    left_out = np.linalg.solve(not_below, whitened[:, :, None])
+    return Estimate(
+        values=at.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T, residual_px=at.residual,
+        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0], roots=at.roots, share=share, sigma0=sigma0,
+        redundancy=redundancy, iterations=iterations, converged=status == CONVERGED, status=status,
+    )  # fmt: skip
 
 
 def iterate_least_squares(
@@ -326,24 +344,3 @@ def solve_step(
     stacked = np.vstack([matrix, np.eye(p), brake])
     target = np.concatenate([right, -_scale(values, sigmas), np.zeros(p)])
     return np.asarray(np.linalg.lstsq(stacked, target, rcond=None)[0])
-
-
-def _compute_estimate(at: EquationState, sigmas: np.ndarray, iterations: int, status: str) -> Estimate:
-    """Return precision, redundancy and leave-one-out residuals at the solution."""
-    count, p = len(at.residual), len(sigmas)
-    triangle = np.linalg.qr(np.vstack([at.matrix, np.eye(p)]), mode="r")
-    inverse = np.linalg.inv(triangle) if p else np.zeros((0, 0))
-    rows = (at.matrix @ inverse).reshape(count, 2, p)
-    share = rows @ rows.transpose(0, 2, 1)
-    whitened = np.einsum("nij,nj->ni", at.roots, at.residual)
-    redundancy = float(2 * count - np.einsum("nii->", share))
-    sigma0 = float(np.sqrt(np.sum(whitened**2) / redundancy)) if redundancy > 0.5 else 1.0
-    # I minus leverage, with eigenvalues of at least 1e-9: a point that alone determines its residual has 0
-    eigenvalues, vectors = np.linalg.eigh(np.eye(2) - share)
-    not_below = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(eigenvalues, 1e-9), vectors)
-    left_out = np.linalg.solve(not_below, whitened[:, :, None])
-    return Estimate(
-        values=at.values, covariance=(spread := sigma0 * sigmas[:, None] * inverse) @ spread.T, residual_px=at.residual,
-        left_out_px=np.linalg.solve(at.roots, left_out)[:, :, 0], roots=at.roots, share=share, sigma0=sigma0,
-        redundancy=redundancy, iterations=iterations, converged=status == CONVERGED, status=status,
-    )  # fmt: skip

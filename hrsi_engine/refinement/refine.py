@@ -147,18 +147,14 @@ def refine_image(
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
     used, said = _leave_out_suspects(control, suspects, options.leave_out)
     warnings += [*(choice.warnings if choice else ()), *said]
-    chosen = get_model(choice.model if choice else model, models)
+    name = choice.model if choice else model
+    if name not in models:
+        raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
+    chosen = models[name]
     found = solve_refinement(chosen, image, used)
     return Refinement(
         image, chosen, found, used, tuple(suspects), choice, (*warnings, *_warn_of_uncertainty(chosen, image, found))
     )
-
-
-def get_model(name: str, models: Mapping[str, RefinementModel]) -> RefinementModel:
-    """Return a model by its name; raises `InputError` that lists the names."""
-    if name not in models:
-        raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
-    return models[name]
 
 
 def solve_refinement(model: RefinementModel, image: Image, control: Control) -> Estimate:

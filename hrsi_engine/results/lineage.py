@@ -108,7 +108,14 @@ def _compute_image_shifts_m(result: Adjustment, images: np.ndarray) -> np.ndarra
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:
     """Return what a refined image tells of itself, by the names of its metadata (``HRSI_VERSION`` and the like)."""
     accuracy, source = block_accuracy(report)
-    operations = _name_operations(report.get("crs_operations") or ())
+    # The coordinate operations of a report in one line, each once, without the exact ones
+    named = [
+        f"{entry['name']} ({entry['code'] or 'no code'}, "
+        f"{'accuracy unknown' if entry['accuracy_m'] is None else format(entry['accuracy_m'], 'g') + ' m'})"
+        for entry in (report.get("crs_operations") or ())
+        if entry["accuracy_m"] != 0.0
+    ]
+    operations = "; ".join(dict.fromkeys(named))
     return {
         "HRSI_VERSION": report["version"],
         "HRSI_DATE": report["date"],
@@ -121,17 +128,6 @@ def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]
         **{f"HRSI_{name}_M": f"{value:.4g}" for name, value in accuracy.items() if value is not None},
         **({"HRSI_ACCURACY_FROM": source} if any(value is not None for value in accuracy.values()) else {}),
     }
-
-
-def _name_operations(entries: Sequence[Mapping[str, Any]]) -> str:
-    """Return the coordinate operations of a report in one line, each once, without the exact ones."""
-    named = [
-        f"{entry['name']} ({entry['code'] or 'no code'}, "
-        f"{'accuracy unknown' if entry['accuracy_m'] is None else format(entry['accuracy_m'], 'g') + ' m'})"
-        for entry in entries
-        if entry["accuracy_m"] != 0.0
-    ]
-    return "; ".join(dict.fromkeys(named))
 
 
 def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], str]:

@@ -70,11 +70,6 @@ def tie_coverage(result: Adjustment) -> dict[str, np.ndarray]:
     return counts
 
 
-def coverage_share(counts: np.ndarray) -> float:
-    """Return the share of an image's cells that hold a point."""
-    return float(np.mean(counts > 0))
-
-
 def rank_survey_points(result: Adjustment, left: Residuals, role: Role) -> np.ndarray:
     """Return the rows of a role's points with the largest ground residuals, the worst first; at most 200."""
     here = np.flatnonzero((result.block.points.role == role) & finite_rows(left.ground_m[:, :2]))
@@ -99,7 +94,7 @@ def statistic_entries(result: Adjustment, left: Residuals) -> dict[str, Any]:
         "normalised_residuals": {
             axis: summarise_distribution(values) for axis, values in normalise_residuals(result).items()
         },
-        "tie_coverage": {name: coverage_share(counts) for name, counts in tie_coverage(result).items()},
+        "tie_coverage": {name: float(np.mean(counts > 0)) for name, counts in tie_coverage(result).items()},
         "control_points": survey_point_rows(result, left, Role.GCP),
         "check_points": survey_point_rows(result, left, Role.CHECK),
     }

@@ -261,7 +261,7 @@ class Algorithm:
         modules = (self.work_module, *(f"{_ROOT}.hrsi_engine.{name}" for name in _WHEN_RUN))
         with quitting_on_signals():
             work, rasters, values, lock, deliveries, lineage, transactions, threads = map(import_module, modules)
-        given = self.non_defaults(options)
+        given = {param.key: options[param.key] for param in self.params if options[param.key] != param.default}
         images: list[str] = []
         for param in self.params:
             value = options.get(param.key)
@@ -330,10 +330,6 @@ class Algorithm:
             elif isinstance(value, str) and "FILE" in param.metavar.split("|"):  # a geoid grid; words are no files
                 named[param.key] = (value,)
         return {key: files for key, files in named.items() if files}
-
-    def non_defaults(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the checked options that are not at their defaults, by key."""
-        return {param.key: options[param.key] for param in self.params if options[param.key] != param.default}
 
     def command(self, given: Mapping[str, Any]) -> str:
         """Return the command line of checked options; images come last."""

@@ -200,7 +200,13 @@ class IterativeSystem(_UnitDiagonal):
         pattern, p = self.pattern, self.pattern.parameters
         scaled = self.scale_blocks(blocks, prior_weight, damping)
         upper = sparse.bsr_matrix((scaled, pattern.columns, pattern.start), shape=(pattern.cameras * p,) * 2).tocsr()
-        self._matrix = _complete_blocks(upper, p)
+        # The full matrix of a block-upper one, whose diagonal blocks are complete
+        entries = upper.tocoo()
+        off_diagonal = entries.row // p != entries.col // p
+        mirrored = sparse.coo_matrix(
+            (entries.data[off_diagonal], (entries.col[off_diagonal], entries.row[off_diagonal])), shape=entries.shape
+        )
+        self._matrix = sparse.csr_matrix(upper + mirrored)
         self._parts = []
         for group in self._groups:
             chosen = slice(group[0] * p, (group[-1] + 1) * p)
@@ -240,13 +246,3 @@ class IterativeSystem(_UnitDiagonal):
         for chosen, factor in self._parts:
             result[chosen] = linalg.cho_solve(factor, residual[chosen], check_finite=False)
         return result
-
-
-def _complete_blocks(upper_blocks: sparse.csr_matrix, p: int) -> sparse.csr_matrix:
-    """Return the full matrix of a block-upper one, whose diagonal blocks are complete."""
-    entries = upper_blocks.tocoo()
-    off_diagonal = entries.row // p != entries.col // p
-    mirrored = sparse.coo_matrix(
-        (entries.data[off_diagonal], (entries.col[off_diagonal], entries.row[off_diagonal])), shape=entries.shape
-    )
-    return sparse.csr_matrix(upper_blocks + mirrored)

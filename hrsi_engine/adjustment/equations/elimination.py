@@ -132,7 +132,11 @@ class NumpyElimination:
         size = by_values.shape[2]
         cameras = cameras.reshape(len(cameras), size, size)
         for chunk in self._split_by_length:
-            between = self._read_between(chunk, cameras)
+            # The cofactor blocks between the cameras of each point, (m, k, k, p, p)
+            row, column = chunk.camera[:, :, None], chunk.camera[:, None, :]
+            blocks = cameras[self.pattern.find_blocks(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
+            blocks = blocks.reshape(*chunk.camera.shape, chunk.camera.shape[1], *cameras.shape[1:])
+            between = np.where((row > column)[..., None, None], blocks.swapaxes(-1, -2), blocks)
             a, b = by_values[chunk.rows], linear.by_ground[chunk.rows]
             pull = b @ normals.inverse[chunk.points][:, None]  # B V^-1 (m, k, 2, 3)
             left = a[:, :, None] @ between  # A Q (m, k, k, 2, p)
@@ -144,13 +148,6 @@ class NumpyElimination:
             own = np.einsum("makal->makl", seen) - mixed - mixed.transpose(0, 1, 3, 2)
             own += b @ out.points[chunk.points][:, None] @ b.transpose(0, 1, 3, 2)
             out.computed[chunk.rows] = own
-
-    def _read_between(self, chunk: Chunk, cameras: np.ndarray) -> np.ndarray:
-        """Return the cofactor blocks between the cameras of each point, ``(m, k, k, p, p)``."""
-        row, column = chunk.camera[:, :, None], chunk.camera[:, None, :]
-        blocks = cameras[self.pattern.find_blocks(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
-        blocks = blocks.reshape(*chunk.camera.shape, chunk.camera.shape[1], *cameras.shape[1:])
-        return np.where((row > column)[..., None, None], blocks.swapaxes(-1, -2), blocks)
 
 
 def _compose_derivatives(linear: Linearisation) -> np.ndarray:

@@ -259,7 +259,10 @@ class SparseFactor:
             self._order[front.own] = number
         index = self._index_lower_blocks(graph)
         for number, front in enumerate(self.fronts):
-            front.border = self._find_border(graph, front, number)
+            neighbours = graph[front.own].indices
+            reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
+            later = reached[self._order[reached] > number].astype(np.int64)
+            front.border = later[np.argsort(self._order[later], kind="stable")]
             self._place_entries(front, index)
 
     def _index_lower_blocks(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -267,12 +270,6 @@ class SparseFactor:
         number = np.arange(1, len(self._columns) + 1, dtype=np.int64)
         upper = sparse.csr_matrix((number, self._columns, self._start), shape=graph.shape)
         return sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
-
-    def _find_border(self, graph: sparse.csr_matrix, front: Front, number: int) -> np.ndarray:
-        neighbours = graph[front.own].indices
-        reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
-        later = reached[self._order[reached] > number].astype(np.int64)
-        return later[np.argsort(self._order[later], kind="stable")]
 
     def _place_entries(self, front: Front, index: sparse.csr_matrix) -> None:
         """Find where the front's blocks stand in it, and the borders of its children."""

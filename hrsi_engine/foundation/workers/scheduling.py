@@ -129,7 +129,18 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     for workers is missing, or nobody answers at the address.
     """
     if address:
-        return _run_on_workers(address, certificates)
+
+        def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+            with open_client(address, certificates) as client:
+                from distributed import as_completed
+
+                at_workers = {key: (OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
+                futures = client.get(at_workers, list(wanted), sync=False)
+                for future in as_completed(futures, loop=client.loop):
+                    done(str(future.key), future.result())
+                    future.release()
+
+        return run
     return _run_on_threads(thread_count(threads))
 
 
@@ -194,20 +205,6 @@ def _sort_tasks(graph: Graph, wanted: Sequence[str]) -> list[str]:
         else:
             order[key] = None
     return list(order)
-
-
-def _run_on_workers(address: str, certificates: Certificates) -> Scheduler:
-    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        with open_client(address, certificates) as client:
-            from distributed import as_completed
-
-            at_workers = {key: (OnWorker(call), *needs) for key, (call, *needs) in graph.items()}
-            futures = client.get(at_workers, list(wanted), sync=False)
-            for future in as_completed(futures, loop=client.loop):
-                done(str(future.key), future.result())
-                future.release()
-
-    return run
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

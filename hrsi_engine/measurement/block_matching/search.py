@@ -176,27 +176,26 @@ class TieSearch:
         """Compare the overviews of pairs of usable images, and enter what was found."""
         for start in range(0, len(pairs), TIE_SEARCH.pair_batch):
             ends = (min(start + done, len(pairs)) / len(pairs) for done in (0, TIE_SEARCH.pair_batch))
-            self._compare_batch(pairs[start : start + TIE_SEARCH.pair_batch], stage(progress, *ends))
-
-    def _compare_batch(self, pairs: Sequence[tuple[int, int]], progress: Progress) -> None:
-        jobs = {(a, b): self._make_job(a, b) for a, b in pairs}
-        overviews = {index: self._make_overview_part(index) for pair in jobs for index in pair}
-        marks = {index: self._marks[self.usable[index]] for index in overviews}
-        parts = {
-            (a, b): WorkPart(
-                f"pair-{digest(VERSION, marks[a], marks[b], job.steps, tuple(job.heights), job.margin_px)}",
-                coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
-                label=f"comparing {job.first.id} and {job.second.id}",
+            jobs = {(a, b): self._make_job(a, b) for a, b in pairs[start : start + TIE_SEARCH.pair_batch]}
+            overviews = {index: self._make_overview_part(index) for pair in jobs for index in pair}
+            marks = {index: self._marks[self.usable[index]] for index in overviews}
+            parts = {
+                (a, b): WorkPart(
+                    f"pair-{digest(VERSION, marks[a], marks[b], job.steps, tuple(job.heights), job.margin_px)}",
+                    coarse.match_overviews, job, (overviews[a].key, overviews[b].key),
+                    label=f"comparing {job.first.id} and {job.second.id}",
+                )
+                for (a, b), job in jobs.items()
+            }  # fmt: skip
+            wanted = [part.key for part in parts.values()]
+            found = run_parts(
+                [*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, stage(progress, *ends)
             )
-            for (a, b), job in jobs.items()
-        }  # fmt: skip
-        wanted = [part.key for part in parts.values()]
-        found = run_parts([*overviews.values(), *parts.values()], wanted, self._scheduler, self._keeper, progress)
-        for (a, b), part in parts.items():
-            estimate = coarse.estimate_pair(jobs[a, b], found[part.key])
-            self.pairs.append(PairCandidate(jobs[a, b], self.usable[a], self.usable[b], estimate))
-            if self.choice is not None:
-                self.choice.tell((a, b), estimate is not None)
+            for (a, b), part in parts.items():
+                estimate = coarse.estimate_pair(jobs[a, b], found[part.key])
+                self.pairs.append(PairCandidate(jobs[a, b], self.usable[a], self.usable[b], estimate))
+                if self.choice is not None:
+                    self.choice.tell((a, b), estimate is not None)
 
     def _make_job(self, a: int, b: int) -> coarse.CoarseJob:
         """Return the comparison of two usable images."""

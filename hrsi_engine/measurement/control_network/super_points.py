@@ -94,15 +94,6 @@ class LeafPairs(NamedTuple):
     radial: np.ndarray
 
 
-def pair_leaves(first: Leaves, second: Leaves, tolerance: Tolerance) -> LeafPairs:
-    """Return the leaf pairs within the tolerance of the distance, by the first leaf, then the second."""
-    difference = second.distance_px[None, :] - first.distance_px[:, None]
-    allowed = tolerance.limit_px(first.distance_px)
-    i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
-    turn = wrap_angle(second.angle_rad[j] - first.angle_rad[i])
-    return LeafPairs(i, j, turn, tolerance.limit_rad(first.distance_px[i]), (difference[i, j] / allowed[i]) ** 2)
-
-
 def find_correspondences(pairs: LeafPairs, start: int) -> tuple[np.ndarray, float]:
     """Return the rows of ``pairs`` that correspond when row ``start`` is the starting points, and their cost."""
     angular = (wrap_angle(pairs.turn_rad - pairs.turn_rad[start]) / pairs.allowed_rad) ** 2
@@ -170,7 +161,14 @@ class RootPairs:
     ) -> Iterator[tuple[int, Callable[[], Hypothesis]]]:
         """Yield bound and evaluation of the hypotheses of two roots that may reach ``least``, most promising first."""
         near, far = self.find_leaves(0, roots[0], 1.0), self.find_leaves(1, roots[1], scale)
-        pairs = pair_leaves(near, far, self.tolerance)
+        # The leaf pairs within the tolerance of the distance, by the first leaf, then the second
+        difference = far.distance_px[None, :] - near.distance_px[:, None]
+        allowed = self.tolerance.limit_px(near.distance_px)
+        i, j = np.nonzero(np.abs(difference) <= allowed[:, None])
+        turn = wrap_angle(far.angle_rad[j] - near.angle_rad[i])
+        pairs = LeafPairs(
+            i, j, turn, self.tolerance.limit_rad(near.distance_px[i]), (difference[i, j] / allowed[i]) ** 2
+        )
         bounds = bound_support(pairs, least - 1) + 1
 
         def evaluate(start: int) -> Hypothesis:

@@ -114,7 +114,14 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
     for _ in range(2):
         if not len(xy):
             break
-        radii = _trace_outlines(levels, xy, radius, sign)
+        # The radii (n, rays) of the best closed outline around each point
+        factor = np.where(radius < 2.0 * BLOBS.fine_radius_px, 1, 2)
+        radii = np.empty((len(xy), BLOBS.rays))
+        for reduced in np.unique(factor).tolist():
+            rows = np.flatnonzero(factor == reduced)
+            for start in range(0, len(rows), BLOBS.batch):
+                part = rows[start : start + BLOBS.batch]
+                radii[part] = _trace_best_paths(levels.slopes(reduced), reduced, xy[part], radius[part], sign[part])
         centre, size = _compute_centres(xy, radii)
         shifted = np.hypot(*(centre - xy).T)
         keep = (shifted <= BLOBS.largest_shift * radius) & (size <= BLOBS.largest_radius_px)
@@ -180,18 +187,6 @@ class _SlopePyramid:
             by[..., 0], by[..., 1] = slopes(smooth, one, half, "reflect")
             self._slopes[factor] = by.view(np.complex64)[..., 0]
         return self._slopes[factor]
-
-
-def _trace_outlines(levels: _SlopePyramid, xy: np.ndarray, radius: np.ndarray, sign: np.ndarray) -> np.ndarray:
-    """Return the radii ``(n, rays)`` of the best closed outline around each point."""
-    factor = np.where(radius < 2.0 * BLOBS.fine_radius_px, 1, 2)
-    radii = np.empty((len(xy), BLOBS.rays))
-    for reduced in np.unique(factor).tolist():
-        rows = np.flatnonzero(factor == reduced)
-        for start in range(0, len(rows), BLOBS.batch):
-            part = rows[start : start + BLOBS.batch]
-            radii[part] = _trace_best_paths(levels.slopes(reduced), reduced, xy[part], radius[part], sign[part])
-    return radii
 
 
 def _trace_best_paths(

@@ -52,15 +52,10 @@ def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(fft.ifft2(product)[:lines, :samples].real)
 
 
-def compute_window_energy(search: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return the sum of squares of the search field below the template at every shift."""
-    return sum_windows(np.square(np.abs(search)), shape)
-
-
 def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
     """Return the normalised correlation, -1 to 1, at every shift; 0 where there is nothing to compare."""
     own = float(np.square(np.abs(template)).sum())
-    below = compute_window_energy(search, (template.shape[0], template.shape[1]))
+    below = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
     energy = np.maximum(below, 0.25 * own)  # half empty windows are no better
     return correlate_fields(template, search) / np.sqrt(max(own, 1e-12) * np.maximum(energy, 1e-12))
 
