@@ -15,6 +15,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
+from ...hrsi_engine.io.opening.budgets import require_gcp_rows
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.tracks import build_tracks
@@ -53,6 +54,8 @@ def read_block(
     held_out: list[str] = []  # by an earlier run
     files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: None if tie_points == NO_TIES else tie_points}
     for purpose, spec in [(purpose, spec) for purpose, file in files.items() if file for spec in several_specs(file)]:
+        if purpose == GCPS:
+            require_gcp_rows(str(spec).partition("|")[0])
         read = partial(read_points, surface_operations=of_dem) if purpose == GCPS else read_image_points
         tables = read(
             spec if purpose == GCPS else measurements_of(spec), ground_crs=points.ground_crs,

@@ -17,6 +17,7 @@ from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
+from hrsi.hrsi_engine.io.opening.budgets import require_gcp_rows
 from hrsi.hrsi_engine.io.opening.numbers import parse_finite
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
@@ -168,3 +169,14 @@ def test_coordinates_with_decimal_commas_are_refused() -> None:
     ]  # fmt: skip
     with pytest.raises(InputError, match="decimals behind commas"):
         parse_lines(["7,5 43,5 300"], ["lon", "lat", "height"])
+
+
+def test_a_text_file_of_three_million_gcps_is_refused_with_the_figure(tmp_path: Path) -> None:
+    path = tmp_path / "g.csv"
+    path.write_text("id,lon,lat,height\n" + "p,7.05,45.05,300\n" * 3_000_000)
+    before = _cpu_seconds()
+    with pytest.raises(InputError, match="has 3000001 rows"):
+        require_gcp_rows(str(path))
+    assert _cpu_seconds() - before < MOST_CPU_S
+    path.write_text("id,lon,lat,height\n" + "p,7.05,45.05,300\n" * 500_000)
+    require_gcp_rows(str(path))

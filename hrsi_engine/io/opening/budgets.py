@@ -38,6 +38,10 @@ class FILE_BUDGETS:
     points_bytes: int = threshold(
         256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
     )
+    gcp_rows: int = threshold(
+        600_000, "rows", "most rows of a text file of GCPs",
+        "surveys have hundreds, matches with a reference some 1e5; image points and ties may have more",
+    )  # fmt: skip
     matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
     report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: some 20 MB")
     items_bytes: int = threshold(
@@ -152,6 +156,22 @@ def require_size(path: str, kind: str) -> None:
     if size is not None and size > most:
         raise InputError(f"{path}: has {size / MIB:.0f} MiB, more than a file of {kind} can have ({most // MIB}): "
                          "name another file")  # fmt: skip
+
+
+def require_gcp_rows(path: str) -> None:
+    """Raise `InputError` for a text file with more rows than any block has GCPs; databases and archives pass."""
+    if path.startswith("/vsi") or not path.lower().endswith((".csv", ".tsv", ".txt", ".tab")):
+        return
+    rows = 0
+    if os.path.isfile(path):
+        with open(path, "rb") as file:
+            while block := file.read(MIB):
+                rows += max(block.count(b"\n"), block.count(b"\r"))
+    if rows > FILE_BUDGETS.gcp_rows:
+        raise InputError(
+            f"{path}: has {rows} rows, more than are read as GCPs ({FILE_BUDGETS.gcp_rows}): thin them out, give a "
+            "GeoPackage, or, where they are heights only, name them as `laser` or `surface`"
+        )
 
 
 def file_bytes(path: str) -> int | None:
