@@ -12,7 +12,7 @@ from ...foundation.reasons import Level, Reason
 from ..coordinate_operations import add_untested_error
 from ..figures import block_report
 from ..residuals import compute_residuals
-from . import connections, datums, ground_truth, solution, systematic
+from . import common_deformation, connections, datums, ground_truth, solution, systematic
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
@@ -21,6 +21,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *ground_truth.ON_GROUND_TRUTH,
     *connections.ON_CONNECTIONS,
     *systematic.ON_FIELDS,
+    *common_deformation.ON_SURVEY,
     *datums.ON_DATUMS,
 )
 
@@ -29,7 +30,7 @@ CONSEQUENCES = frozenset({
     "not-converged", "residuals-too-large", "sigmas-implausible", "correction-too-large", "control-misfit",
     "control-left-out", "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out",
     "systematic-residuals", "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
-    "leave-one-out-misfit",
+    "leave-one-out-misfit", "survey-deformed",
 })  # fmt: skip
 #: Reasons for single wrong GCPs, of which no slip is known that the user could mend.
 WRONG_POINTS = frozenset({"control-groups", "control-outliers"})

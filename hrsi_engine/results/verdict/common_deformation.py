@@ -1,0 +1,109 @@
+"""GCPs that are turned, scaled or tilted as a whole: the drifts that they ask of the images then have one cause."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from ...block.block import Image, Role
+from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import ground_difference_m, move_ground
+from .evidence import Evidence
+from .solution import SOLUTION
+
+_DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
+_STEP_M = 100.0  # over which a camera is linear
+
+
+@thresholds
+class DEFORMATION:
+    """When drifts of images are those of a deformed survey."""
+
+    risk: float = threshold(1e-3, "", "probability that drifts of their own look like one deformation", "F test")
+    harm: float = threshold(
+        2.0, "", "smallest effect at the block's rim that is reported, in predicted 90 % errors",
+        "below, the prediction holds all the same",
+    )  # fmt: skip
+
+
+def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for GCPs that turn, scale or tilt the ground by more than the predicted accuracy.
+
+    Drifts of images come from their own orbits and attitudes: twelve drifts of three images are not the six numbers of
+    one linear deformation of the ground (two shears and two scales in plan, a tilt along two axes), unless the survey
+    is deformed.
+    """
+    result = evidence.result
+    estimated = result.cameras
+    if estimated is None or not set(_DRIFTS) <= set(estimated.model.parameters):
+        return
+    columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
+    number = {image.id: index for index, image in enumerate(result.block.images)}
+    for part in result.parts:
+        rows = [number[name] for name in part.images]
+        if part.gcps < SOLUTION.showing_gcps or len(rows) < 2 or part.ce90_m is None or part.le90_m is None:
+            continue
+        images = [result.block.images[row] for row in rows]
+        gradient, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)])
+        half_m = _find_half_diagonal_m(evidence)
+        plan_m = half_m * float(np.linalg.norm(gradient[:2], 2))
+        height_m = half_m * float(np.linalg.norm(gradient[2]))
+        if likeness < DEFORMATION.risk and max(plan_m / part.ce90_m, height_m / part.le90_m) > DEFORMATION.harm:
+            yield Reason(
+                "survey-deformed", Level.DOUBTFUL,
+                f"the GCPs turn or scale the ground by {1e6 * plan_m / half_m:.0f} mm/km and tilt it by "
+                f"{1e6 * height_m / half_m:.0f} mm/km, {plan_m:.2g} m in plan and {height_m:.2g} m in height at the "
+                f"rim, and the {len(images)} images, whose own drifts differ, all show it",
+                "check the projection of the survey (distances of the map for those on the ground), its orientation, "
+                "and what its heights refer to; with GCPs from another source, nothing needs to be done",
+                images=tuple(part.images),
+            )  # fmt: skip
+
+
+def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the linear deformation of the ground that explains the drifts of images best.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        Two or more.
+    drifts : (n, 4) ndarray
+        Of sample by sample, sample by line, line by sample, line by line, px/px.
+
+    Returns
+    -------
+    tuple of ndarray and float
+        Error in east, north and height by metre east and north ``(3, 2)``; and the probability of drifts so much alike
+        where each image has its own (F test).
+    """
+    design = np.concatenate([_make_design(image) for image in images])
+    found, *_ = np.linalg.lstsq(design, drifts.ravel(), rcond=None)
+    explained = design @ found
+    freedom = len(design) - design.shape[1]
+    rest = float(np.sum((drifts.ravel() - explained) ** 2)) / freedom
+    ratio = float(np.sum(explained**2)) / design.shape[1] / max(rest, 1e-30)
+    return found.reshape(3, 2), float(f_distribution.sf(ratio, design.shape[1], freedom))
+
+
+def _make_design(image: Image) -> np.ndarray:
+    """Return the drifts of an image ``(4, 6)`` by each element of a deformation of the ground."""
+    rpc = image.rpc
+    middle = rpc.localize(image.centre_px[None], rpc.height_off).ground
+    steps = np.vstack([_STEP_M * np.eye(3), -_STEP_M * np.eye(3)])
+    pixels = rpc.project(move_ground(np.repeat(middle, 6, axis=0), steps))
+    by_ground = (pixels[:3] - pixels[3:]).T / (2.0 * _STEP_M)  # (2, 3), px/m
+    by_pixel = np.linalg.inv(by_ground[:, :2])  # along the ground at one height, m/px
+    return np.stack([
+        -np.outer(by_ground[:, axis], by_pixel[along]).ravel() for axis in range(3) for along in range(2)
+    ], axis=1)  # fmt: skip
+
+
+def _find_half_diagonal_m(evidence: Evidence) -> float:
+    points = evidence.result.block.points
+    ground = points.ground[(points.role == Role.GCP) & np.isfinite(points.ground).all(axis=1)]
+    low, high = ground.min(axis=0, keepdims=True), ground.max(axis=0, keepdims=True)
+    return float(np.linalg.norm(ground_difference_m(high, low)[0, :2])) / 2.0
+
+
+ON_SURVEY = (find_deformed_survey,)
