@@ -226,14 +226,8 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                     )
         return found
     except (
-        OSError,
-        EOFError,
-        ValueError,
-        zlib.error,
-        zipfile.BadZipFile,
-        tarfile.TarError,
-        NotImplementedError,
-    ) as error:
+        OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
+    ) as error:  # fmt: skip
         raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
 
 

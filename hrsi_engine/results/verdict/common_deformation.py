@@ -46,7 +46,9 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
             continue
         images = [result.block.images[row] for row in rows]
         gradient, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)])
-        half_m = _find_half_diagonal_m(evidence)
+        gcps = result.block.points.ground[result.block.points.role == Role.GCP]
+        rim = np.stack([gcps.min(axis=0), gcps.max(axis=0)])
+        half_m = float(np.linalg.norm(ground_difference_m(rim[1:], rim[:1])[0, :2])) / 2.0
         plan_m = half_m * float(np.linalg.norm(gradient[:2], 2))
         height_m = half_m * float(np.linalg.norm(gradient[2]))
         if likeness < DEFORMATION.risk and max(plan_m / part.ce90_m, height_m / part.le90_m) > DEFORMATION.harm:
@@ -97,13 +99,6 @@ def _make_design(image: Image) -> np.ndarray:
     return np.stack([
         -np.outer(by_ground[:, axis], by_pixel[along]).ravel() for axis in range(3) for along in range(2)
     ], axis=1)  # fmt: skip
-
-
-def _find_half_diagonal_m(evidence: Evidence) -> float:
-    points = evidence.result.block.points
-    ground = points.ground[(points.role == Role.GCP) & np.isfinite(points.ground).all(axis=1)]
-    low, high = ground.min(axis=0, keepdims=True), ground.max(axis=0, keepdims=True)
-    return float(np.linalg.norm(ground_difference_m(high, low)[0, :2])) / 2.0
 
 
 ON_SURVEY = (find_deformed_survey,)
