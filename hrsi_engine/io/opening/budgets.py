@@ -216,7 +216,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
         with tarfile.open(path) as tar:
             for member in tar:
                 found.append((member.name, member.size))
-                tar.members.clear()  # TarFile keeps all of them
+                tar.members.clear()  # type: ignore[attr-defined]  # TarFile keeps all of them
                 unfolded = member.offset_data + member.size
                 if len(found) > FILE_BUDGETS.delivery_files:
                     raise InputError(f"{path}: holds more than {FILE_BUDGETS.delivery_files} files: name its images")

@@ -40,7 +40,7 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
             for image in sorted({os.path.realpath(image) for image in images}):
                 paths.append(os.path.join(os.path.dirname(image), f"{LOCK}-{os.path.basename(image)}"))
             for path in paths:
-                locks.enter_context(locked(path))
+                locks.enter_context(hold_lock(path))
             yield
         finally:
             with holding_signals():
@@ -51,7 +51,7 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
 
 
 @contextmanager
-def locked(path: str, patience_s: float = LOCKS.patience_s) -> Iterator[None]:
+def hold_lock(path: str, patience_s: float = LOCKS.patience_s) -> Iterator[None]:
     """Hold the lock whose file has this name; raise `InputError` where another run holds it for longer."""
     lock = None
     try:
@@ -82,7 +82,7 @@ def remove_dead_locks(folder: str) -> None:
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
             if name.startswith(LOCK) or (name.startswith(".hrsi-journal-") and name.endswith(".lock")):
-                with contextlib.suppress(InputError), locked(os.path.join(folder, name), 0.0):
+                with contextlib.suppress(InputError), hold_lock(os.path.join(folder, name), 0.0):
                     pass
 
 

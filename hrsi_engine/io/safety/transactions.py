@@ -26,7 +26,7 @@ from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.json_values import json_text
 from ..opening.json_files import read_json
-from .folder_lock import locked, remove_dead_locks
+from .folder_lock import hold_lock, remove_dead_locks
 from .leftovers import is_unfinished, is_writer_running, sweep, temporary_name, writer
 from .replacing import flush, flush_files, require_not_read_only, take_permissions
 
@@ -177,7 +177,7 @@ def _finish(journal: str) -> list[str]:
     left = _read_journal(journal, _JOURNAL_KEYS)
     if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
         return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
-    with locked(f"{journal}.lock"):
+    with hold_lock(f"{journal}.lock"):
         if not os.path.exists(journal):  # another run has finished it, and may have changed the files since
             return []
         steps = _own_steps(journal, left["steps"])
