@@ -36,7 +36,8 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
     """
     result = evidence.result
     estimated = result.cameras
-    if estimated is None or not set(_DRIFTS) <= set(estimated.model.parameters):
+    gcps = result.block.points.ground[result.block.points.role == Role.GCP]  # those of an earlier block are not here
+    if estimated is None or len(gcps) < SOLUTION.showing_gcps or not set(_DRIFTS) <= set(estimated.model.parameters):
         return
     columns = [estimated.model.parameters.index(name) for name in _DRIFTS]
     number = {image.id: index for index, image in enumerate(result.block.images)}
@@ -46,7 +47,6 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
             continue
         images = [result.block.images[row] for row in rows]
         gradient, likeness = fit_deformation(images, estimated.values[np.ix_(rows, columns)])
-        gcps = result.block.points.ground[result.block.points.role == Role.GCP]
         rim = np.stack([gcps.min(axis=0), gcps.max(axis=0)])
         half_m = float(np.linalg.norm(ground_difference_m(rim[1:], rim[:1])[0, :2])) / 2.0
         plan_m = half_m * float(np.linalg.norm(gradient[:2], 2))
