@@ -566,15 +566,15 @@ def with_dem(shift_share: float = 0.0, heights_m: float = 0.0) -> Spoil:
     return spoil
 
 
-def holding_dem(change: Callable[[np.ndarray], np.ndarray], shift_cells: int = 0) -> Spoil:
-    """A DEM that holds the heights (3 m), whose cells are changed; or that lies some cells too far east."""
+def holding_dem(change: Callable[[np.ndarray], np.ndarray], shift_cells: int = 0, sigma_m: float = 3.0) -> Spoil:
+    """A DEM that holds the heights, whose cells are changed; or that lies some cells too far east."""
 
     def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
         assert inputs.terrain is not None
         heights, (west, step, *rest) = inputs.terrain
         return replace(
             inputs, dem=(change(heights.copy()), (west + shift_cells * step, step, *rest)),
-            options={**inputs.options, "sigma_dem": 3.0},
+            options={**inputs.options, "sigma_dem": sigma_m},
         )  # fmt: skip
 
     return spoil

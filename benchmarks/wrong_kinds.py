@@ -145,13 +145,6 @@ def _geocentric(degrees: np.ndarray) -> np.ndarray:
     return np.column_stack([degrees[:, 0], latitude])
 
 
-def projected(meant: int) -> Spoil:
-    """Coordinates of a national CRS that are named as those of WGS84's zone."""
-    return lambda inputs, rng: replace(
-        inputs, crs=meant, options={**inputs.options, "ground_crs": f"EPSG:{map_epsg_of(inputs.ground.ground)}"}
-    )
-
-
 def map_numbers(change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
     """Eastings and northings of the right zone whose numbers are changed."""
 
@@ -384,20 +377,6 @@ def _exchange(first: str, second: str) -> Callable[[RPC], RPC]:
 # ---- surfaces and laser --------------------------------------------------------------------------------------------
 
 
-def with_held_dem(change: Callable[[np.ndarray], np.ndarray], sigma_m: float = 3.0, then: Spoil | None = None) -> Spoil:
-    """A DEM that holds the heights, whose cells are changed; then the points are."""
-
-    def spoil(inputs: Inputs, rng: np.random.Generator) -> Inputs:
-        assert inputs.terrain is not None
-        heights, geotransform = inputs.terrain
-        spoilt = replace(
-            inputs, dem=(change(heights.copy()), geotransform), options={**inputs.options, "sigma_dem": sigma_m}
-        )
-        return spoilt if then is None else then(spoilt, rng)
-
-    return spoil
-
-
 def _step(cells: np.ndarray) -> np.ndarray:
     cells[:, cells.shape[1] // 2 :] += 20.0
     return cells
@@ -415,7 +394,7 @@ def _tilted(cells: np.ndarray) -> np.ndarray:
 
 def _above_geoid(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     undulation = float(geoid_heights(inputs.ground.ground[:1], "egm96")[0]) if len(inputs.ground) else 0.0
-    return with_held_dem(lambda cells: cells - undulation)(inputs, rng)
+    return made.holding_dem(lambda cells: cells - undulation)(inputs, rng)
 
 
 def one_track_off(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -479,13 +458,13 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("easting and northing exchanged", map_numbers(lambda xy: xy[:, ::-1])),
     TrueKind("eastings and northings in US feet, read as metres", map_numbers(lambda xy: xy / 0.30480060960121924)),
     TrueKind("northings cut by a leading digit", map_numbers(lambda xy: np.column_stack([xy[:, 0], xy[:, 1] % 1e6]))),
-    TrueKind("NAD27 / UTM 13N named WGS84", projected(26713), place=COLORADO),
-    TrueKind("ED50 / UTM 31N named WGS84", projected(23031), place=PROVENCE),
-    TrueKind("ED50 / UTM 37N named WGS84", projected(23037), place=TURKEY),
-    TrueKind("AGD66 / AMG 55 named WGS84", projected(20255), place=HOBART),
-    TrueKind("PSAD56 / UTM 19S named WGS84", projected(24879), place=CHILE),
-    TrueKind("Lambert-93 named UTM 31N", projected(2154), place=PROVENCE),
-    TrueKind("Beijing 1954 / zone 19 named UTM", projected(21419), place=CHINA),
+    TrueKind("NAD27 / UTM 13N named WGS84", made.other_projection(26713, None), place=COLORADO),
+    TrueKind("ED50 / UTM 31N named WGS84", made.other_projection(23031, None), place=PROVENCE),
+    TrueKind("ED50 / UTM 37N named WGS84", made.other_projection(23037, None), place=TURKEY),
+    TrueKind("AGD66 / AMG 55 named WGS84", made.other_projection(20255, None), place=HOBART),
+    TrueKind("PSAD56 / UTM 19S named WGS84", made.other_projection(24879, None), place=CHILE),
+    TrueKind("Lambert-93 named UTM 31N", made.other_projection(2154, None), place=PROVENCE),
+    TrueKind("Beijing 1954 / zone 19 named UTM", made.other_projection(21419, None), place=CHINA),
     TrueKind("one image enlarged twice under its RPC", enlarged(2.0)),
     TrueKind("one image enlarged twice, no GCPs", enlarged(2.0), 0),
     TrueKind("one image enlarged by 1.5", enlarged(1.5)),
@@ -521,20 +500,21 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("ties in a corner of the images alone", ties_in_corner, 0),
     TrueKind("an image without ties", untied_image, 0),
     TrueKind("measurements of 2 px stated 0.05 px", stated_exact(2.0, 0.05), 4),
-    TrueKind("DEM 49 m low, sigma 3 m, GCPs and checks right", with_held_dem(lambda cells: cells - 49.0), 10, 30),
-    TrueKind("DEM 10 m low, sigma 3 m, GCPs right", with_held_dem(lambda cells: cells - 10.0), 8, 0),
-    TrueKind("DEM 10 m low, sigma 1 m, one GCP", with_held_dem(lambda cells: cells - 10.0, 1.0), 1, 0),
-    TrueKind("DEM 40 m high, no GCPs", with_held_dem(lambda cells: cells + 40.0), 0, 0, untold=NO_OTHER_HEIGHT),
+    TrueKind("DEM 49 m low, sigma 3 m, GCPs and checks right", made.holding_dem(lambda cells: cells - 49.0), 10, 30),
+    TrueKind("DEM 10 m low, sigma 3 m, GCPs right", made.holding_dem(lambda cells: cells - 10.0), 8, 0),
+    TrueKind("DEM 10 m low, sigma 1 m, one GCP", made.holding_dem(lambda cells: cells - 10.0, sigma_m=1.0), 1, 0),
+    TrueKind("DEM 40 m high, no GCPs", made.holding_dem(lambda cells: cells + 40.0), 0, 0, untold=NO_OTHER_HEIGHT),
     TrueKind("DEM above the geoid, GCPs ellipsoidal", _above_geoid, 8, 0),
-    TrueKind("a step of 20 m in a mosaic, no GCPs", with_held_dem(_step), 0, 0),
-    TrueKind("a step of 20 m in a mosaic, GCPs", with_held_dem(_step), 8, 0),
-    TrueKind("DEM tilted by 60 m, no GCPs", with_held_dem(_tilted), 0, 0),
-    TrueKind("DEM left to right, no GCPs", with_held_dem(lambda cells: cells[:, ::-1]), 0, 0, relief_m=400.0),
-    TrueKind("DEM in decimetres", with_held_dem(lambda cells: 10.0 * cells), 0, 0),
-    TrueKind("DEM with spikes of 500 m", with_held_dem(_spikes), 0, 0),
-    TrueKind("DEM in steps of 50 m", with_held_dem(lambda cells: 50.0 * np.floor(cells / 50.0)), 0, 0, relief_m=400.0),
-    TrueKind("DEM of tree tops, 12 m", with_held_dem(lambda cells: cells + 12.0), 0, 0, untold=NO_OTHER_HEIGHT),
-    TrueKind("DEM all of one height", with_held_dem(lambda cells: np.full_like(cells, cells.mean())), 0, 0,
+    TrueKind("a step of 20 m in a mosaic, no GCPs", made.holding_dem(_step), 0, 0),
+    TrueKind("a step of 20 m in a mosaic, GCPs", made.holding_dem(_step), 8, 0),
+    TrueKind("DEM tilted by 60 m, no GCPs", made.holding_dem(_tilted), 0, 0),
+    TrueKind("DEM left to right, no GCPs", made.holding_dem(lambda cells: cells[:, ::-1]), 0, 0, relief_m=400.0),
+    TrueKind("DEM in decimetres", made.holding_dem(lambda cells: 10.0 * cells), 0, 0),
+    TrueKind("DEM with spikes of 500 m", made.holding_dem(_spikes), 0, 0),
+    TrueKind("DEM in steps of 50 m", made.holding_dem(lambda cells: 50.0 * np.floor(cells / 50.0)), 0, 0,
+             relief_m=400.0),
+    TrueKind("DEM of tree tops, 12 m", made.holding_dem(lambda cells: cells + 12.0), 0, 0, untold=NO_OTHER_HEIGHT),
+    TrueKind("DEM all of one height", made.holding_dem(lambda cells: np.full_like(cells, cells.mean())), 0, 0,
              relief_m=400.0),
     TrueKind("laser heights 8 m high, GCPs right", made.with_laser(lambda points, rng: points + [0.0, 0.0, 8.0]), 8, 0),
     TrueKind("one of four laser passes 20 m high, no GCPs", made.with_laser(one_track_off), 0, 0),

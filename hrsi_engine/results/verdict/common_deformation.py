@@ -8,12 +8,11 @@ from scipy.stats import f as f_distribution
 from ...block.block import Image, Role
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ...ground.geodesy import ground_difference_m, move_ground
+from ...ground.geodesy import ground_difference_m
 from .evidence import Evidence
 from .solution import SOLUTION
 
 _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
-_STEP_M = 100.0  # over which a camera is linear
 
 
 @thresholds
@@ -90,11 +89,8 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.nda
 
 def _make_design(image: Image) -> np.ndarray:
     """Return the drifts of an image ``(4, 6)`` by each element of a deformation of the ground."""
-    rpc = image.rpc
-    middle = rpc.localize(image.centre_px[None], rpc.height_off).ground
-    steps = np.vstack([_STEP_M * np.eye(3), -_STEP_M * np.eye(3)])
-    pixels = rpc.project(move_ground(np.repeat(middle, 6, axis=0), steps))
-    by_ground = (pixels[:3] - pixels[3:]).T / (2.0 * _STEP_M)  # (2, 3), px/m
+    middle = image.rpc.localize(image.centre_px[None], image.rpc.height_off).ground
+    by_ground = image.rpc.project_with_metric_jacobian(middle)[1][0]  # (2, 3), px/m
     by_pixel = np.linalg.inv(by_ground[:, :2])  # along the ground at one height, m/px
     return np.stack([
         -np.outer(by_ground[:, axis], by_pixel[along]).ravel() for axis in range(3) for along in range(2)
