@@ -11,7 +11,7 @@ from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
-from ..hrsi_engine.io.position_tables import read_correspondences
+from ..hrsi_engine.io.point_files.find import read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
 from .declarations.fit_rpc import FitRpcOptions
 from .files.dry_run import plan

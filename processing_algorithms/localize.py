@@ -7,7 +7,7 @@ from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.geopackage.declared_layers import LocalizedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.io.position_tables import ImagePositions, read_image_positions
+from ..hrsi_engine.io.point_files.find import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.localize import LAYERS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input

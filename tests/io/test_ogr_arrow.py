@@ -51,7 +51,7 @@ def make_layer(path, driver, *, with_z=True, gaps=True, count=300):
 
 def both_ways(path, monkeypatch):
     quick = ogr_layer.read(path)
-    monkeypatch.setattr(ogr_layer, "arrow_columns", lambda *_: None)
+    monkeypatch.setattr(ogr_layer, "_read_columns", lambda *_: None)
     return quick, ogr_layer.read(path)
 
 
@@ -74,7 +74,7 @@ def test_equals_reading_features(tmp_path, monkeypatch, suffix, with_z, gaps):
 @pytest.mark.skipif(not has_stream, reason=f"GDAL {gdal.__version__} has no Arrow stream")
 def test_the_stream_is_used(tmp_path, monkeypatch):
     path = make_layer(tmp_path / "p.gpkg", "GPKG", gaps=False)
-    monkeypatch.setattr(ogr_layer, "_choose_getter", lambda *_: pytest.fail("read feature by feature"))
+    monkeypatch.setattr(ogr_layer, "_read_position", lambda *_: pytest.fail("read feature by feature"))
     assert len(ogr_layer.read(path)) == 300
 
 

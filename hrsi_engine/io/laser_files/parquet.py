@@ -9,8 +9,7 @@ import numpy as np
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
 from ..opening.budgets import FILE_BUDGETS
-from ..point_files.columns import NUMBER_FIELDS, match_fields
-from ..point_files.table import PointTable
+from ..point_files.table import NUMBER_FIELDS, PointTable, match_fields
 
 PARQUET_HEAD = b"PAR1"
 POINT_LAYOUTS = {21: 2, 29: 3}  # bytes of a WKB point -> its coordinates

@@ -2,7 +2,7 @@
 
 `read_points` takes a vector layer, a CSV or a GCP file of another program and returns the columns of
 `hrsi_engine.block.block`. `POINT_READERS` is the table of formats; a reader only brings a file's rows into a
-`PointTable` with the field names of `columns.FIELDS`, and one place (`interpret`) checks them and makes points of them.
+`PointTable` with the field names of `table.FIELDS`, and one place (`interpret`) checks them and makes points of them.
 """
 
 from .find import POINT_READERS, read_image_points, read_points, several_specs

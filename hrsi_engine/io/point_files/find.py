@@ -1,41 +1,40 @@
-"""Which reader a point file takes, and reading it."""
+"""Which reader a point file takes; reading it as points, or as positions in images, for which ids are not needed."""
 
 import glob
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
 from ...ground.operation_uses import OperationUse
+from ..opening.budgets import require_heights
 from ..opening.datasets import check_advice
 from ..opening.plain_files import require_plain_around
-from . import asp_gcp, asp_match, colmap, csv_text, hloc, image_gcps, micmac, ogr_layer, orthority, qgis_points
-from .columns import match_fields
+from . import csv_text, gcp_files, match_files, ogr_layer
 from .in_memory import PointsInMemory
-from .interpret import PointTables, interpret
+from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
-from .positions import Reference, Surface
-from .table import PointReader
+from .positions import Reference, Surface, ground_positions, has_positions
+from .table import PointReader, PointTable, match_fields
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 POINT_READERS: dict[str, PointReader] = {
-    "micmac": micmac.READER,
-    "asp-match-text": asp_match.TEXT,
+    "micmac": match_files.MICMAC_TIE_POINTS,
+    "asp-match-text": match_files.ASP_TEXT_MATCHES,
     "csv": csv_text.READER,
-    "qgis-points": qgis_points.READER,
-    "asp-gcp": asp_gcp.READER,
-    "asp-match": asp_match.READER,
-    "colmap": colmap.READER,
-    "hloc": hloc.READER,
-    "orthority": orthority.READER,
+    "qgis-points": gcp_files.QGIS_POINTS,
+    "asp-gcp": gcp_files.ASP_GCPS,
+    "asp-match": match_files.ASP_MATCHES,
+    "colmap": match_files.COLMAP_DATABASE,
+    "hloc": match_files.HLOC_MATCHES,
+    "orthority": gcp_files.ORTHORITY_GCPS,
     "ogr": ogr_layer.READER,
-    "image-gcps": image_gcps.READER,
+    "image-gcps": gcp_files.IMAGE_GCPS,
 }
-_HEAD_BYTES = 65536
-_SPEC_OPTIONS = ("layername", "layerid", "geometrytype", "image", "features")
 
 
 def read_points(
@@ -79,8 +78,7 @@ def read_points(
     reference = Reference(ground_crs or "", height_datum, surface, adjusted, epoch, surface_operations)
     if isinstance(spec, PointsInMemory):
         return spec.tables(reference, image_ids)
-    path, layer = split_spec(spec)
-    table = point_reader_of(path).read(path, layer)
+    table = read_table(spec)
     image = _parse_options(spec).get("image")
     if image is not None:
         # The table with all points measured on one image
@@ -146,13 +144,19 @@ def _parse_options(spec: str) -> dict[str, str]:
     options = {}
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
-        if key.lower() not in _SPEC_OPTIONS or not value:
+        if key.lower() not in ("layername", "layerid", "geometrytype", "image", "features") or not value:
             raise InputError(
                 f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID or "
                 "MATCHES.h5|features=FILE"
             )
         options[key.lower()] = value
     return options
+
+
+def read_table(spec: str) -> PointTable:
+    """Return the rows of a point file as its reader brings them, unchecked."""
+    path, layer = split_spec(spec)
+    return point_reader_of(path).read(path, layer)
 
 
 def point_reader_of(path: str) -> PointReader:
@@ -164,7 +168,7 @@ def point_reader_of(path: str) -> PointReader:
     if os.path.isfile(path):
         try:
             with open(path, "rb") as file:
-                head = file.read(_HEAD_BYTES)
+                head = file.read(65536)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}): check its permissions") from None
     name = os.path.basename(path).lower()
@@ -174,3 +178,66 @@ def point_reader_of(path: str) -> PointReader:
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
     return reader
+
+
+class ImagePositions(NamedTuple):
+    """Positions to localize: ids and image ids (n,) str, sample and line (n, 2), ellipsoidal height (n,) or NaN."""
+
+    ids: np.ndarray
+    image_ids: np.ndarray
+    image: np.ndarray
+    height_m: np.ndarray
+
+
+class Correspondences(NamedTuple):
+    """Ground points (n, 3) lon, lat, ellipsoidal height, where they are in one image (n, 2), and warnings.
+
+    ``operations`` brought the ground points to WGS84.
+    """
+
+    ground: np.ndarray
+    image: np.ndarray
+    warnings: tuple[str, ...]
+    operations: tuple[OperationUse, ...] = ()
+
+
+def read_image_positions(spec: str, image_ids: Sequence[str]) -> ImagePositions:
+    """Return the rows of a file with the fields sample and line, and image and height where it has them.
+
+    Rows without an id are numbered from 1. Raises `InputError` naming file, row and field.
+    """
+    table, image = _read_sample_line(spec)
+    rows = np.arange(len(table))
+    ids = table.columns.get("id", (rows + 1).astype(str))
+    height = table.columns.get("height", np.full(len(table), np.nan))
+    return ImagePositions(ids, np.asarray(image_names(table, rows, image_ids)), image, height)
+
+
+def read_correspondences(
+    spec: str, *, ground_crs: str | None = None, height_datum: str = "layer", epoch: float | None = None
+) -> Correspondences:
+    """Return the correspondences of a file with positions (geometry, lon and lat, x and y), heights, sample and line.
+
+    Raises `InputError` naming file, row and field.
+    """
+    table, image = _read_sample_line(spec)
+    if not has_positions(table):
+        raise InputError(f"{table.source}: has no ground positions (point geometry, lon and lat, x and y): add them")
+    placed = ground_positions(table, Reference(ground_crs or "", height_datum, epoch=epoch))
+    missing = np.flatnonzero(np.isnan(placed.ground).any(axis=1))
+    if missing.size:
+        raise InputError(f"{table.name_row(missing[0])}: has no ground position: fill it in, or remove the row")
+    require_heights(placed.ground[:, 2], table.name_row)
+    return Correspondences(placed.ground, image, (*table.notes, *placed.warnings), placed.operations)
+
+
+def _read_sample_line(spec: str) -> tuple[PointTable, np.ndarray]:
+    """Return the rows of a file and their sample and line ``(n, 2)``, which all of them must have."""
+    table = spec.table() if isinstance(spec, PointsInMemory) else read_table(spec)
+    if not len(table):
+        raise InputError(f"{table.source}: holds no points: add some, or name another layer")
+    image = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
+    missing = np.flatnonzero(np.isnan(image).any(axis=1))
+    if missing.size:
+        raise InputError(f"{table.name_row(missing[0])}: sample or line is empty: fill it in, or remove the row")
+    return table, image

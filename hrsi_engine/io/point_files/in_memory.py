@@ -14,10 +14,9 @@ import numpy as np
 from ...block.points import GroundPoints, ImagePoints
 from ...foundation.errors import InputError
 from ...foundation.in_memory import InMemory
-from .columns import TEXT_FIELDS, match_fields, numbers, strip_texts
 from .interpret import PointTables, interpret
 from .positions import Reference
-from .table import PointTable
+from .table import TEXT_FIELDS, PointTable, match_fields, parse_numbers, strip_texts
 
 #: Columns of arrays without names: ground points, and image points of one image.
 ARRAY_COLUMNS = {3: ("lon", "lat", "height"), 2: ("sample", "line")}
@@ -60,18 +59,21 @@ class PointsInMemory(InMemory):
 
         Raises `InputError` for columns that differ in length, texts that are no numbers, and what is no table at all.
         """
-        columns, labels, places = _columns_of(self.points), _row_labels(self.points), _places_of(self.points, self)
+        columns, places = _columns_of(self.points), _places_of(self.points, self)
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             told = ", ".join(f"{name} {count}" for name, count in lengths.items())
             raise InputError(f"{self}: its columns differ in length ({told}): give one value a point")
+
+        index = getattr(self.points, "index", None)
+        labels = list(index) if index is not None and not callable(index) else range(1, _count_points(self.points) + 1)
 
         def row_name(row: int) -> str:
             return f"row {labels[row]}"
 
         position = match_fields(list(columns))
         listed = list(columns)
-        fields = {field: self._field(field, columns[listed[index]], row_name) for field, index in position.items()}
+        fields = {field: self._field(field, columns[listed[place]], row_name) for field, place in position.items()}
         xyz, crs = places if places is not None else (None, "")
         return PointTable(str(self), fields, tuple(listed), row_name, xyz, crs)
 
@@ -80,10 +82,12 @@ class PointsInMemory(InMemory):
         column = np.asarray(values)
         if field not in TEXT_FIELDS and column.dtype.kind in "iufb":
             return column.astype(np.float64)
-        texts = ["" if _is_missing(value) else _text_of(value) for value in column.tolist()]
+        # Whole numbers that a table keeps as floats because others are missing stay whole
+        whole = [int(v) if isinstance(v, float) and v.is_integer() else v for v in column.tolist()]
+        texts = ["" if _is_missing(value) else str(value) for value in whole]
         if field in TEXT_FIELDS:
             return strip_texts(texts, str(self), field)
-        return numbers(texts, lambda row: f"{self}, {at(row)}, column {field!r}", infinite=True)
+        return parse_numbers(texts, lambda row: f"{self}, {at(row)}, column {field!r}", infinite=True)
 
 
 def _count_points(points: Any) -> int:
@@ -121,11 +125,6 @@ def _columns_of(points: Any) -> dict[str, Any]:
     return {"id": np.arange(1, len(array) + 1), **dict(zip(ARRAY_COLUMNS[array.shape[1]], array.T, strict=True))}
 
 
-def _row_labels(points: Any) -> Sequence[Any]:
-    index = getattr(points, "index", None)
-    return list(index) if index is not None and not callable(index) else range(1, _count_points(points) + 1)
-
-
 def _has_places(points: Any) -> bool:
     """Tell whether a table is one of GeoPandas, by what only such tables have."""
     try:
@@ -152,8 +151,3 @@ def _is_missing(value: Any) -> bool:
     """Tell whether a value stands for none: None, NaN, NaT, pandas's NA."""
     is_nan = isinstance(value, float) and value != value
     return value is None or is_nan or type(value).__name__ in ("NAType", "NaTType")
-
-
-def _text_of(value: Any) -> str:
-    """Return a value as text; whole numbers that a table keeps as floats because others are missing stay whole."""
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)

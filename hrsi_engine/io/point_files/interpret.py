@@ -3,6 +3,11 @@
 Every reader brings a `PointTable` of texts and numbers and checks nothing. Here a row becomes a ground point where it
 has a position, and a measurement where it has sample and line; one row may be both (a GCP measured on one image). What
 is wrong with a row is said with its file and line or feature, as the user finds it there.
+
+Of how well positions are known, ``sigma_xy`` and ``sigma_h`` tell in most surveys. ``sigma_east`` and ``sigma_north``
+may differ; ``corr_en``, ``corr_eh`` and ``corr_nh`` are correlations; ``cov_ee`` to ``cov_nh`` are the elements of a
+covariance of east, north and height in m², as a network adjustment prints it. Elements of the covariance win over
+correlations and sigmas, those over ``sigma_xy``.
 """
 
 from collections import Counter
@@ -19,12 +24,10 @@ from ...foundation.large_arrays import any_of_rows
 from ..opening.budgets import RPC_BUDGETS, require_heights
 from ..rasters.images import image_id
 from .positions import Reference, ground_positions, has_positions
-from .survey_accuracy import positive, survey_accuracy
 from .table import PointTable
 
 #: Of HRSI's own layers: how well the adjusted heights are known, as ``sigma_h`` tells of surveyed ones.
 ADJUSTED_SIGMA = "sigma_height_m"
-_CHUNK_ROWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -59,14 +62,15 @@ def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str])
             f"{table.source}: has neither positions (point geometry, lon and lat, x and y) nor image coordinates "
             f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
         )
-    _require_field(table, "id")
+    require_field(table, "id")
     _require_text(table, "id")
     image = _image_points(table, known, image_ids) if measures else None
     ground, warnings = _ground_points(table, measures, reference) if known else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
-def _require_field(table: PointTable, field: str) -> np.ndarray:
+def require_field(table: PointTable, field: str) -> np.ndarray:
+    """Return a column; raise `InputError` that names the file's fields where it is missing."""
     if field not in table.columns:
         raise InputError(
             f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: "
@@ -85,7 +89,7 @@ def _require_text(table: PointTable, field: str, rows: np.ndarray | None = None)
 
 def _image_points(table: PointTable, known: bool, image_ids: Sequence[str]) -> ImagePoints | None:
     """Return the rows that have sample and line; in a table that holds ground points too, others may have none."""
-    xy = np.column_stack([_require_field(table, "sample"), _require_field(table, "line")])
+    xy = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     empty = np.isnan(xy)
     some = any_of_rows(empty)
     wrong = some & ~empty.all(axis=1) if known else some
@@ -118,12 +122,12 @@ def image_names(table: PointTable, rows: np.ndarray, image_ids: Sequence[str]) -
     if "image" not in table.columns:
         if len(image_ids) == 1:
             return NameColumn(np.array(image_ids, dtype=str), np.zeros(len(rows), dtype=np.int32))
-        _require_field(table, "image")
+        require_field(table, "image")
     _require_text(table, "image", rows)
     given = table.columns["image"] if len(rows) == len(table) else table.columns["image"][rows]
     place, number = dict[str, int](), np.empty(len(given), dtype=np.int32)
-    for start in range(0, len(given), _CHUNK_ROWS):  # sorting millions of names would take more memory than the table
-        names = given[start : start + _CHUNK_ROWS].tolist()
+    for start in range(0, len(given), 100_000):  # sorting millions of names would take more memory than the table
+        names = given[start : start + 100_000].tolist()
         for name in sorted(set(names) - place.keys()):
             place[name] = len(place)
         number[start : start + len(names)] = [place[name] for name in names]
@@ -169,9 +173,8 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             parsed = Role.parse(str(name))
         except KeyError:
             row = np.flatnonzero(index == number)[0]
-            raise InputError(
-                f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
-            ) from None
+            told = f"{table.name_row(row)}: role {str(name)!r} is unknown: use gcp, check, tie or off"
+            raise InputError(told) from None
         role[index == number] = UNSET if parsed is None else parsed
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
@@ -180,7 +183,16 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
     chosen = rows[first]
     if len(ids) < len(rows):
-        _require_same_position(table, ground, rows, chosen[inverse], measures)
+        # An id may occur twice in a table of measurements only, with one position
+        before = chosen[inverse]
+        wrong = are_apart(ground[rows], ground[before]) if measures else rows != before
+        if wrong.any():
+            at = np.flatnonzero(wrong)[0]
+            what = "with another position" if measures else "a second time"
+            raise InputError(
+                f"{table.name_row(rows[at])}: stands in {table.row_name(int(before[at]))} already, here {what}: "
+                f"keep one, or rename it"
+            )
     if not len(ids):
         return None, warnings
     order = np.sort(chosen)
@@ -191,15 +203,64 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     return with_operations(points, table.operations) if table.operations and not placed.operations else points, warnings
 
 
-def _require_same_position(
-    table: PointTable, ground: np.ndarray, rows: np.ndarray, first: np.ndarray, measures: bool
-) -> None:
-    """Raise `InputError` for an id that occurs twice, or in a table of measurements with two positions."""
-    wrong = are_apart(ground[rows], ground[first]) if measures else rows != first
+#: Fields of the variance and the standard deviation of each axis, of the covariance and the correlation of each pair.
+_AXES = (("cov_ee", "sigma_east"), ("cov_nn", "sigma_north"), ("cov_hh", "sigma_h"))
+_PAIRS = ((0, 1, "cov_en", "corr_en"), (0, 2, "cov_eh", "corr_eh"), (1, 2, "cov_nh", "corr_nh"))
+
+
+def survey_accuracy(table: PointTable) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return sigmas ``(n, 2)`` horizontal and height, and covariances ``(n, 3, 3)`` where the table has more than that.
+
+    NaN where the table says nothing. Raises `InputError` naming row and field of what cannot be.
+    """
+    horizontal, height = positive(table, "sigma_xy"), positive(table, "sigma_h")
+    beyond = {name for names in (*_AXES, *_PAIRS) for name in names[-2:]} - {"sigma_h"}
+    if not table.columns.keys() & beyond:
+        return np.column_stack([horizontal, height]), None
+    # The standard deviations of east, north and height ``(n, 3)``
+    columns = []
+    for axis, (variance, name) in enumerate(_AXES):
+        sigma = positive(table, name)
+        sigma = np.where(np.isnan(sigma) & (axis < 2), horizontal, sigma)
+        own = np.sqrt(positive(table, variance))
+        columns.append(np.where(np.isnan(own), sigma, own))
+    sigma = np.column_stack(columns)
+    covariance = np.full((len(table), 3, 3), np.nan)
+    covariance[:, range(3), range(3)] = sigma**2
+    for row, column, element, correlation in _PAIRS:
+        value = _covariance(table, sigma[:, row], sigma[:, column], element, correlation)
+        covariance[:, row, column] = covariance[:, column, row] = value
+    both = np.sqrt((sigma[:, 0] ** 2 + sigma[:, 1] ** 2) / 2.0)
+    return np.column_stack([np.where(np.isnan(both), horizontal, both), sigma[:, 2]]), covariance
+
+
+def positive(table: PointTable, field: str) -> np.ndarray:
+    """Return a column of standard deviations or variances, NaN where there is none."""
+    values = table.columns.get(field)
+    if values is None:
+        return np.full(len(table), np.nan)
+    wrong = values <= 0.0  # NaN: not given
     if wrong.any():
-        at = np.flatnonzero(wrong)[0]
-        what = "with another position" if measures else "a second time"
+        row = np.flatnonzero(wrong)[0]
         raise InputError(
-            f"{table.name_row(rows[at])}: stands in {table.row_name(int(first[at]))} already, here {what}: "
-            f"keep one, or rename it"
+            f"{table.name_row(row)}: field {field!r} is {values[row]:g}: give a number above 0 or leave it empty"
         )
+    return values
+
+
+def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, element: str, correlation: str) -> np.ndarray:
+    """Return the covariance of two coordinates with these sigmas ``(n,)``, NaN where none is given."""
+    nothing = np.full(len(table), np.nan)
+    value, share = table.columns.get(element, nothing), table.columns.get(correlation, nothing)
+    given = ~(np.isnan(value) & np.isnan(share))
+    with np.errstate(invalid="ignore"):
+        share = np.where(np.isnan(value), share, value / (first * second))
+    field = element if element in table.columns else correlation
+    for wrong, why in (
+        (given & np.isnan(first * second), "has no standard deviations of both coordinates beside it: add them"),
+        (given & ~(np.abs(share) < 1.0), "is no correlation between -1 and 1: correct it or its standard deviations"),
+    ):
+        if wrong.any():
+            raise InputError(f"{table.name_row(np.flatnonzero(wrong)[0])}: field {field!r} {why}")
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(first * second), 0.0, share * first * second)

@@ -23,7 +23,6 @@ COLUMNS_FILE = "tie_points.npz"
 LAYERS_FILE, LAYER = "block.gpkg", "image_points"  #: what the columns stand beside
 _SCHEMA = 1
 _NUMBERED = ("id", "image", "kind")  # columns of names: distinct ones, and the number of a row's
-_FLOATS = ("sample", "line", "sigma", "quality")
 
 
 def write_columns(folder: str, points: ImagePoints) -> None:
@@ -53,7 +52,10 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
             return None
         rows = len(found["id"])
         numbered = [_decode_names(found[f"{name}_decode_names"], found[name], rows) for name in _NUMBERED]
-        floats = {name: _decode_floats(found[name], rows) for name in _FLOATS}
+        floats = {name: found[name] for name in ("sample", "line", "sigma", "quality")}
+        for column in floats.values():
+            if column.dtype != np.float64 or column.shape != (rows,) or np.isinf(column).any():
+                raise ValueError("floats")
     except DAMAGED:
         return None
     xy, sigma = np.column_stack([floats["sample"], floats["line"]]), floats["sigma"]
@@ -66,9 +68,9 @@ def read_columns(path: str, layer: str, image_ids: Sequence[str] = ()) -> PointT
 
 
 def _database_mark(folder: str) -> str:
-    """Return what tells the GeoPackage from itself after a change, whose count SQLite keeps in the first bytes.
+    """Return what tells the GeoPackage from itself after a change; copies and archives keep it.
 
-    Copies and archives keep the mark.
+    SQLite keeps the count of its changes in the first bytes.
     """
     path = os.path.join(folder, LAYERS_FILE)
     return files_mark([path, f"{path}-wal"], times=False)
@@ -80,9 +82,3 @@ def _decode_names(names: np.ndarray, number: np.ndarray, rows: int) -> NameColum
     if rows and not (number.min() >= 0 and number.max() < len(names)):
         raise ValueError("numbers")
     return NameColumn(names, number)
-
-
-def _decode_floats(column: np.ndarray, rows: int) -> np.ndarray:
-    if column.dtype != np.float64 or column.shape != (rows,) or np.isinf(column).any():
-        raise ValueError("floats")
-    return column

@@ -1,7 +1,12 @@
-"""Any vector layer that OGR reads: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or coordinates in fields."""
+"""Any vector layer that OGR reads: GeoPackage, Shapefile, GeoJSON, KML …; point geometry or coordinates in fields.
+
+Numbers, texts and points in formats that hold such columns are read in one go through OGR's Arrow stream, twenty times
+as fast as feature by feature. All else, and all of GDAL before 3.6, is read feature by feature.
+"""
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +18,17 @@ from ...foundation.thresholds import threshold, thresholds
 from ..opening.budgets import require_small_archive, require_texts
 from ..opening.datasets import gdal_messages
 from ..opening.sound_databases import is_database, require_sound, widths
-from .columns import MAY_BE_INFINITE, NUMBER_FIELDS, TEXT_FIELDS, match_fields, numbers, strip_texts
-from .ogr_arrow import BY_COLUMNS, arrow_columns
-from .table import PointReader, PointTable
+from .table import (
+    MAY_BE_INFINITE,
+    NUMBER_FIELDS,
+    TEXT_FIELDS,
+    PointReader,
+    PointTable,
+    match_fields,
+    parse_numbers,
+    strip_texts,
+)
 
-_NOT_DATA = ("layer_styles", "qgis_projects")  # what QGIS keeps in a GeoPackage beside the layers
 _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
 
 
@@ -26,9 +37,6 @@ class OGR_POINTS:
     """Which geometries of a database are points."""
 
     point_bytes: int = threshold(128, "byte", "longest geometry", "a point with the longest header of a GeoPackage")
-
-
-_NUMERIC = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
 
 
 def open_vector(path: str) -> gdal.Dataset | None:
@@ -65,7 +73,7 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     if wanted.startswith("#"):
         chosen = [layer for index, layer in enumerate(layers) if f"#{index}" == wanted]
     else:
-        layers = [layer for layer in layers if layer.GetName() not in _NOT_DATA]
+        layers = [layer for layer in layers if layer.GetName() not in ("layer_styles", "qgis_projects")]  # QGIS's own
         chosen = [layer for layer in layers if wanted in ("", layer.GetName())]
     if len(chosen) == 1:
         return chosen[0]
@@ -84,20 +92,26 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str) -> PointT
     layer.ResetReading()
     wanted = {field: names[index] for field, index in found.items()}
     by_columns = driver in BY_COLUMNS and _is_narrow(path, source, layer, wanted)
-    quick = arrow_columns(layer, wanted, has_geometry) if by_columns else None
-    if quick is not None:
-        ids = quick.feature_ids
-        columns = {f: _read_column(source, f, names[found[f]], quick.values[f], ids) for f in found}
-        return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", quick.geometry, _crs(layer))
+    if quick := _read_columns(layer, wanted, has_geometry) if by_columns else None:
+        fields, ids, geometry = quick
+        columns = {f: _read_column(source, f, names[found[f]], fields[f], ids) for f in found}
+        return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", geometry, _crs(layer))
     values: dict[str, list] = {field: [] for field in found}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
-    plan = [(values[field].append, index, _choose_getter(field, types[index])) for field, index in found.items()]
+    numeric = (ogr.OFTInteger, ogr.OFTInteger64, ogr.OFTReal)
+    plan = [
+        (values[field].append, index, field in NUMBER_FIELDS and types[index] in numeric)
+        for field, index in found.items()
+    ]
     layer.ResetReading()
     for feature in layer:
         feature_ids.append(feature.GetFID())
-        for append, index, get in plan:
-            append(get(feature, index))
+        for append, index, is_number in plan:
+            if feature.IsFieldSetAndNotNull(index):
+                append(feature.GetFieldAsDouble(index) if is_number else feature.GetFieldAsString(index))
+            else:
+                append(np.nan if is_number else "")
         if has_geometry:
             positions.append(_read_position(source, feature))
     columns = {f: _read_column(source, f, names[found[f]], values[f], feature_ids) for f in found}
@@ -119,18 +133,6 @@ def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, st
     return not geometry or found.longest[geometry] <= OGR_POINTS.point_bytes
 
 
-def _choose_getter(field: str, field_type: int):  # type: ignore[no-untyped-def]  # a function (feature, index) -> float | str
-    return _get_float if field in NUMBER_FIELDS and field_type in _NUMERIC else _get_text
-
-
-def _get_float(feature: ogr.Feature, index: int) -> float:
-    return feature.GetFieldAsDouble(index) if feature.IsFieldSetAndNotNull(index) else np.nan
-
-
-def _get_text(feature: ogr.Feature, index: int) -> str:
-    return feature.GetFieldAsString(index) if feature.IsFieldSetAndNotNull(index) else ""
-
-
 def _read_column(
     source: str, field: str, name: str, values: Sequence | np.ndarray, feature_ids: Sequence[int] | np.ndarray
 ) -> np.ndarray:
@@ -138,11 +140,8 @@ def _read_column(
         return np.char.strip(values) if isinstance(values, np.ndarray) else strip_texts(values, source, name)
     where = f"field {name!r}"
     if len(values) and isinstance(values[0], str):
-        return numbers(
-            list(values),
-            lambda row: f"{source}, feature {feature_ids[row]}, {where}",
-            infinite=field in MAY_BE_INFINITE,
-        )
+        named = lambda row: f"{source}, feature {feature_ids[row]}, {where}"  # noqa: E731  # for the line's sake
+        return parse_numbers(list(values), named, infinite=field in MAY_BE_INFINITE)
     column = np.array(values, dtype=np.float64)
     if np.isinf(column).any() and field not in MAY_BE_INFINITE:
         row = int(np.flatnonzero(np.isinf(column))[0])
@@ -185,3 +184,72 @@ def measurements_of(spec: str) -> str:
     dataset = open_vector(spec)
     names = [dataset.GetLayer(index).GetName() for index in range(dataset.GetLayerCount())] if dataset else []
     return f"{spec}|layername={_MEASUREMENTS}" if len(names) > 1 and _MEASUREMENTS in names else spec
+
+
+#: Drivers with columns of one type. What GDAL 3.6 makes of damaged text formats can end the program.
+BY_COLUMNS = ("GPKG", "Arrow", "Parquet")
+#: By the bytes of a point in WKB: its type codes (ISO's, and old WKB's for one with z), and number of coordinates.
+_WKB_POINTS = {21: ((1,), 2), 29: ((1001, 0x80000001), 3)}
+
+
+def _read_columns(
+    layer: ogr.Layer, names: Mapping[str, str], with_geometry: bool
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None] | None:
+    """Return fields of a layer from OGR's Arrow stream (``names``: ours -> the layer's), or None where it serves not.
+
+    Numbers (n,) float64, NaN where NULL, or texts (n,) str; feature ids (n,); positions (n, 3).
+    """
+    try:
+        stream = layer.GetArrowStreamAsNumPy(["USE_MASKED_ARRAYS=YES"])
+    except (AttributeError, ImportError, RuntimeError):  # GDAL before 3.6, or without its arrays
+        return None
+    fid = layer.GetFIDColumn() or "OGC_FID"
+    batches: list[tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]] = []
+    for batch in stream:
+        if fid not in batch or any(name not in batch for name in names.values()):
+            return None
+        fields = {field: _read_arrow_field(field, batch[name]) for field, name in names.items()}
+        place = _read_arrow_positions(layer, batch) if with_geometry else np.empty((len(batch[fid]), 3))
+        if place is None or any(column is None for column in fields.values()):
+            return None
+        batches.append((fields, batch[fid], place))  # type: ignore[arg-type]
+    if not batches:
+        return None
+    return (
+        {field: np.concatenate([fields[field] for fields, _, _ in batches]) for field in names},
+        np.concatenate([ids for _, ids, _ in batches]),
+        np.concatenate([place for _, _, place in batches]) if with_geometry else None,
+    )
+
+
+def _read_arrow_field(field: str, column: np.ndarray) -> np.ndarray | None:
+    """Return a column as numbers or texts, None where it is neither."""
+    kind, missing = column.dtype.kind, np.ma.getmaskarray(column)
+    plain = np.ma.getdata(column)
+    if kind == "S":
+        with suppress(UnicodeDecodeError):
+            return np.where(missing, "", plain.astype(str))  # ASCII
+        with suppress(UnicodeDecodeError):
+            return np.where(missing, "", np.char.decode(plain, "utf-8"))
+        return None
+    if field in NUMBER_FIELDS and kind in "iuf":
+        return np.where(missing, np.nan, plain.astype(np.float64))
+    if field not in NUMBER_FIELDS and kind in "iu":
+        return np.where(missing, "", plain.astype(str))
+    return None  # OGR has its own way of writing real numbers and dates as text
+
+
+def _read_arrow_positions(layer: ogr.Layer, batch: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the points of a batch ``(n, 3)``, NaN where there are none, None where they are not all plain points."""
+    column = batch.get(layer.GetGeometryColumn() or "wkb_geometry")
+    if column is None or column.dtype.kind != "V" or column.dtype.itemsize not in _WKB_POINTS:
+        return None
+    codes, axes = _WKB_POINTS[column.dtype.itemsize]
+    missing = np.ma.getmaskarray(column)
+    layout = np.dtype([("order", "u1"), ("code", "<u4"), ("xyz", "<f8", (axes,))])
+    wkb = np.ascontiguousarray(np.ma.getdata(column)).view(layout)
+    if not np.all(missing | ((wkb["order"] == 1) & np.isin(wkb["code"], codes))):
+        return None
+    place = np.full((len(column), 3), np.nan)
+    place[:, :axes] = np.where(missing[:, None], np.nan, wkb["xyz"])
+    return place

@@ -11,7 +11,7 @@ import pyproj
 
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import finite_rows
-from ...ground.crs_operations import CrsOperations, operations_of
+from ...ground.crs_operations import operations_of
 from ...ground.geodesy import wrap_degrees
 from ...ground.operation_uses import OperationUse, with_geoid, with_surface_heights
 from ...ground.proj_operations import has_heights, without_heights
@@ -84,7 +84,7 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     ground, uses = np.full_like(xyz, np.nan), list[OperationUse]()
     if not present.any():
         return Positions(ground, warnings, operation)
-    parsed = _parse_numbers(table, crs)
+    parsed = _parse_crs(crs, f"{table.source}: CRS")
     rows = np.flatnonzero(present)
     _require_plausible(table, xyz, rows, parsed)
     without = np.isnan(xyz[rows, 2])
@@ -93,7 +93,10 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
         if not len(chosen):
             continue
         is_flat = on_surface or reference.height_datum != "layer" or not has_heights(parsed)
-        operations = _operations(table, parsed, is_flat, reference.epoch)
+        try:
+            operations = operations_of((without_heights(parsed) if is_flat else parsed).to_wkt(), reference.epoch)
+        except InputError as error:
+            raise InputError(f"{table.source}: {error}") from None
         ground[chosen], number = operations.convert(np.nan_to_num(xyz[chosen]))
         used = operations.uses(table.source, ground[chosen], number)
         if on_surface:
@@ -122,7 +125,8 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
 def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray, str, list[str]]:
     """Return x, y, z as they stand in the file, and their CRS."""
     fields, warnings = table.columns, []
-    prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys() and not _is_geographic(reference.ground_crs)
+    prefer_xy = bool(reference.ground_crs) and {"x", "y"} <= fields.keys()
+    prefer_xy = prefer_xy and not _parse_crs(reference.ground_crs, "`ground_crs`").is_geographic
     if table.geometry is not None:
         x, y, z, crs = *table.geometry.T, table.crs or reference.ground_crs
         if table.crs and reference.ground_crs:
@@ -146,18 +150,11 @@ def _read_positions(table: PointTable, reference: Reference) -> tuple[np.ndarray
     return np.column_stack([x, y, z]), crs, warnings
 
 
-def _parse_numbers(table: PointTable, crs: str) -> pyproj.CRS:
+def _parse_crs(crs: str, what: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(crs)
     except (pyproj.exceptions.CRSError, UnicodeError):
-        raise InputError(f"{table.source}: CRS {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
-
-
-def _is_geographic(crs: str) -> bool:
-    try:
-        return bool(pyproj.CRS.from_user_input(crs).is_geographic)
-    except (pyproj.exceptions.CRSError, UnicodeError):
-        raise InputError(f"`ground_crs` {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
+        raise InputError(f"{what} {crs[:60]!r} is unknown: give an EPSG code or WKT") from None
 
 
 def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs: pyproj.CRS) -> None:
@@ -165,10 +162,8 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
     x, y = xyz[rows, 0], xyz[rows, 1]
     if not crs.is_geographic:
         if np.all((np.abs(x) <= MOST_LON_DEG) & (np.abs(y) <= 90.0)) and crs.is_projected:
-            raise InputError(
-                f"{table.source}: its coordinates look like degrees, but its CRS {crs.name!r} is projected: "
-                f"correct the CRS"
-            )
+            told = f"its coordinates look like degrees, but its CRS {crs.name!r} is projected: correct the CRS"
+            raise InputError(f"{table.source}: {told}")
         return
     wrong = (np.abs(y) > 90.0) | (np.abs(x) > MOST_LON_DEG)
     if wrong.any():
@@ -177,14 +172,6 @@ def _require_plausible(table: PointTable, xyz: np.ndarray, rows: np.ndarray, crs
         raise InputError(
             f"{table.name_row(row)}: lon {xyz[row, 0]:g}, lat {xyz[row, 1]:g}: {what}: correct fields or CRS"
         )
-
-
-def _operations(table: PointTable, crs: pyproj.CRS, is_flat: bool, epoch: float | None) -> CrsOperations:
-    """Return the operations of a table's CRS, without its heights where ``is_flat``."""
-    try:
-        return operations_of((without_heights(crs) if is_flat else crs).to_wkt(), epoch)
-    except InputError as error:
-        raise InputError(f"{table.source}: {error}") from None
 
 
 def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surface: Surface | None) -> str:

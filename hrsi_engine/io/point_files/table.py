@@ -1,14 +1,22 @@
-"""What a reader of one format hands over, and how a reader is described."""
+"""What a reader of one format of point files hands over, under which field names, and how a reader is described.
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+Names are matched without regard to case; the first alias that a file has wins. ``pixel`` is not among the aliases of
+``sample``, because programs that write it disagree on where pixel 0 begins.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+
+from ...foundation.errors import InputError
+from ..opening.budgets import require_texts
+from ..opening.numbers import parse_finite
 
 
 @dataclass(frozen=True, eq=False)
 class PointTable:
-    """Rows of a point file under the field names of `columns.FIELDS`.
+    """Rows of a point file under the field names of `FIELDS`.
 
     source : file and layer, as messages name them
     columns : text columns (n,) str, '' where empty; number columns (n,) float64, NaN where empty
@@ -26,7 +34,7 @@ class PointTable:
     row_name: Callable[[int], str]
     geometry: np.ndarray | None = None
     crs: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     pairwise: bool = False
     operations: str = ""
 
@@ -53,3 +61,101 @@ class PointReader:
     title: str
     recognises: Callable[[str, str, bytes], bool]
     read: Callable[[str, str], PointTable]
+
+
+#: Text fields and what else they may be called.
+TEXT_FIELDS: dict[str, tuple[str, ...]] = {
+    "id": ("id", "point_id", "pointid", "gcp_id", "point", "name", "fid"),
+    "image": ("image", "image_id", "filename", "file"),
+    "role": ("role",),
+    "kind": ("kind",),
+    "track": ("track",),
+}
+#: Number fields and what else they may be called.
+NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
+    "lon": ("lon", "longitude", "long"),
+    "lat": ("lat", "latitude"),
+    "x": ("x", "easting", "east"),
+    "y": ("y", "northing", "north"),
+    "height": ("height", "h", "z", "elev", "elevation", "altitude", "h_mean", "h_li"),
+    "sigma_h": ("sigma_h", "sigma_z", "h_sigma", "h_li_sigma"),
+    "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
+    "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
+    "sample": ("sample", "samp", "column", "col", "sample_px", "x_px"),
+    "line": ("line", "row", "line_px", "y_px"),
+    "sigma": ("sigma", "sigma_px"),
+    # of laser heights, as SlideRule calls them
+    "slope": ("dh_fit_dx",),
+    "misfit": ("rms_misfit",),
+    "photons": ("n_fit_photons",),
+    "canopy": ("h_canopy",),
+} | {
+    name: (name,)  # those that are called nothing else
+    for name in (
+        "survey_lon", "survey_lat", "survey_height", "sigma_xy", "sigma_height_m", "corr_en", "corr_eh", "corr_nh",
+        "cov_ee", "cov_nn", "cov_hh", "cov_en", "cov_eh", "cov_nh", "quality", "rgt", "cycle",
+    )
+}  # fmt: skip
+FIELDS = TEXT_FIELDS | NUMBER_FIELDS
+#: Fields where ``inf`` means something: a coordinate that was not surveyed.
+MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
+
+
+def match_fields(names: Sequence[str]) -> dict[str, int]:
+    """Return, for each known field that a file has, the position of its column."""
+    position: dict[str, int] = {}
+    for index, name in enumerate(names):
+        position.setdefault(name.strip().lower(), index)
+    found = {}
+    for field, aliases in FIELDS.items():
+        alias = next((alias for alias in aliases if alias in position), None)
+        if alias is not None:
+            found[field] = position[alias]
+    return found
+
+
+def strip_texts(texts: Sequence[str], source: str, name: str) -> np.ndarray:
+    """Return a text column without surrounding blanks, ``(n,)`` str.
+
+    Raises `InputError` naming file and field where a text is longer than any name.
+    """
+    stripped = list(map(str.strip, texts))
+    require_texts(source, name, len(stripped), max(map(len, stripped), default=0))
+    return np.array(stripped, dtype=str)
+
+
+def parse_numbers(
+    texts: Sequence[str], where: Callable[[int], str], decimal_comma: bool = False, infinite: bool = False
+) -> np.ndarray:
+    """Return a number column, ``(n,)`` float64, NaN where the field is empty.
+
+    ``where`` names the field and the row of an index. Raises `InputError` for a text that is no number, or not finite
+    where ``infinite`` ones mean nothing.
+    """
+    try:
+        values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    except ValueError:
+        pass
+    else:
+        joined = "".join(texts)  # Python reads 1_000 and full-width digits as parse_numbers
+        if np.isfinite(values).all() and joined.isascii() and "_" not in joined:
+            return values
+    one_by_one = [_parse_number(text, index, where, decimal_comma, infinite) for index, text in enumerate(texts)]
+    return np.array(one_by_one, dtype=np.float64)
+
+
+def _parse_number(text: str, index: int, where: Callable[[int], str], decimal_comma: bool, infinite: bool) -> float:
+    text = text.strip()
+    if text.lower() in ("", "null", "none", "na", "n/a", "nan"):
+        return np.nan
+    if infinite and text.lower() in ("inf", "+inf", "infinity"):
+        return np.inf
+    value = parse_finite(text.replace(",", ".") if decimal_comma else text)
+    if value is None:
+        advice = "correct it, or leave an optional field empty"
+        if any(sign in text for sign in "°º'′\""):
+            advice = "give degrees as one decimal number, south and west negative"
+        elif "," in text and parse_finite(text.replace(",", ".")) is not None:
+            advice = "write decimals with a point, or let semicolons part the columns"
+        raise InputError(f"{where(index)}: {text[:40]!r} is not a number: {advice}")
+    return value

@@ -1,0 +1,222 @@
+"""GCPs as other programs keep them.
+
+* ``.gcp`` of the Ames Stereo Pipeline, one point a line: id, lat, lon, height above the ellipsoid, three sigmas (m),
+  then for each image its name, column and row from the centre of the first pixel, and their sigmas (px). Fields are
+  separated by blanks or commas. The sigmas are those of the geocentric x, y and z, as bundle_adjust takes them by
+  default; where they differ, east, north and height are correlated.
+* GCPs stored in an image file. GDAL counts their pixel and line from the upper left *corner* of the image, and numbers
+  them within it, so ids that are empty or mere numbers get the image's id in front. GDAL cannot say "no height": where
+  all heights are exactly 0 they count as not given.
+* Orthority's GCP GeoJSON: points with ``ji`` = [column, row] from the centre of the first pixel, and ``filename``.
+  Positions are longitude, latitude and ellipsoidal height, as GeoJSON (RFC 7946) says.
+* ``.points`` of the QGIS Georeferencer: map coordinates and pixels, no heights and no names. QGIS counts pixels from
+  the upper left *corner* of the image, with y negative downwards. Points that were switched off there are left out.
+  Each point is called ``IMAGE-ROW``; the image is that of the file's name (``a.tif.points``).
+"""
+
+import csv
+import math
+import os
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from ...foundation.errors import InputError
+from ...ground.geodesy import east_north_up
+from ..opening.budgets import require_size
+from ..opening.datasets import open_dataset
+from ..opening.json_files import read_json
+from ..opening.numbers import has_decimal_commas, parse_finite
+from ..rasters.images import image_id
+from .table import PointReader, PointTable, parse_numbers
+
+# ---- Ames Stereo Pipeline ------------------------------------------------------------------------------------------
+
+_POINT_FIELDS, _IMAGE_FIELDS = 7, 5
+_ASP_FIELDS = ("id", "lat", "lon", "height", "sigma_xy", "sigma_h", "image", "sample", "line", "sigma")
+_Row = tuple[int, str, str, list[float]]
+
+
+def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
+    """Return one row for each point and image; raise `InputError` naming the line where one is damaged."""
+    require_size(path, "points")
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            lines = file.read().splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
+    rows: list[_Row] = []
+    for number, text in enumerate(lines, start=1):
+        data = text.partition("#")[0]
+        if has_decimal_commas(data.partition(" ")[2]):
+            raise InputError(f"{path}, line {number}: has decimals behind commas: write them with a point")
+        fields = data.replace(",", " ").split()
+        rows += _parse_line(path, number, fields) if fields else []
+    values = np.array([row[3] for row in rows], dtype=np.float64).reshape(-1, 10)
+    lat, lon, height, sx, sy, sz, sample, line, s_sample, s_line = values.T
+    columns = {
+        "id": np.array([row[1] for row in rows], dtype=str),
+        "image": np.array([row[2] for row in rows], dtype=str),
+        "sample": sample,
+        "line": line,
+        "sigma": np.hypot(s_sample, s_line) / math.sqrt(2.0),
+    }
+    notes: tuple[str, ...] = ()
+    if ((sx == sy) & (sx == sz)).all():
+        columns |= {"sigma_xy": sx, "sigma_h": sz}
+    else:  # the covariance of east, north and height
+        axes = east_north_up(lon, lat)
+        covariance = (axes * np.column_stack([sx, sy, sz])[:, None, :] ** 2) @ axes.swapaxes(1, 2)
+        columns |= {f"cov_{'enh'[i]}{'enh'[j]}": covariance[:, i, j] for i in range(3) for j in range(i, 3)}
+        notes = (
+            f"{path}: the three sigmas of a point differ: they are taken along the geocentric x, y and z axes, as "
+            "bundle_adjust does unless told otherwise",
+        )
+    geometry = np.column_stack([lon, lat, height])
+    return PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
+
+
+def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
+    """Return the rows of one line: a point that no image shows gives one without a measurement."""
+    point, images = fields[:_POINT_FIELDS], fields[_POINT_FIELDS:]
+    if len(point) < _POINT_FIELDS or len(images) % _IMAGE_FIELDS:
+        raise InputError(
+            f"{path}, line {number}: needs {_POINT_FIELDS} fields and {_IMAGE_FIELDS} more for each image: complete it"
+        )
+    position = _parse_floats(path, number, point[1:])
+    if not images:
+        return [(number, point[0], "", position + [math.nan] * 4)]
+    groups = [images[start : start + _IMAGE_FIELDS] for start in range(0, len(images), _IMAGE_FIELDS)]
+    return [(number, point[0], group[0], position + _parse_floats(path, number, group[1:])) for group in groups]
+
+
+def _parse_floats(path: str, number: int, texts: list[str]) -> list[float]:
+    values = []
+    for text in texts:
+        value = parse_finite(text)
+        if value is None:
+            raise InputError(f"{path}, line {number}: {text[:40]!r} is not a number: correct it")
+        values.append(value)
+    return values
+
+
+ASP_GCPS = PointReader("Ames Stereo Pipeline GCPs", lambda _path, name, _head: name.endswith(".gcp"), read_asp_gcps)
+
+# ---- GDAL ----------------------------------------------------------------------------------------------------------
+
+
+def read_image_gcps(path: str, _layer: str = "") -> PointTable:
+    """Return the GCPs of an image; raise `InputError` where it has none."""
+    dataset, message = open_dataset(path)
+    if dataset is None:
+        raise InputError(f"{path}: cannot be opened as an image ({message}): check the file")
+    gcps = dataset.GetGCPs()
+    if not gcps:
+        raise InputError(f"{path}: is an image without GCPs: name a point layer or CSV instead")
+    image = image_id(path)
+    ids = [str(gcp.Id).strip() or str(number) for number, gcp in enumerate(gcps, start=1)]
+    columns = {
+        "id": np.array([f"{image}-{name}" if name.isdigit() else name for name in ids], dtype=str),
+        "image": np.full(len(gcps), image),
+        "sample": np.array([gcp.GCPPixel for gcp in gcps]) - 0.5,
+        "line": np.array([gcp.GCPLine for gcp in gcps]) - 0.5,
+    }
+    geometry = np.array([[gcp.GCPX, gcp.GCPY, gcp.GCPZ] for gcp in gcps])
+    if not geometry[:, 2].any():
+        geometry[:, 2] = np.nan
+    reference = dataset.GetGCPSpatialRef()
+    crs = reference.ExportToWkt(["FORMAT=WKT2_2019"]) if reference is not None else ""
+    return PointTable(path, columns, tuple(columns), lambda row: f"GCP {row + 1}", geometry, crs)
+
+
+IMAGE_GCPS = PointReader(
+    "GCPs in an image", lambda path, _name, _head: open_dataset(path)[0] is not None, read_image_gcps
+)
+
+# ---- Orthority -----------------------------------------------------------------------------------------------------
+
+
+def read_orthority_gcps(path: str, _layer: str = "") -> PointTable:
+    """Return the GCPs of a file; raise `InputError` naming the feature where one is damaged."""
+    try:
+        features = read_json(path, "points")["features"]
+    except (TypeError, KeyError) as error:
+        raise InputError(f"{path}: is no GeoJSON feature collection ({error}): check the file") from None
+    if not isinstance(features, list):
+        raise InputError(f"{path}: 'features' is no list: check the file")
+    rows = [_read_feature(path, number, feature) for number, feature in enumerate(features)]
+    values = np.array([row[2] for row in rows], dtype=np.float64).reshape(-1, 5)
+    columns = {
+        "id": np.array([row[0] for row in rows], dtype=str),
+        "image": np.array([row[1] for row in rows], dtype=str),
+        "sample": values[:, 0],
+        "line": values[:, 1],
+    }
+    return PointTable(path, columns, ("id", "filename", "ji"), "feature {}".format, values[:, 2:], "EPSG:4979")
+
+
+def _read_feature(path: str, number: int, feature: Any) -> tuple[str, str, list[float]]:
+    """Return id, file name and column, row, lon, lat, height of one feature."""
+    try:
+        properties, coordinates = feature["properties"], feature["geometry"]["coordinates"]
+        values = [float(value) for value in (*properties["ji"], *coordinates)]
+        name, filename = properties["id"], properties["filename"]
+        if len(properties["ji"]) != 2 or len(coordinates) not in (2, 3) or not all(map(math.isfinite, values)):
+            raise ValueError("numbers are missing or too many")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}, feature {number}: needs id, filename, ji and point ({error}): correct it") from None
+    return str(name).strip(), str(filename).strip(), values + [math.nan] * (5 - len(values))
+
+
+def _is_orthority(_path: str, name: str, head: bytes) -> bool:
+    return name.endswith((".geojson", ".json")) and b'"ji"' in head
+
+
+ORTHORITY_GCPS = PointReader("Orthority GCPs", _is_orthority, read_orthority_gcps)
+
+# ---- QGIS ----------------------------------------------------------------------------------------------------------
+
+
+def read_qgis_points(path: str, _layer: str = "") -> PointTable:
+    """Return the points that are switched on; raise `InputError` where the file is damaged."""
+    require_size(path, "points")
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            lines = file.read().splitlines()
+        offset = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+        rows = [row for row in csv.reader(islice(lines, offset, None)) if row]
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read ({error}): save the points again in the Georeferencer") from None
+    crs = next((line.partition(":")[2].strip() for line in lines if line.lower().startswith("#crs:")), "")
+    names = [name.strip() for name in rows[0]] if rows else []
+    position = {name.lower(): index for index, name in reversed([*enumerate(names)])}
+
+    def get_text(row: list[str], name: str) -> str:
+        index = position.get(name, len(row))
+        return row[index] if index < len(row) else ""
+
+    def get_column(*aliases: str) -> np.ndarray:
+        alias = next((alias for alias in aliases if alias in position), None)
+        if alias is None:
+            raise InputError(f"{path}: has no field {aliases[0]!r}: save the points again in the Georeferencer")
+        texts = [get_text(row, alias) for _, row in body]
+        return parse_numbers(texts, lambda at: f"{path}, point {body[at][0]}, field {aliases[0]!r}")
+
+    body = [(number, row) for number, row in enumerate(rows[1:], 1) if get_text(row, "enable").strip() != "0"]
+    off = len(rows) - 1 - len(body)
+    image = image_id(os.path.splitext(path)[0])
+    geometry = np.column_stack([get_column("mapx"), get_column("mapy"), np.full(len(body), np.nan)])
+    columns = {
+        "id": np.array([f"{image}-{number}" for number, _ in body], dtype=str),
+        "image": np.full(len(body), image),
+        "sample": get_column("sourcex", "pixelx") - 0.5,  # QGIS 3.26 and later, and before
+        "line": -get_column("sourcey", "pixely") - 0.5,
+    }
+    notes = (f"{path}: {off} points are switched off and left out",) if off > 0 else ()
+    return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
+
+
+QGIS_POINTS = PointReader(
+    "QGIS Georeferencer points", lambda _path, name, _head: name.endswith(".points"), read_qgis_points
+)

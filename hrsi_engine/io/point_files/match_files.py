@@ -1,0 +1,341 @@
+"""Matches and tie points as other programs keep them: two rows a match, one in each image.
+
+* ``PREFIX-IMAGE1__IMAGE2.match`` of the Ames Stereo Pipeline, little-endian: the numbers of interest points of both
+  images (uint64), then their records, the first image first: x, y (float32, from the centre of the first pixel), their
+  integer parts (int32), orientation, scale, interest (float32), polarity (1 byte), octave, level (uint32), length of
+  the descriptor (uint64), descriptor (float32). The k-th records of both images match. As plain text,
+  ``PREFIX-IMAGE1__IMAGE2.txt``, which external matchers write too: six numbers a match, x, y and uncertainty in the
+  first image, then in the second. The uncertainties are scales of the detector or 1, not standard deviations, and are
+  not used.
+* The database of COLMAP (SQLite, https://colmap.github.io/database.html): tables ``images`` (image_id, name),
+  ``keypoints`` (image_id, rows, cols, data: float32, x and y first) and ``two_view_geometries``, the matches that
+  COLMAP verified, or, where there are none, ``matches`` (pair_id, rows, cols, data: uint32 pairs of keypoint numbers
+  from 0). ``pair_id`` is 2147483647 times the smaller image_id plus the larger. COLMAP counts pixels from the corner,
+  the centre of the upper left one is (0.5, 0.5): half a pixel is taken off.
+* HDF5 of hloc (Hierarchical-Localization), read by GDAL. A file of matches has a group ``NAME1/NAME2`` a pair, slashes
+  in names replaced by hyphens, with ``matches0 (n,)``: the number of the keypoint of the second image that each of the
+  first image's matches, -1 for none. The keypoints stand in the file of features, a group an image by its name,
+  ``keypoints (n, 2)``: x, y from the CENTRE of the first pixel, as HRSI counts (hloc adds 0.5 when it hands them to
+  COLMAP). Dense matchers (``match_dense``) write ``keypoints0`` and ``keypoints1`` of the pair beside the matches; then
+  no file of features is needed. hloc calls a file of matches ``FEATURES_MATCHER_PAIRS.h5`` after ``FEATURES.h5`` beside
+  it; another one is named by ``|features=FILE``. hloc keeps keypoints in half precision unless told otherwise: beyond
+  2048 px they are whole pixels, beyond 4096 px even ones.
+* Tie points of MicMac (MMVII): a file an image, ``PMUL-IMAGE.csv`` with the fields Pt.x, Pt.y, Id. The same Id on other
+  images is the same point. Pixels count from the corner of the first pixel, as everywhere in MicMac: half a pixel is
+  taken off.
+"""
+
+import os
+import re
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from osgeo import gdal
+
+from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
+from ..opening.budgets import require_size
+from ..opening.datasets import gdal_messages
+from ..opening.sound_databases import require_sound, sound_database
+from . import csv_text
+from .table import PointReader, PointTable
+
+#: Names of two images, and the positions of their matches ``(2 k, 2)``, those in the first image first.
+_Matches = tuple[str, str, np.ndarray]
+
+
+def _make_table(path: str, pairs: Sequence[_Matches], field_names: tuple[str, ...]) -> PointTable:
+    """Return two rows a match."""
+    counts = [len(xy) // 2 for _, _, xy in pairs]
+    numbers = [np.arange(count).astype(str) for count in counts]
+    ids = [np.char.add(f"{first}__{second}:", n) for (first, second, _), n in zip(pairs, numbers, strict=True)]
+    xy = np.concatenate([xy for _, _, xy in pairs])
+    columns = {
+        "id": np.concatenate([np.tile(each, 2) for each in ids]),
+        "image": np.concatenate([np.repeat(pair[:2], count) for pair, count in zip(pairs, counts, strict=True)]),
+        "sample": xy[:, 0],
+        "line": xy[:, 1],
+    }
+    match = np.concatenate([np.tile(np.arange(count) + 1, 2) for count in counts])
+    return PointTable(path, columns, field_names, lambda row: f"match {match[row]}", pairwise=True)
+
+
+def _match_keypoints(
+    path: str, names: tuple[str, str], keypoints: tuple[np.ndarray, np.ndarray], rows: np.ndarray
+) -> _Matches:
+    """Return the matches of two images by rows ``(k, 2)`` of their keypoints; raise `InputError` where one is none."""
+    (first, second), (first_xy, second_xy) = names, keypoints
+    there = len(first_xy), len(second_xy)
+    if len(rows) and ((rows < 0) | (rows >= there)).any():
+        raise InputError(
+            f"{path}: matches of {first} and {second} point at keypoints that are not there "
+            f"({there[0]} and {there[1]} are): name the keypoints that these matches were made of"
+        )
+    xy = np.concatenate([first_xy[rows[:, 0]], second_xy[rows[:, 1]]])
+    if not np.isfinite(xy).all():
+        raise InputError(f"{path}: keypoints of {first} or {second} are no numbers: get the file again")
+    return first, second, xy
+
+
+# ---- Ames Stereo Pipeline ------------------------------------------------------------------------------------------
+
+_COUNTS, _RECORD = struct.Struct("<QQ"), struct.Struct("<ffiifffBIIQ")
+_PAIR_NAME = re.compile(r"(.+)__(.+?)(-clean)?\.(match|txt)$", re.IGNORECASE)
+_NUMBERS = 6  # a line of a text file
+
+
+def read_asp_matches(path: str, _layer: str = "") -> PointTable:
+    """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
+    named = _PAIR_NAME.match(os.path.basename(path))
+    if named is None:
+        raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
+    is_binary = path.lower().endswith(".match")
+    require_size(path, "matches" if is_binary else "points")
+    try:
+        with open(path, "rb") as file:
+            content = file.read()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}): check the file") from None
+    xy = _parse_records(path, content) if is_binary else _parse_text(path, content)
+    return _make_table(path, [(named[1], named[2], xy)], ("x", "y"))
+
+
+def _parse_text(path: str, content: bytes) -> np.ndarray:
+    """Return x and y ``(2 k, 2)`` of a text file, those in the first image first."""
+    rows = [line.split() for line in content.decode("latin-1").splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    try:
+        numbers = np.array([[float(text) for text in row] for row in rows]).reshape(-1, _NUMBERS)
+    except ValueError:
+        numbers = np.full((1, _NUMBERS), np.nan)
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{path}: a match is six numbers a line, x, y and uncertainty in both images: get it again")
+    return np.concatenate([numbers[:, 0:2], numbers[:, 3:5]])
+
+
+def _parse_records(path: str, content: bytes) -> np.ndarray:
+    """Return x and y of all records ``(2 k, 2)``."""
+    try:
+        first, second = _COUNTS.unpack_from(content)
+        if first != second or _COUNTS.size + 2 * first * _RECORD.size > len(content):
+            raise ValueError(f"it tells of {first} and {second} interest points")
+        xy, offset = np.empty((2 * first, 2)), _COUNTS.size
+        for row in range(2 * first):
+            record = _RECORD.unpack_from(content, offset)
+            xy[row] = record[:2]
+            offset += _RECORD.size + 4 * record[-1]
+        if offset != len(content):
+            raise ValueError(f"{len(content)} bytes instead of {offset}")
+    except (struct.error, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: is no complete match file ({error}): get it again") from None
+    if not np.isfinite(xy).all():
+        raise InputError(f"{path}: holds positions that are no numbers: get it again")
+    return xy
+
+
+def _is_text(_path: str, name: str, head: bytes) -> bool:
+    lines = [line for line in head.splitlines() if line.strip() and not line.lstrip().startswith(b"#")]
+    if not (name.endswith(".txt") and _PAIR_NAME.match(name) and lines):
+        return False
+    try:
+        return len([float(text) for text in lines[0].split()]) == _NUMBERS
+    except ValueError:
+        return False
+
+
+ASP_MATCHES = PointReader(
+    "Ames Stereo Pipeline matches", lambda _path, name, _head: name.endswith(".match"), read_asp_matches
+)
+ASP_TEXT_MATCHES = PointReader("Ames Stereo Pipeline matches as text", _is_text, read_asp_matches)
+
+# ---- COLMAP --------------------------------------------------------------------------------------------------------
+
+_MATCHED = "SELECT pair_id, rows, cols, data FROM matches WHERE rows > 0"
+_VERIFIED = "SELECT pair_id, rows, cols, data FROM two_view_geometries WHERE rows > 0"
+
+
+def read_colmap(path: str, _layer: str = "") -> PointTable:
+    """Return two rows a match; raise `InputError` where the database is damaged or holds no matches."""
+    require_size(path, "matches")
+    require_sound(path)
+    with sound_database(path) as database:
+        listed = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+        tables = {str(name) for (name,) in listed}
+        missing = {"images", "keypoints", "matches"} - tables
+        if missing:
+            raise InputError(f"{path}: is no database of COLMAP, it has no table {min(missing)!r}: name another file")
+        names = {int(number): str(name) for number, name in database.execute("SELECT image_id, name FROM images")}
+        stored = database.execute("SELECT image_id, rows, cols, data FROM keypoints").fetchall()
+        verified = database.execute(_VERIFIED).fetchall() if "two_view_geometries" in tables else []
+        pairs = verified or database.execute(_MATCHED).fetchall()
+    if not pairs:
+        raise InputError(f"{path}: holds no matches: run a matcher of COLMAP first")
+    keypoints = {
+        int(number): _parse_blob(path, "keypoints", data, rows, cols, "<f4")[:, :2].astype(np.float64) - 0.5
+        for number, rows, cols, data in stored
+    }
+    found: list[_Matches] = []
+    for pair_id, rows, cols, data in pairs:
+        first, second = divmod(int(pair_id), 2147483647)
+        for number in (first, second):
+            if number not in names or number not in keypoints:
+                raise InputError(f"{path}: has matches of image {number} and no keypoints of it: get the file again")
+        index = _parse_blob(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
+        between = (names[first], names[second]), (keypoints[first], keypoints[second])
+        found.append(_match_keypoints(path, *between, index))
+    return _make_table(path, found, ("keypoints", "matches"))
+
+
+def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
+    """Return a blob as ``(rows, cols)``; raise `InputError` where it holds anything else."""
+    content = data if isinstance(data, bytes) else b""
+    whole = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
+    if not whole or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
+        raise InputError(f"{path}: a row of {table!r} holds {len(content)} bytes for {rows} x {cols}: get it again")
+    return np.frombuffer(content, dtype).reshape(rows, cols)  # type: ignore[call-overload]
+
+
+def _is_colmap(_path: str, name: str, head: bytes) -> bool:
+    return head.startswith(b"SQLite format 3\0") and name.endswith(".db")
+
+
+COLMAP_DATABASE = PointReader("COLMAP database", _is_colmap, read_colmap)
+
+# ---- hloc ----------------------------------------------------------------------------------------------------------
+
+_MATCHES = "matches0"
+
+
+@thresholds
+class HLOC:
+    """What a file of hloc may claim to hold."""
+
+    numbers: float = threshold(1e8, "values", "most numbers of an array")
+    groups: int = threshold(10_000_000, "groups", "most groups of a file")
+
+
+def read_hloc(path: str, features: str = "") -> PointTable:
+    """Return two rows a match; ``features`` names the file of keypoints, by default the one that hloc's names tell."""
+    pairs = {name: group for name, group in _list_groups(path) if _has_item(group, _MATCHES)}
+    if not pairs:
+        raise InputError(
+            f"{path}: holds no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, and "
+            "that of the features as FILE|features=FILE"
+        )
+    known = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
+    found = [_read_pair(path, name, group, known) for name, group in pairs.items()]
+    return _make_table(path, found, ("keypoints", "matches"))
+
+
+def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, gdal.Group]]) -> _Matches:
+    """Return the matches of a group ``NAME1/NAME2``."""
+    first, _, second = name.partition("/")
+    other = _read_array(path, group, _MATCHES).ravel().astype(np.int64)
+    here = np.flatnonzero(other >= 0)
+    rows = np.column_stack([here, other[here]])
+    if _has_item(group, "keypoints0") and _has_item(group, "keypoints1"):
+        own = _read_positions(path, group, "keypoints0"), _read_positions(path, group, "keypoints1")
+        return _match_keypoints(path, (first, second), own, rows)
+    for image in (first, second):
+        if image not in known:
+            raise InputError(f"{path}: matches image {image}, of which there are no features: name their file "
+                             "as FILE|features=FILE")  # fmt: skip
+    (one, of_one), (two, of_two) = known[first], known[second]
+    keypoints = _read_positions(path, of_one, "keypoints"), _read_positions(path, of_two, "keypoints")
+    return _match_keypoints(path, (one, two), keypoints, rows)
+
+
+def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]]:
+    """Return images' names and groups by the name that pairs have for them.
+
+    Their file is ``features``, else the one that the file of matches is named after: the longest name that its own
+    begins with.
+    """
+    if not features:
+        folder, name = os.path.split(path)
+        others = [other for other in os.listdir(folder or ".") if other.endswith(".h5") and other != name]
+        fitting = [other for other in others if name.startswith(f"{other.removesuffix('.h5')}_")]
+        if not fitting:
+            raise InputError(f"{path}: the file of its features is not beside it: name it as {name}|features=FILE")
+        features = os.path.join(folder, max(fitting, key=len))
+    found = {name.replace("/", "-"): (name, at) for name, at in _list_groups(features) if _has_item(at, "keypoints")}
+    if not found:
+        raise InputError(f"{features}: holds no features of hloc (groups with 'keypoints'): name another file")
+    return found
+
+
+def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
+    """Return all groups of an HDF5 file with their names; raise `InputError` where it cannot be read."""
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: no such file: check the path")
+    require_size(path, "matches")
+    if gdal.GetDriverByName("HDF5") is None:
+        raise InputError(f"{path}: this GDAL reads no HDF5: install its HDF5 driver, or write the matches as text")
+    groups: list[tuple[str, gdal.Group]] = []
+    with gdal_messages() as messages:
+        dataset = gdal.OpenEx(path, gdal.OF_MULTIDIM_RASTER, allowed_drivers=["HDF5"])
+        waiting = [] if dataset is None else [("", dataset.GetRootGroup())]
+        while waiting:
+            name, group = waiting.pop()
+            if group is None or len(groups) > HLOC.groups:
+                groups = []
+                break
+            groups.append((name, group))
+            inner = group.GetGroupNames() or ()
+            waiting += [(f"{name}/{part}".lstrip("/"), group.OpenGroup(part)) for part in reversed(inner)]
+    if not groups:
+        said = messages[0] if messages else "no sound HDF5 file"
+        raise InputError(f"{path}: cannot be read ({said}): get the file again")
+    return groups
+
+
+def _has_item(group: gdal.Group, name: str) -> bool:
+    return name in (group.GetMDArrayNames() or ())
+
+
+def _read_positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
+    """Return keypoints ``(n, 2)``, float64."""
+    values = _read_array(path, group, name)
+    if values.ndim != 2 or values.shape[1] < 2:
+        raise InputError(f"{path}: {name!r} is {values.shape}, not (n, 2): get the file again")
+    return values[:, :2].astype(np.float64)
+
+
+def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
+    """Return the numbers of an array of a group."""
+    values: np.ndarray | None = None
+    with gdal_messages() as messages:
+        array = group.OpenMDArray(name)
+        sizes = [dimension.GetSize() for dimension in array.GetDimensions()]
+        if 0 in sizes:
+            return np.zeros(sizes)
+        if np.prod(sizes, dtype=float) > HLOC.numbers:
+            raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: get the file again")
+        values = array.ReadAsArray()
+    if values is None or values.dtype.kind not in "iuf":
+        raise InputError(f"{path}: {name!r} cannot be read ({'; '.join(messages) or 'no numbers'}): get the file again")
+    return values
+
+
+HLOC_MATCHES = PointReader("hloc matches", lambda _path, _name, head: head.startswith(b"\x89HDF\r\n\x1a\n"), read_hloc)
+
+# ---- MicMac --------------------------------------------------------------------------------------------------------
+
+
+def read_micmac(path: str, _layer: str = "") -> PointTable:
+    """Return the tie points of one image; the image is the one that the file's name says."""
+    table = csv_text.read(path, renamed={"pt.x": "sample", "pt.y": "line"})
+    columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in table.columns.keys() & {"sample", "line"}}
+    name = os.path.basename(path)
+    if name.lower().startswith("pmul-"):
+        columns["image"] = np.full(len(table), name[len("pmul-") : -len(".csv")])
+    return replace(table, columns=columns)
+
+
+def _is_micmac(_path: str, name: str, head: bytes) -> bool:
+    begin = head.lstrip(b"\xef\xbb\xbf").lower()
+    return name.endswith(".csv") and begin.startswith((b"pt.x,pt.y", b"pt.x;pt.y"))
+
+
+MICMAC_TIE_POINTS = PointReader("MicMac tie points", _is_micmac, read_micmac)
