@@ -56,9 +56,32 @@ def _make_folder(path: Path) -> None:
 def test_a_delivery_of_60000_files_is_refused_at_once(tmp_path: Path, name: str, make) -> None:
     make(tmp_path / name)
     before = _cpu_seconds()
-    with pytest.raises(InputError, match=rf"{name}: holds \d+ files .* name the images"):
+    with pytest.raises(InputError, match=rf"{name}: holds more than \d+ files .* name the images"):
         resolve_images([str(tmp_path / name)], lambda _text: None)
     assert _cpu_seconds() - before < MOST_CPU_S
+
+
+@pytest.mark.long
+def test_a_delivery_of_10000_images_is_read(tmp_path: Path) -> None:
+    """Images may be as many as there are files, each with its XML and `_RPC.TXT`; none lists the folder anew."""
+    write_image(tmp_path / "first.tif", sample_rpc(1), size=(4, 3))
+    folder = tmp_path / "many"
+    folder.mkdir()
+    for number in range(10_000):
+        os.link(tmp_path / "first.tif", folder / f"i{number}.tif")
+    for number in range(0, 10_000, 5):
+        (folder / f"i{number}.xml").write_text("<isd/>", encoding="utf-8")
+    os.utime(folder, (1e9, 1e9))
+    before = _cpu_seconds()
+    assert len(resolve_images([str(folder)], lambda _text: None)) == 10_000
+    assert _cpu_seconds() - before < 60.0  # 5000 images took 70 while each listed the folder, and 10 000 four times that
+
+
+def test_a_file_that_comes_beside_an_image_is_seen(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.tif", sample_rpc(1), size=(40, 30))
+    assert read_rpc(str(tmp_path / "a.tif")).source.startswith("GeoTIFF tag")
+    write_rpc_text(str(tmp_path / "a_RPC.TXT"), sample_rpc(2))
+    assert read_rpc(str(tmp_path / "a.tif")).rpc == sample_rpc(2)
 
 
 def test_an_archive_that_unfolds_without_end_is_refused(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ LIST = "@"  #: begins the name of a text file with an image a line
 ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
 RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
-_LOOKED_AT = (*IMAGE_ENDINGS, ".xml", ".dim")  # files that are opened
 
 
 def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
@@ -87,18 +86,18 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     """
     files = [os.path.join(folder, file) for file in _list_files(name, folder)]
     files = [file for file in files if not os.path.basename(file).startswith(".")]
-    require_delivery(name, len(files), sum(file.lower().endswith(_LOOKED_AT) for file in files))
     faults: list[str] = []
     products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
+    require_delivery(name, len(products), FILE_BUDGETS.delivery_in_vain, "files that describe products")
     tiled = {part: file for file in products for part in _list_parts(file)}
     rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
-    images = [*_with_rpc([file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
+    images = [*_with_rpc(name, [file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
     if not images:
         names = [os.path.basename(file).lower() for file in products]
         named = {name.replace("dim_", "rpc_", 1) for name in names if name.startswith("dim_")}
         alone = [one for one in files if os.path.basename(one).lower() not in named and not one.endswith(".aux.xml")]
-        require_delivery(name, 0, len(alone))
-        images = [*_with_rpc([file for file in alone if _is_rpc_file(file)], faults)]
+        texts = [file for file in alone if _is_rpc_file(file)]
+        images = [*_with_rpc(name, texts, faults)]
     if not images:
         reason = f" ({faults[0]})" if faults else ""
         raise InputError(f"{name}: holds no image with an RPC{reason}: name the images, or another folder")
@@ -115,7 +114,9 @@ def _list_files(name: str, folder: str) -> list[str]:
         packed, unfolded = os.path.getsize(name), sum(size for _name, size in held)
         if unfolded > max(FILE_BUDGETS.points_bytes, FILE_BUDGETS.packed_factor * packed):
             raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: get it again")
-        require_delivery(name, len(held), sum(one.lower().endswith(_LOOKED_AT) for one, _size in held))
+        require_delivery(name, len(held))
+        may_be = sum(one.lower().endswith((*IMAGE_ENDINGS, ".xml", ".dim")) for one, _size in held)
+        require_delivery(name, may_be, FILE_BUDGETS.archive_images, "files that may be images")
         if any(one.count("/") > FILE_BUDGETS.delivery_depth for one, _size in held):
             raise InputError(f"{name}: holds folders deeper than {FILE_BUDGETS.delivery_depth}: unpack what you need")
         listed = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
@@ -129,7 +130,7 @@ def _list_files(name: str, folder: str) -> list[str]:
             continue
         seen.add((status.st_dev, status.st_ino))
         found += [os.path.normpath(os.path.join(within, file)) for file in files]
-        require_delivery(name, len(found), 0)
+        require_delivery(name, len(found))
     return sorted(file for file in found if file.encode(errors="ignore").decode() == file)
 
 
@@ -146,11 +147,16 @@ def _is_rpc_file(file: str) -> bool:
         return False
 
 
-def _with_rpc(files: Sequence[str], faults: list[str]) -> Iterator[str]:
-    """Yield the files with an RPC; note what is wrong with the others."""
-    for file in files:
+def _with_rpc(name: str, files: Sequence[str], faults: list[str]) -> Iterator[str]:
+    """Yield the files with an RPC; note what is wrong with the others, of which a delivery has few."""
+    in_vain = 0
+    for number, file in enumerate(files):
         try:
             if read_rpc_or_none(file) is not None:
                 yield file
+                continue
         except InputError as error:
             faults.append(str(error))
+        in_vain += 1
+        most = FILE_BUDGETS.delivery_in_vain + number + 1 - in_vain
+        require_delivery(name, in_vain, most, "files that are no images with RPCs")

@@ -68,9 +68,12 @@ class FILE_BUDGETS:
     delivery_files: int = threshold(
         200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
     )
-    delivery_images: int = threshold(
-        5_000, "files", "most files of a folder or archive that are opened to see whether they are images with RPCs",
-        "each takes 1 ms; a delivery has some hundred tiles",
+    delivery_in_vain: int = threshold(
+        5_000, "files", "most files of a folder or archive that are opened in vain: they are no images with RPCs",
+        "each takes 1 ms; as many more as there are images before them, which may have masks and browse images",
+    )  # fmt: skip
+    archive_images: int = threshold(
+        20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
     )  # fmt: skip
     delivery_depth: int = threshold(32, "folders", "deepest folder of a delivery")
     packed_factor: int = threshold(
@@ -244,13 +247,11 @@ def _require_small_directory(path: str) -> None:
         raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
 
 
-def require_delivery(name: str, files: int, images: int) -> None:
-    """Raise `InputError` for a folder or archive with more files, or files that may be images, than a delivery has."""
-    for count, most, what in ((files, FILE_BUDGETS.delivery_files, "files"),
-                              (images, FILE_BUDGETS.delivery_images, "files that may be images")):  # fmt: skip
-        if count > most:
-            raise InputError(f"{name}: holds {count} {what}, more than are looked through ({most}): name the images "
-                             "themselves (by a pattern such as FOLDER/*.tif, or @LIST), or parts of it")  # fmt: skip
+def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:
+    """Raise `InputError` for a folder or archive that holds more of something than a delivery does."""
+    if count > most:
+        raise InputError(f"{name}: holds more than {most} {what}: name the images themselves (by a pattern such as "
+                         "FOLDER/*.tif, or @LIST), or parts of it")  # fmt: skip
 
 
 def database_seconds(size: int) -> float:

@@ -1,6 +1,9 @@
 """Bytes, text and XML of small side files: bounded in size, and every fault an `InputError` that names the file."""
 
 import os
+import time
+from collections.abc import Sequence
+from functools import lru_cache
 
 # Bandit warns of this package because its own parsers expand entities. None of them is used: `read_xml` parses with
 # expat, which refuses every document type, and with it every entity; these three only hold and write a tree.
@@ -17,6 +20,7 @@ from ..opening.plain_files import require_plain
 from ..opening.virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
+SETTLED_NS = 2_000_000_000  # a folder unchanged for longer than clocks of file systems are coarse is listed once
 
 
 def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
@@ -116,11 +120,21 @@ def siblings(path: str) -> dict[str, str]:
     only, the first in sorted order counts (capitals).
     """
     folder = os.path.dirname(path)
+    if folder.startswith("/vsi"):
+        return _by_lower_case(folder, call_quiet(gdal.ReadDir, folder) or [])
     try:
-        names = (call_quiet(gdal.ReadDir, folder) or []) if folder.startswith("/vsi") else os.listdir(folder or ".")
+        status = os.stat(folder or ".")
+        settled = time.time_ns() - status.st_mtime_ns > SETTLED_NS
+        list_files = _list_folder if settled else _list_folder.__wrapped__
+        return list_files(folder, (status.st_dev, status.st_ino, status.st_mtime_ns))
     except OSError:
         return {}
-    found: dict[str, str] = {}
-    for name in sorted(names):
-        found.setdefault(name.lower(), os.path.join(folder, name))
-    return found
+
+
+@lru_cache(maxsize=8)
+def _list_folder(folder: str, _identity: tuple[int, int, int]) -> dict[str, str]:
+    return _by_lower_case(folder, os.listdir(folder or "."))
+
+
+def _by_lower_case(folder: str, names: Sequence[str]) -> dict[str, str]:
+    return {name.lower(): os.path.join(folder, name) for name in sorted(names, reverse=True)}
