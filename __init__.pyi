@@ -2026,7 +2026,8 @@ def simulate(
     lon: float = 5.45,
     lat: float = 43.53,
     height: float = 250.0,
-    relief: float = 100.0,
+    landform: Literal["mountains", "hills", "farmland", "city", "flat"] = "hills",
+    relief: float | None = None,
     cliffs: float = 0.0,
     seed: int = 1,
     gcps: int = 10,
@@ -2054,8 +2055,10 @@ def simulate(
     free_dem: float = 0.0,
     free_dem_trees: float = 0.2,
     free_dem_tree_height: float = 10.0,
-    free_dem_noise: float = 1.5,
-    free_dem_common: float = 1.0,
+    free_dem_noise: float = 1.0,
+    free_dem_correlation: float = 300.0,
+    free_dem_common: float = 2.0,
+    free_dem_place: float = 2.8,
     free_ortho: float = 0.0,
     free_ortho_error: float = 5.0,
     free_ortho_corner: float = 0.0,
@@ -2080,9 +2083,10 @@ def simulate(
 
     With ``laser_passes`` a laser altimeter flies over it: laser.csv holds its points as SlideRule
     writes them, with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each
-    met. With ``free_dem`` and ``free_ortho`` free_dem.tif is a DEM into which trees are smoothed
-    (ellipsoidal heights), and free_ortho.tif an orthoimage in four bands, from another season and some
-    metres beside the truth; what free_ortho.tif is off by stands in report.json.
+    met. With ``free_dem`` and ``free_ortho`` free_dem.tif is a DEM with the errors of Copernicus GLO-30
+    (ellipsoidal heights; by what it is displaced stands in truth.json), and free_ortho.tif an
+    orthoimage in four bands, from another season and some metres beside the truth; what free_ortho.tif
+    is off by stands in report.json.
 
     Parameters
     ----------
@@ -2120,8 +2124,12 @@ def simulate(
         Latitude of the scene's centre (unit deg; default 43.53).
     height : float, optional
         Mean ellipsoidal height (unit m; default 250).
+    landform : str, optional
+        What the ground is like: how high its relief is, and whether buildings stand on it (one of
+        mountains, hills, farmland, city, flat; default hills).
     relief : float, optional
-        Range of heights of the hills (unit m; at least 0; default 100).
+        Range of heights of the relief; by default that of the landform: 1000, 100, 40, 30 and 2 m (unit
+        m; at least 0).
     cliffs : float, optional
         Height of cliffs; 0 makes none (unit m; at least 0; default 0).
     seed : int, optional
@@ -2183,9 +2191,17 @@ def simulate(
     free_dem_tree_height : float, optional
         Height of the trees in the free DEM (unit m; at least 0; default 10).
     free_dem_noise : float, optional
-        Standard deviation of the free DEM's cells (unit m; at least 0; default 1.5).
+        Standard deviation of the free DEM's heights on flat ground; three times that on slopes of 40 %
+        (unit m; at least 0; default 1).
+    free_dem_correlation : float, optional
+        Distance at which the correlation of these errors has fallen to 1/e; 0: each cell has its own
+        (unit m; at least 0; default 300).
     free_dem_common : float, optional
-        Standard deviation of what all cells of the free DEM are off by (unit m; at least 0; default 1).
+        Standard deviation of what all heights of the free DEM are off by (GLO-30: 4 m LE90, with the
+        noise) (unit m; at least 0; default 2).
+    free_dem_place : float, optional
+        Standard deviation of each coordinate in plan by which the free DEM is displaced (GLO-30: 6 m
+        CE90) (unit m; at least 0; default 2.8).
     free_ortho : float, optional
         Pixel size of an orthoimage as free ones are; 0 writes none (unit m; at least 0; default 0).
     free_ortho_error : float, optional

@@ -150,13 +150,14 @@ class Case:
 
 
 CLEAN, USUAL = LaserSpec(3, canopy=0.0, clouds=0.0), LaserSpec(3, canopy=0.1, clouds=0.03)
-OPEN_LAND, ORTHO = FreeDemSpec(30.0, trees=0.0), FreeOrthoSpec(10.0)
+IN_PLACE = FreeDemSpec(30.0, trees=0.0, noise_m=1.5, correlation_m=0.0, common_m=1.0, place_m=0.0)
+OPEN_LAND, ORTHO = IN_PLACE, FreeOrthoSpec(10.0)
 CASES = (
     Case("laser", USUAL),
     Case("laser, no canopy, no clouds", CLEAN),
     Case("laser, 30 % on canopy or clouds", LaserSpec(3, canopy=0.25, clouds=0.05)),
     Case("laser and DEM", USUAL, OPEN_LAND),
-    Case("laser and DEM, 10 m of trees on half of it", USUAL, FreeDemSpec(30.0, trees=0.5)),
+    Case("laser and DEM, 10 m of trees on half of it", USUAL, replace(IN_PLACE, trees=0.5)),
     Case("laser, DEM and reference", USUAL, OPEN_LAND, ORTHO),
     Case("the same, a corner of the reference 15 m off", USUAL, OPEN_LAND, replace(ORTHO, corner_m=15.0)),
     Case("laser and DEM, a pass 48 m off (other datum)", USUAL, OPEN_LAND, wrong_pass_m=48.0),
@@ -284,7 +285,7 @@ def matching(first: int) -> list[list[str]]:
             replace(image, raster=ArrayRaster(image.pixels.read(0, 0, *image.known_size)[0]))
             for image in add_pixels(simulated).images
         ]
-        made = simulate_free_dem(scene.terrain, scene.half_extent_m, FreeDemSpec(30.0), [seed, 60])
+        made = simulate_free_dem(scene.terrain, scene.half_extent_m, replace(IN_PLACE, trees=0.2), [seed, 60])
         dem = GridSurface.from_array(made.heights_m, made.first_deg, made.cell_deg)
         for change in CHANGES:
             spec = replace(ORTHO, change=change)

@@ -26,11 +26,12 @@ def run(options: SimulateOptions, context: Context) -> Report:
         return plan(context, folder, names, {"images": len(views), "GCPs": options.points.gcps})
     simulated = simulate_block(options.scene, views, options.points, options.noise, stage(context.progress, 0.0, 0.1))
     report = simulation_outputs.report_simulated_block(simulated, context.record)
+    free_dem = simulation_outputs.make_free_dem(simulated, options)
     changes = Transaction(folder)
     with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as temporary:
-        names = simulation_outputs.write_points_and_truth(temporary, simulated)
+        names = simulation_outputs.write_points_and_truth(temporary, simulated, free_dem)
         names += simulation_outputs.write_laser(temporary, simulated, options)
-        names += simulation_outputs.write_free_dem(temporary, simulated, options)
+        names += simulation_outputs.write_free_dem(temporary, free_dem)
         names += simulation_outputs.write_cameras(temporary, simulated, options, stage(context.progress, 0.1, 1.0))
         if options.free_ortho.pixel_m:
             errors = simulation_outputs.write_free_ortho(temporary, simulated, options, context.progress)

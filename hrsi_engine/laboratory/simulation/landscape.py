@@ -107,12 +107,16 @@ def make_discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: 
 
 @dataclass(frozen=True)
 class Landscape:
-    """The bent lattice of a scene, its land covers and its objects; everything follows from ``seed`` and ``scale``."""
+    """The bent lattice of a scene, its land covers and its objects; everything follows from ``seed`` and ``scale``.
+
+    ``town`` is the share of built-up blocks, where it is not that of `COVERS`.
+    """
 
     seed: int
     scale: float = 1.0
     date: int = 0
     change: float = 0.0
+    town: float | None = None
 
     def at_date(self, date: int, change: float) -> Landscape:
         """Return the landscape of another date: parcels differ by a share of their usual differences."""
@@ -147,6 +151,9 @@ class Landscape:
         """Index into `COVERS` of each block, (rows of v, columns of u)."""
         blocks = LAND_LATTICE.parcels // PER_BLOCK
         shares = np.array([cover.share for cover in COVERS])
+        if self.town is not None:
+            town = np.arange(len(COVERS)) == COVER_INDEX["town"]
+            shares = np.where(town, self.town, (1.0 - self.town) * shares / shares[~town].sum())
         rng = np.random.default_rng([self.seed, 11])
         return rng.choice(len(COVERS), size=(blocks, blocks), p=shares / shares.sum())
 

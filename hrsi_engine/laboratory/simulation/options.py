@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ...foundation.errors import InputError
 from ...foundation.options import option, options
 
@@ -9,6 +11,29 @@ from ...foundation.options import option, options
 SENSOR_NAMES = ("ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field")
 #: Azimuth of the flight (degrees), and the share by which neighbouring places overlap.
 HEADING_DEG, STRIP_OVERLAP = 190.0, 0.2
+
+
+class Landform(NamedTuple):
+    """What the ground is like.
+
+    Parameters
+    ----------
+    relief_m : float
+        Range of its heights.
+    town : float or None
+        Share of the blocks of land that are built up, with buildings that stand above the ground; None: the
+        landscape's own share, its roofs flat on the ground.
+    """
+
+    relief_m: float
+    town: float | None = None
+
+
+#: What `simulate` can be asked for.
+LANDFORMS = {
+    "mountains": Landform(1000.0), "hills": Landform(100.0), "farmland": Landform(40.0), "city": Landform(30.0, 0.7),
+    "flat": Landform(2.0),
+}  # fmt: skip
 
 
 @options
@@ -26,7 +51,14 @@ class SceneSpec:
     lon_deg: float = option(5.45, "Longitude of the scene's centre", name="lon", unit="deg", metavar="DEG")
     lat_deg: float = option(43.53, "Latitude of the scene's centre", name="lat", unit="deg", metavar="DEG")
     mean_height_m: float = option(250.0, "Mean ellipsoidal height", name="height", unit="m", metavar="M")
-    relief_m: float = option(100.0, "Range of heights of the hills", name="relief", minimum=0.0, unit="m", metavar="M")
+    landform: str = option(
+        "hills", "What the ground is like: how high its relief is, and whether buildings stand on it",
+        choices=tuple(LANDFORMS),
+    )  # fmt: skip
+    relief_m: float | None = option(
+        None, "Range of heights of the relief; by default that of the landform: 1000, 100, 40, 30 and 2 m",
+        name="relief", minimum=0.0, unit="m", metavar="M",
+    )  # fmt: skip
     cliff_m: float = option(0.0, "Height of cliffs; 0 makes none", name="cliffs", minimum=0.0, unit="m", metavar="M")
     seed: int = option(1, "The same seed and options give the same block", minimum=0, metavar="N")
     half_extent_m: float | None = None
@@ -39,10 +71,17 @@ class SceneSpec:
             raise InputError(
                 f"scene centre {self.lon_deg}, {self.lat_deg} is not a place: give degrees, east and north"
             )
-        if self.relief_m < 0.0 or self.cliff_m < 0.0:
+        if self.landform not in LANDFORMS:
+            raise InputError(f"landform {self.landform!r} is unknown: give one of {', '.join(LANDFORMS)}")
+        if (self.relief_m or 0.0) < 0.0 or self.cliff_m < 0.0:
             raise InputError(f"relief {self.relief_m} m and cliffs {self.cliff_m} m must not be negative")
         if not 0.0 <= self.change <= 1.0:
             raise InputError(f"change {self.change} of the scene between dates: give a share of 0 to 1")
+
+    @property
+    def relief_range_m(self) -> float:
+        """Range of heights of the relief."""
+        return LANDFORMS[self.landform].relief_m if self.relief_m is None else self.relief_m
 
 
 @options
@@ -154,12 +193,20 @@ class FreeDemSpec:
         metavar="M",
     )  # fmt: skip
     noise_m: float = option(
-        1.5, "Standard deviation of the free DEM's cells", name="free-dem-noise", minimum=0.0, unit="m", advanced=True,
-        metavar="M",
+        1.0, "Standard deviation of the free DEM's heights on flat ground; three times that on slopes of 40 %",
+        name="free-dem-noise", minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+    correlation_m: float = option(
+        300.0, "Distance at which the correlation of these errors has fallen to 1/e; 0: each cell has its own",
+        name="free-dem-correlation", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     common_m: float = option(
-        1.0, "Standard deviation of what all cells of the free DEM are off by", name="free-dem-common", minimum=0.0,
-        unit="m", advanced=True, metavar="M",
+        2.0, "Standard deviation of what all heights of the free DEM are off by (GLO-30: 4 m LE90, with the noise)",
+        name="free-dem-common", minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+    place_m: float = option(
+        2.8, "Standard deviation of each coordinate in plan by which the free DEM is displaced (GLO-30: 6 m CE90)",
+        name="free-dem-place", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
 
 

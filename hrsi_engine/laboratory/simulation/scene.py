@@ -12,7 +12,7 @@ from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from .acquisitions import Acquisition
 from .landscape import Landscape, Objects, make_discs
-from .options import SceneSpec
+from .options import LANDFORMS, SceneSpec
 from .seasons import Chronicle, park_cars
 from .terrain import Chart, TerrainSurface, make_fractal_terrain
 from .texture import Texture
@@ -27,6 +27,8 @@ class SCENE:
     polar_share: float = threshold(0.2, "", "half a scene, by its distance from the pole, at most")
     unit_gsd_m: float = threshold(0.7, "m", "ground sampling distance for which the landscape is true to scale")
     steepest_built: float = threshold(0.5, "", "largest slope along an object's diagonal")
+    town_post_px: float = threshold(4.0, "px", "posts of a city's terrain, which has walls; of others: 8 px")
+    storeys_m: tuple[float, float] = threshold((5.0, 11.0), "m", "lowest building of a city, mean of what is above it")
     target_px: float = threshold(9.0, "px", "diameter of a target in the finest view")
     apron_px: float = threshold(20.0, "px", "diameter of the apron around it")
 
@@ -55,6 +57,8 @@ class Scene:
         Of the images, which sets how fine the texture is.
     targets_m : (n, 2) ndarray
         Surveyed targets in chart metres.
+    bare : TerrainSurface
+        The ground without the buildings that stand on the terrain.
     """
 
     spec: SceneSpec
@@ -64,6 +68,7 @@ class Scene:
     half_extent_m: float
     finest_gsd_m: float
     targets_m: np.ndarray
+    bare: TerrainSurface
 
     @property
     def target_radius_m(self) -> float:
@@ -75,11 +80,7 @@ class Scene:
         """Everything with a known shape, in painting order; targets last, each on a dark apron."""
         apron = make_discs("apron", self.targets_m, np.array(SCENE.apron_px * self.finest_gsd_m), APRON_GREY)
         target = make_discs("target", self.targets_m, np.array(SCENE.target_px * self.finest_gsd_m), TARGET_GREY)
-        # The objects that do not stand across a cliff or on a very steep slope
-        objects = self.landscape.objects(self.half_extent_m)
-        corners = self.terrain.height(*np.moveaxis(objects.corners_m(), 2, 0))
-        buildable = objects.select(np.ptp(corners, axis=1) < SCENE.steepest_built * np.hypot(*objects.size_m.T))
-        return buildable.append(apron).append(target)
+        return select_buildable(self.landscape, self.bare, self.half_extent_m).append(apron).append(target)
 
     @cached_property
     def chronicle(self) -> Chronicle:
@@ -109,8 +110,10 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
         raise InputError("a block needs at least one view: give some")
     finest = min(view.sensor.gsd_m for view in views)
     reach = max(float(np.hypot(*view.offset_m)) + view.half_diagonal_m for view in views)
-    half_extent = spec.half_extent_m or 1.05 * reach + 2.0 * (spec.relief_m + spec.cliff_m) + 50.0 * finest
-    post = spec.post_m or max(8.0 * finest, 2.0 * half_extent / SCENE.most_posts)
+    landform, relief_m = LANDFORMS[spec.landform], spec.relief_range_m
+    half_extent = spec.half_extent_m or 1.05 * reach + 2.0 * (relief_m + spec.cliff_m) + 50.0 * finest
+    post_px = 8.0 if landform.town is None else SCENE.town_post_px
+    post = spec.post_m or max(post_px * finest, 2.0 * half_extent / SCENE.most_posts)
     if half_extent / post > SCENE.most_posts:
         raise InputError(
             f"a scene of {2e-3 * half_extent:.1f} km with posts of {post} m has more than {2 * SCENE.most_posts} posts "
@@ -123,10 +126,28 @@ def make_scene(spec: SceneSpec, views: Sequence[SceneView]) -> Scene:
             f"a scene of {2e-3 * half_extent:.1f} km so near the pole ({1e-3 * to_pole:.1f} km): an RPC in longitude "
             "and latitude does not follow it: make the scene smaller, or move it away"
         )
-    terrain = make_fractal_terrain(chart, half_extent, post, spec.mean_height_m, spec.relief_m, spec.seed, spec.cliff_m)
+    bare = make_fractal_terrain(chart, half_extent, post, spec.mean_height_m, relief_m, spec.seed, spec.cliff_m)
     scale = spec.scale or max(1.0, finest / SCENE.unit_gsd_m)
-    landscape = Landscape(spec.seed, scale)
-    return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)))
+    landscape = Landscape(spec.seed, scale, town=landform.town)
+    dated = any(view.acquisition is not None for view in views)  # then they stand by the chronicle
+    terrain = bare if landform.town is None or dated else build_town(bare, landscape, half_extent)
+    return Scene(spec, chart, terrain, landscape, half_extent, finest, np.empty((0, 2)), bare)
+
+
+def select_buildable(landscape: Landscape, ground: TerrainSurface, half_extent_m: float) -> Objects:
+    """Return the objects that do not stand across a cliff or on a very steep slope."""
+    objects = landscape.objects(half_extent_m)
+    corners = ground.height(*np.moveaxis(objects.corners_m(), 2, 0))
+    return objects.select(np.ptp(corners, axis=1) < SCENE.steepest_built * np.hypot(*objects.size_m.T))
+
+
+def build_town(ground: TerrainSurface, landscape: Landscape, half_extent_m: float) -> TerrainSurface:
+    """Return the ground with the landscape's buildings on it, as high as those of a city."""
+    objects = select_buildable(landscape, ground, half_extent_m)
+    buildings = objects.select(np.isin(objects.kind, ("roof", "tank")))
+    lowest, above = SCENE.storeys_m
+    high_m = lowest + np.random.default_rng([landscape.seed, 66]).exponential(above, len(buildings))
+    return ground.raise_rectangles(buildings.corners_m(), ground.height(*buildings.position_m.T) + high_m)
 
 
 def select_objects(scene: Scene, taken: Acquisition) -> tuple[Objects, np.ndarray]:

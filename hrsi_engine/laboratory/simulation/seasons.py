@@ -57,7 +57,8 @@ class SeasonLandscape(Landscape):
     @classmethod
     def from_acquisition(cls, landscape: Landscape, taken: Acquisition, lat_deg: float) -> SeasonLandscape:
         """Return a landscape on the date of an acquisition."""
-        return cls(landscape.seed, landscape.scale, day=compute_day_of_season(taken.day, lat_deg), snow=taken.snow)
+        day = compute_day_of_season(taken.day, lat_deg)
+        return cls(landscape.seed, landscape.scale, town=landscape.town, day=day, snow=taken.snow)
 
     @cached_property
     def ploughing_day(self) -> np.ndarray:

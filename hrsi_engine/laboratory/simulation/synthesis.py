@@ -227,7 +227,8 @@ def _place_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: Poi
     known = place_control(cameras, scene.terrain, points.gcps + points.checks, rng)
     targets = scene.chart.from_ground(known)
     terrain = scene.terrain.plane_around(targets, scene.target_radius_m + 1.5 * scene.terrain.post_m)
-    return replace(scene, terrain=terrain, targets_m=targets)
+    bare = terrain if scene.bare is scene.terrain else scene.bare
+    return replace(scene, terrain=terrain, targets_m=targets, bare=bare)
 
 
 def _place_points(

@@ -116,6 +116,35 @@ class TerrainSurface:
             posts[rows, columns] = np.where(near, plane, posts[rows, columns])
         return replace(self, posts=posts)
 
+    def raise_rectangles(self, corners_m: np.ndarray, top_m: np.ndarray) -> TerrainSurface:
+        """Return the terrain with the posts inside rectangles at given heights: buildings with flat roofs.
+
+        Parameters
+        ----------
+        corners_m : (n, 4, 2) ndarray
+            Chart metres, around each rectangle.
+        top_m : (n,) ndarray
+            Heights of the roofs.
+
+        Returns
+        -------
+        TerrainSurface
+            Their walls slope over one post.
+        """
+        posts = self.posts.copy()
+        for corners, top in zip(corners_m, top_m.tolist(), strict=True):
+            (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
+            columns = self._posts_between(west - self.west_m, east - self.west_m, 1)
+            rows = self._posts_between(self.north_m - north, self.north_m - south, 0)
+            right = self.west_m + self.post_m * np.arange(columns.start, columns.stop) - corners[0, 0]
+            ahead = self.north_m - self.post_m * np.arange(rows.start, rows.stop)[:, None] - corners[0, 1]
+            sides = corners[[1, 3]] - corners[0]
+            along = [(right * x + ahead * y) / (x * x + y * y) for x, y in sides]
+            inside = np.logical_and.reduce([(share >= 0.0) & (share <= 1.0) for share in along])
+            window = posts[rows, columns]
+            posts[rows, columns] = np.where(inside, np.maximum(window, np.float32(top)), window)
+        return replace(self, posts=posts)
+
     def window_statistics(self, east: np.ndarray, north: np.ndarray, margin_m: float) -> tuple[float, float, float]:
         """Return lowest and highest post and the steepest slope around chart positions."""
         reach = margin_m + 2.0 * self.post_m

@@ -50,7 +50,8 @@ def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
             "ground": "lon, lat in degrees (WGS84), ellipsoidal height in metres",
             "orientation_error": "metres east, north, up at the scene centre; radians of roll, pitch, yaw",
         },
-        "scene": asdict(simulated.spec) | {"height_range_m": list(truth.height_range_m)},
+        "scene": asdict(simulated.spec)
+        | {"relief_m": simulated.spec.relief_range_m, "height_range_m": list(truth.height_range_m)},
         "noise": asdict(simulated.noise),
         "images": {view.id: _describe_image(simulated, index) for index, view in enumerate(views)},
         "ground_points": {

@@ -127,9 +127,9 @@ ALGORITHM = Algorithm(
         "haze and gain. truth.gpkg then says what changed when.\n\n"
         "With `laser_passes` a laser altimeter flies over it: laser.csv holds its points as SlideRule writes them, "
         "with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each met. With `free_dem` and "
-        "`free_ortho` free_dem.tif is a DEM into which trees are smoothed (ellipsoidal heights), and free_ortho.tif an "
-        "orthoimage in four bands, from another season and some metres beside the truth; what free_ortho.tif is off by "
-        "stands in report.json."
+        "`free_ortho` free_dem.tif is a DEM with the errors of Copernicus GLO-30 (ellipsoidal heights; by what it is "
+        "displaced stands in truth.json), and free_ortho.tif an orthoimage in four bands, from another season and some "
+        "metres beside the truth; what free_ortho.tif is off by stands in report.json."
     ),
     options=SimulateOptions,
     examples=(

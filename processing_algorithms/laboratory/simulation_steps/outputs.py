@@ -23,7 +23,7 @@ from ....hrsi_engine.laboratory.simulated_files import (
     write_image_points,
     write_laser_points,
 )
-from ....hrsi_engine.laboratory.simulation.free_dem import simulate_free_dem
+from ....hrsi_engine.laboratory.simulation.free_dem import FreeDem, simulate_free_dem
 from ....hrsi_engine.laboratory.simulation.free_ortho import draw_ortho_errors, simulate_free_orthoimage
 from ....hrsi_engine.laboratory.simulation.laser import simulate_laser
 from ....hrsi_engine.laboratory.simulation.render import make_multispectral_renderers, make_orthophoto, make_renderer
@@ -62,13 +62,16 @@ def report_simulated_block(simulated: BlockSimulation, record: Report) -> Report
     }
 
 
-def write_points_and_truth(folder: Path, simulated: BlockSimulation) -> list[str]:
-    """Write terrain, points and truth; return the names of the files."""
+def write_points_and_truth(folder: Path, simulated: BlockSimulation, dem: FreeDem | None) -> list[str]:
+    """Write terrain, points and truth, that of the free DEM included; return the names of the files."""
     terrain = simulated.scene.terrain
     write_dem(str(folder / "dem.tif"), terrain.posts, terrain.geotransform)
     write_ground_points(str(folder / "ground_points.csv"), simulated.block.points)
     write_image_points(str(folder / "image_points.csv"), simulated.block)
-    write_report_json(str(folder / "truth.json"), make_truth_document(simulated))
+    truth = make_truth_document(simulated)
+    if dem is not None:
+        truth["free_dem"] = {"displaced_m": list(dem.shift_m)}
+    write_report_json(str(folder / "truth.json"), truth)
     layers = [
         Layer(name, "PointZ", WGS84_3D, table.positions, table.columns)
         for name, table in make_truth_tables(simulated).items()
@@ -114,12 +117,17 @@ def write_laser(folder: Path, simulated: BlockSimulation, options: SimulateOptio
     return list(LASER_FILES)
 
 
-def write_free_dem(folder: Path, simulated: BlockSimulation, options: SimulateOptions) -> list[str]:
+def make_free_dem(simulated: BlockSimulation, options: SimulateOptions) -> FreeDem | None:
+    """Return a DEM as free ones are; None where it is not wanted."""
+    scene, spec = simulated.scene, options.free_dem
+    seed = [options.scene.seed, FREE_DEM_SEED]
+    return simulate_free_dem(scene.terrain, scene.half_extent_m, spec, seed) if spec.cell_m else None
+
+
+def write_free_dem(folder: Path, dem: FreeDem | None) -> list[str]:
     """Write a DEM as free ones are; return the names of the files."""
-    if not options.free_dem.cell_m:
+    if dem is None:
         return []
-    scene = simulated.scene
-    dem = simulate_free_dem(scene.terrain, scene.half_extent_m, options.free_dem, [options.scene.seed, FREE_DEM_SEED])
     write_dem(str(folder / FREE_DEM), dem.heights_m, dem.geotransform)
     return [FREE_DEM]
 
