@@ -26,10 +26,10 @@ from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.measurement.block_matching.joining import build_tracks
 from hrsi.hrsi_engine.measurement.control_network.matching import match_windows
 from hrsi.hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.measurement.tracks import build_tracks
 from hrsi.processing_algorithms import run
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"

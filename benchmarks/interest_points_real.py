@@ -35,9 +35,13 @@ from hrsi.hrsi_engine.measurement.interest_points import (
     InterestPoints,
     detect_interest_points,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
+    check_rpc_consistency,
+    compute_epipolar_miss,
+    match_descriptors,
+    transfer,
+)
 from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, compute_root_sift, stretch_to_byte
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency, match_descriptors
 from hrsi.tests.conftest import TEST_DATA
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"

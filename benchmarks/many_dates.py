@@ -41,7 +41,7 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Image, ImagePoints, Role
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import SolveError
-from hrsi.hrsi_engine.measurement.tracks import build_tracks
+from hrsi.hrsi_engine.measurement.block_matching.joining import build_tracks
 
 SIDE_PX, RELIEF_M, OFF_NADIR_DEG = 1000, 60.0, 20.0
 HELD_PX = 0.5  # true relative error below which an image is held

@@ -24,8 +24,7 @@ from hrsi.hrsi_engine.measurement.block_matching.overlaps import (
     compute_convergence_deg,
     find_likely_overlaps,
 )
-from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import Probe
+from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice, Probe
 
 SIDE_PX = 12000
 TREES, FAILS = 4, 0.1

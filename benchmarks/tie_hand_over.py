@@ -19,7 +19,7 @@ import numpy as np
 
 from hrsi.benchmarks.pages import put_between
 from hrsi.benchmarks.thesis_tables import render
-from hrsi.hrsi_engine.block.names import find_unique_ids
+from hrsi.hrsi_engine.block.columns import find_unique_ids
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
 from hrsi.hrsi_engine.io.csv_tables import write_measurements

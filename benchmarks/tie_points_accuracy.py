@@ -23,16 +23,15 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     TileMatchOptions,
     TilePairGeometry,
     match_tile,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.points import detect_tile_points
-from hrsi.hrsi_engine.measurement.window_matching.bands import MATCHING_BANDS
 from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
-from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, LsmOptions
+from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, MATCHING_BANDS, LsmOptions
 from hrsi.processing_algorithms import run
 
 CELLS = 8

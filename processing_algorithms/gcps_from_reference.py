@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..hrsi_engine.block.reference_places import REFERENCE_KIND
+from ..hrsi_engine.block.orthoimage import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.block.block import Block, Image, ImagePoints
 from ..hrsi_engine.block.exposures import join_exposures
-from ..hrsi_engine.block.reference_places import ReferencePlaces
+from ..hrsi_engine.block.orthoimage import ReferencePlaces
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import dem_offset, plausibility

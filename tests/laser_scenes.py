@@ -11,7 +11,7 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.laser import LaserPoints
-from hrsi.hrsi_engine.block.reference_places import ReferencePlaces
+from hrsi.hrsi_engine.block.orthoimage import ReferencePlaces
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,

@@ -14,10 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulated_blocks import images as simulated_images
 
-from hrsi.hrsi_engine.block.assembly import assemble
+from hrsi.hrsi_engine.block.assembly import assemble, find_similar_ids, normalise_spellings
 from hrsi.hrsi_engine.block.block import Block, Image
 from hrsi.hrsi_engine.block.points import GroundPoints, ImagePoints, are_apart
-from hrsi.hrsi_engine.block.similar_ids import find_similar_ids, normalise_spellings
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.json_values import json_text
 from hrsi.hrsi_engine.ground.geodesy import distances_m

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..block.block import Image
-from ..block.stack import stack_of
+from ..block.block import Image, stack_of
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from ..refinement.model import RefinementModel

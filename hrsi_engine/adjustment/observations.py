@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block, Image, Role, number_exposures
-from ..block.reference_places import REFERENCE_KIND, ReferencePlaces
+from ..block.orthoimage import REFERENCE_KIND, ReferencePlaces
 from ..foundation.large_arrays import any_of_rows
 
 COORDINATE_PAIRS = ([0, 0, 1], [1, 2, 2])  # rows and columns of east-north, east-height, north-height

@@ -11,7 +11,7 @@ from ..refinement.options import RULE_NAMES
 
 if TYPE_CHECKING:
     from ..block.laser import LaserPoints
-    from ..block.reference_places import ReferencePlaces
+    from ..block.orthoimage import ReferencePlaces
     from ..surface.dem import HeightSurface
     from .joint_prior import JointCameras
 

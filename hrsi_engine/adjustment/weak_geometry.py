@@ -6,7 +6,7 @@ whole block to the middle of that range. Only points on rays more parallel than 
 
 import numpy as np
 
-from ..block.stack import stack_of
+from ..block.block import stack_of
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.ground_area import compute_px_per_m

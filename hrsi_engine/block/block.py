@@ -13,9 +13,10 @@ from typing import Protocol
 import numpy as np
 
 from ..camera.rpc import RPC
+from ..camera.rpc_stack import RPCStack
 from ..foundation.errors import InputError, list_ids
 from ..ground.operation_uses import OperationUse
-from .names import find_unique_ids
+from .columns import find_unique_ids
 from .points import GroundPoints, ImagePoints, Measurements, Role, join_covariances, join_operations
 
 
@@ -373,3 +374,8 @@ def group_tiles(images: Sequence[Image], apart: Sequence[Sequence[str]] = ()) ->
         if image.tile is not None and image.id not in named:
             scenes.setdefault(image.tile.scene, []).append(image.id)
     return [tiles for tiles in scenes.values() if len(tiles) > 1]
+
+
+def stack_of(images: Sequence[Image]) -> RPCStack:
+    """Return the RPCs of images as a stack, by the images' indices."""
+    return RPCStack([image.rpc for image in images])

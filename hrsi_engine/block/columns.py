@@ -1,12 +1,98 @@
-"""Tables: frozen dataclasses whose arrays are columns."""
+"""Tables: frozen dataclasses whose arrays are columns; repeated names as distinct names and an index for each row.
 
+Ten million measurements have a thousand distinct images and three measurements of each point. As texts these columns
+would take more memory than all numbers, and finding the distinct names more time than a step of the adjustment.
+"""
+
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, Self
 
 import numpy as np
 
 from ..foundation.errors import InputError
-from .names import NameColumn
+
+
+class NameColumn:
+    """A column of texts as distinct names and indices; NumPy functions accept it as the array of texts.
+
+    names : (k,) distinct names; not all need to occur; number : (n,) index of the name of each row
+    """
+
+    dtype = np.dtype(str)
+    ndim = 1
+
+    def __init__(self, names: np.ndarray, number: np.ndarray) -> None:
+        self.names, self.number = names, number
+
+    @property
+    def shape(self) -> tuple[int]:
+        return (len(self.number),)
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def __getitem__(self, rows: Any) -> Any:
+        number = self.number[rows]
+        return NameColumn(self.names, number) if isinstance(number, np.ndarray) else self.names[number]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        texts = self.names[self.number]
+        return texts if dtype is None else texts.astype(dtype)
+
+    def __eq__(self, other: object) -> Any:
+        return (self.names == other)[self.number] if isinstance(other, str) else np.asarray(self) == other
+
+    def __ne__(self, other: object) -> Any:
+        return ~(self == other)
+
+    __hash__ = None  # type: ignore[assignment]  # as an array
+
+    def tolist(self) -> list[str]:
+        """Return the texts, one a row, equal ones as one object."""
+        names = self.names.tolist()
+        return [names[number] for number in self.number.tolist()]
+
+
+def find_unique_ids(ids: np.ndarray | NameColumn) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct ids, sorted, and the index of each row's id; fast where equal ids are adjacent."""
+    if isinstance(ids, NameColumn):
+        used = np.zeros(len(ids.names), dtype=bool)
+        used[ids.number] = True
+        distinct, place = np.unique(ids.names[used], return_inverse=True)
+        new = np.zeros(len(used), dtype=np.int64)
+        new[used] = place
+        return distinct, new[ids.number]
+    if not len(ids):
+        return ids, np.zeros(0, dtype=np.int64)
+    head = np.r_[True, ids[1:] != ids[:-1]]
+    distinct, inverse = np.unique(ids[head], return_inverse=True)
+    return distinct, inverse.astype(np.int64)[np.cumsum(head) - 1]
+
+
+def isin(ids: np.ndarray | NameColumn, wanted: Sequence[str] | np.ndarray) -> np.ndarray:
+    """Return which rows have one of the wanted names, ``(n,)`` bool."""
+    if isinstance(ids, NameColumn):
+        return np.isin(ids.names, wanted)[ids.number]
+    return np.isin(ids, wanted)
+
+
+def match_names(wanted: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each of the ``wanted`` names a row of ``known`` that has it, and whether one has: else any row."""
+    order = np.argsort(known)
+    row = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
+    return row, np.asarray(known[row] == wanted)
+
+
+def join_names(columns: Sequence[np.ndarray | NameColumn]) -> Any:
+    """Return the columns concatenated; as `NameColumn` where one of them is."""
+    if not any(isinstance(column, NameColumn) for column in columns):
+        return np.concatenate(columns)
+    parts = [find_unique_ids(column) for column in columns]
+    names, place = np.unique(np.concatenate([distinct for distinct, _ in parts]), return_inverse=True)
+    ends = np.cumsum([len(distinct) for distinct, _ in parts])
+    number = [place[end - len(distinct) : end][inverse] for end, (distinct, inverse) in zip(ends, parts, strict=True)]
+    return NameColumn(names, np.concatenate(number))
 
 
 class Columns:

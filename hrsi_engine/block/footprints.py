@@ -15,8 +15,7 @@ from shapely.strtree import STRtree
 
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import continuous_longitudes
-from .block import Image
-from .stack import stack_of
+from .block import Image, stack_of
 
 OUTLINE_PER_SIDE = 8
 

@@ -26,8 +26,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
-from .block import Image
-from .stack import stack_of
+from .block import Image, stack_of
 
 SIGMAS_OF_CE90 = 2.1460  # sqrt(2 ln 10)
 

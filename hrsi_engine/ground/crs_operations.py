@@ -1,7 +1,7 @@
 """Every conversion to and from WGS84: PROJ's best operation at each point, its accuracy, and what a better one lacks.
 
 Two CRS are joined by many coordinate operations, each for an area of use and with a stated accuracy. `CrsOperations`
-takes at each point the one that ``cs2cs`` and GDAL take (`operation_choice`); a point that its grid does not cover goes
+takes at each point the one that ``cs2cs`` and GDAL take (`proj_operations`); a point that its grid does not cover goes
 to the next one. Each group of points goes through one plain pipeline, and the operation of each point is known. Two
 things differ. A ballpark operation, which takes one datum for the other, serves only where PROJ knows no real one; and
 the way from WGS84 is the inverse of the way to it at every point.
@@ -20,10 +20,19 @@ from pyproj.enums import TransformDirection
 from ..foundation.errors import InputError
 from .ellipsoid import wrap_once
 from .geoids import find_substitute, how_to_get_grids
-from .operation_choice import Rectangle, choose_operations, split_at_180
 from .operation_uses import COORDINATES_OF_ACCURACY, CrsOperation, OperationUse, with_geoid
 from .plate_motion import PlateMotion, find_plate_motion, is_realisation_of_itrs
-from .proj_operations import Candidate, has_heights, list_operations, name_vertical_crs, parse_crs, without_heights
+from .proj_operations import (
+    Candidate,
+    Rectangle,
+    choose_operations,
+    has_heights,
+    list_operations,
+    name_vertical_crs,
+    parse_crs,
+    split_at_180,
+    without_heights,
+)
 
 _KEPT = 128  # CRS whose operations stay in memory
 

@@ -26,10 +26,9 @@ from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, read_tile
 from .tie_options import TieOptions
 from .tie_points import PairSummary, TiePoints
-from .tile_matching.epipolar import compute_epipolar_miss, transfer
+from .tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import refine_points
-from .tile_matching.rpc_consistency import check_rpc_consistency
 from .tile_matching.types import TilePairGeometry
 
 _LEARNED = "learned matchers are right to 1 or 2 px, half-precision files to 4 px; 2026-11-22"

@@ -25,9 +25,9 @@ from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches
 from .block_matching.windows import ImageWindow, predict_window, read_tile
+from .tile_matching.features import detect_tile_points
 from .tile_matching.options import TileMatchOptions
 from .tile_matching.pair_matching import transfer_points
-from .tile_matching.points import detect_tile_points
 from .tile_matching.types import TilePairGeometry
 
 

@@ -10,6 +10,11 @@ halves the bias that noise causes. S is interpolated by cubic B-splines, so that
 pixels. Both windows are smoothed slightly before.
 
 The shift is the position in the second minus that in the first, in pixels to the right and down.
+
+**Common shift.** Where the shift of most of the ground may be larger than windows are searched, probes spread over the
+common area are compared at half resolution by the directions of their gradients. The correlation surfaces of all probes
+are added before the peak is sought: what they share adds up, while chance likeness of single probes (rows of houses,
+fields, water) does not.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,11 +24,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from ..foundation.pixel_filters import blur
+from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.streams import open_calls
-from ..measurement.window_matching.cross_correlation import correlate_template
+from ..measurement.window_matching.correlation import (
+    compute_orientation_field,
+    correlate_fields,
+    correlate_template,
+    find_correlation_peak,
+)
 from .options import MisregistrationOptions
 
 
@@ -301,3 +311,34 @@ def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | 
 STATISTICS = (
     "windows", "median_dx_px", "median_dy_px", "nmad_dx_px", "nmad_dy_px", "median_px", "p90_px", "median_m", "p90_m",
 )  # fmt: skip
+
+
+def find_common_shift(first: Read, second: Read, columns: int, rows: int) -> np.ndarray:
+    """Return the common shift ``(2,)`` in whole pixels, right and down, to about 2 px; 0 where none shows.
+
+    ``first(...)`` and ``second(...)`` read the common area of columns x rows pixels; the second beyond it, too.
+    """
+    side = min(SHIFT.probe_px, columns // 2, rows // 2) // SHIFT.reduction * SHIFT.reduction
+    if side < 16 * SHIFT.reduction:
+        return np.zeros(2, dtype=int)
+    total = np.zeros((2 * SHIFT.farthest_px // SHIFT.reduction + 1,) * 2)
+    wide = side + 2 * SHIFT.farthest_px
+    for row in np.linspace(0, rows - side, SHIFT.probes).astype(int).tolist():
+        for column in np.linspace(0, columns - side, SHIFT.probes).astype(int).tolist():
+            probe = _compute_field(*first(column, row, side, side))
+            if probe.any():
+                total += correlate_fields(
+                    probe, _compute_field(*second(column - SHIFT.farthest_px, row - SHIFT.farthest_px, wide, wide))
+                )
+    peak = find_correlation_peak(total)
+    if peak.contrast < SHIFT.contrast:
+        return np.zeros(2, dtype=int)
+    return np.rint(peak.shift * SHIFT.reduction - SHIFT.farthest_px).astype(int)
+
+
+def _compute_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return the directions of gradients of means of pixels; 0 where not all of a mean is valid."""
+    size = (grey.shape[1] // SHIFT.reduction, grey.shape[0] // SHIFT.reduction)
+    mean = reduce_by_area(np.where(valid, grey, 0).astype(np.float32), size)
+    known = reduce_by_area(valid.astype(np.float32), size) > 0.999
+    return compute_orientation_field(mean, known)

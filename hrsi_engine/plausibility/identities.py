@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ..block.assembly import find_similar_ids
 from ..block.block import Block
 from ..block.points import GroundPoints, Role
-from ..block.similar_ids import find_similar_ids
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds

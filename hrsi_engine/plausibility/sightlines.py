@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block.block import Image
-from ..block.stack import stack_of
+from ..block.block import Image, stack_of
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 

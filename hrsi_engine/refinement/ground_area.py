@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..block.block import Image
-from ..block.stack import stack_of
+from ..block.block import Image, stack_of
 from ..foundation.errors import SolveError
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..block.block import Image
-from ..block.stack import stack_of
+from ..block.block import Image, stack_of
 from ..ground import ellipsoid
 from .image_space import ImagePolynomial, correct_in_image
 from .model import ALL_ROWS, Equations, RefinementModel

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment.result import Adjustment
-from ..block.stack import stack_of
+from ..block.block import stack_of
 from ..foundation.errors import list_ids
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position

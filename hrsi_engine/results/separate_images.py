@@ -12,7 +12,7 @@ from ..adjustment.intersection import intersect_points
 from ..adjustment.observations import select_points
 from ..adjustment.result import Adjustment, CameraEstimates, Decision
 from ..block.block import Block, Image
-from ..block.names import match_names
+from ..block.columns import match_names
 from ..block.points import Role
 from ..refinement.model import Equations, Linearise, Priors, RefinementModel, RefitRPC
 from ..refinement.refine import Refinement

@@ -14,8 +14,8 @@ import numpy as np
 from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.block import GroundPoints, Image, ImagePoints, Role
+from ...hrsi_engine.block.columns import find_unique_ids, match_names
 from ...hrsi_engine.block.exposures import join_exposures, join_named_bands
-from ...hrsi_engine.block.names import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, BlockRecord, read_cameras, read_record

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Image, ImagePoints
-from ...hrsi_engine.block.names import find_unique_ids, match_names
+from ...hrsi_engine.block.columns import find_unique_ids, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.output_dir import read_report

@@ -10,7 +10,7 @@ import numpy as np
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
-from ...hrsi_engine.block.names import find_unique_ids, isin, join_names
+from ...hrsi_engine.block.columns import find_unique_ids, isin, join_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.geodesy import ground_difference_m
@@ -18,7 +18,7 @@ from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_wa
 from ...hrsi_engine.io.opening.budgets import require_gcp_rows
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.sun_angles import read_time
-from ...hrsi_engine.measurement.tracks import build_tracks
+from ...hrsi_engine.measurement.block_matching.joining import build_tracks
 from ...hrsi_engine.surface.dem import surface_heights
 from ..files.terrain import dem_surface
 from ..interface.declare import Log

@@ -12,7 +12,7 @@ from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.adjustment.solver import adjust
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.laser import LaserPoints
-from ...hrsi_engine.block.reference_places import ReferencePlaces
+from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.progress import stage

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
-from ...hrsi_engine.block.reference_places import REFERENCE_KIND, ReferencePlaces
+from ...hrsi_engine.block.orthoimage import REFERENCE_KIND, ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds

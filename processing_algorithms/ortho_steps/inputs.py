@@ -18,14 +18,15 @@ from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
 from ...hrsi_engine.io.rasters.orthoimages import file_state
-from ...hrsi_engine.ortho.footprint import (
+from ...hrsi_engine.ortho.grid import (
+    MapGrid,
     choose_map_crs,
     compute_covered_share,
     compute_footprint_bounds,
     compute_ground_sample_m,
     find_terrain_points,
+    round_resolution,
 )
-from ...hrsi_engine.ortho.grid import MapGrid, round_resolution
 from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface

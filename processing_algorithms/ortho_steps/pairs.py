@@ -19,12 +19,12 @@ from ...hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ...hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
-from ...hrsi_engine.ortho.common_shift import find_common_shift
 from ...hrsi_engine.ortho.misregistration import (  # fmt: skip
     MisregistrationOptions,
     Read,
     WindowOutcome,
     WindowShifts,
+    find_common_shift,
     measure_shifts,
     shift_statistics,
     window_centres,

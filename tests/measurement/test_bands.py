@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hrsi.hrsi_engine.measurement.block_matching.bands import EpipolarLines, match_in_bands
-from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW
+from hrsi.hrsi_engine.measurement.block_matching.overview import OVERVIEW, EpipolarLines, match_in_bands
 from hrsi.hrsi_engine.measurement.tile_matching.features import compute_root_sift
 
 MARGIN_PX = 40.0

@@ -30,18 +30,22 @@ from hrsi.hrsi_engine.measurement.control_network import (
     match_windows,
     matching,
 )
-from hrsi.hrsi_engine.measurement.control_network.local_affine import fit_local_affine, make_similarity_matrix
-from hrsi.hrsi_engine.measurement.control_network.network import NO_FATHER, Network
-from hrsi.hrsi_engine.measurement.control_network.polar import rotate_offset as turned_offset
-from hrsi.hrsi_engine.measurement.control_network.refinement import compute_epipolar_residuals, select_consistent
-from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
-from hrsi.hrsi_engine.measurement.control_network.tolerances import (
+from hrsi.hrsi_engine.measurement.control_network.leaves import (
     Tolerance,
     compute_distance_difference,
     compute_effective_distances,
     make_tolerance,
 )
-from hrsi.hrsi_engine.measurement.control_network.unknown_scale import SCALE, vote_by_features
+from hrsi.hrsi_engine.measurement.control_network.leaves import rotate_offset as turned_offset
+from hrsi.hrsi_engine.measurement.control_network.matching import SCALE, vote_by_features
+from hrsi.hrsi_engine.measurement.control_network.network import (
+    NO_FATHER,
+    Network,
+    fit_local_affine,
+    make_similarity_matrix,
+)
+from hrsi.hrsi_engine.measurement.control_network.refinement import compute_epipolar_residuals, select_consistent
+from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)

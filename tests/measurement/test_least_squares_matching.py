@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.measurement.window_matching.bands import MATCHING_BANDS
 from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
 from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
-from hrsi.hrsi_engine.measurement.window_matching.windows import DONE, OUTSIDE, WEAK, LsmOptions, MatchImage
+from hrsi.hrsi_engine.measurement.window_matching.windows import (
+    DONE,
+    MATCHING_BANDS,
+    OUTSIDE,
+    WEAK,
+    LsmOptions,
+    MatchImage,
+)
 
 SIZE, POINTS = 320, 120
 GREY, CONTRAST = 600.0, 100.0

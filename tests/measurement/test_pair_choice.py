@@ -20,8 +20,7 @@ from hrsi.hrsi_engine.measurement.block_matching.links import (
     judge_links,
 )
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import CHOICE, Overlap, choose_probes
-from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice
-from hrsi.hrsi_engine.measurement.block_matching.probes import Probe
+from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice, Probe
 
 ALL_CELLS = (511, 511)
 

@@ -12,7 +12,8 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
+from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
 from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
@@ -21,8 +22,6 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     match_tile,
     transfer_points,
 )
-from hrsi.hrsi_engine.measurement.tile_matching.points import detect_tile_points
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1

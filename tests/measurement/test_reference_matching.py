@@ -12,7 +12,7 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
-from hrsi.hrsi_engine.block.shared_accuracy import divide_area
+from hrsi.hrsi_engine.block.orthoimage import divide_area
 from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
 from hrsi.hrsi_engine.laboratory.simulation import OrientationError
 from hrsi.hrsi_engine.measurement.reference.checks import (
@@ -23,12 +23,11 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
     describe_far_shifts,
     describe_shifts,
 )
-from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
+from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, find_agreement, match_reference
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
 from hrsi.hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import predict_patch, read_patch
-from hrsi.hrsi_engine.measurement.reference.robust_offsets import find_agreement
-from hrsi.hrsi_engine.measurement.window_matching.orientation_correlation import (
+from hrsi.hrsi_engine.measurement.window_matching.correlation import (
     compute_orientation_field,
     correlate_orientations,
     find_correlation_peak,

@@ -15,7 +15,7 @@ from hrsi.hrsi_engine.measurement.interest_points.stable_regions import (
     find_mser_by_tree,
 )
 from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import detect_sift_by_numpy
-from hrsi.hrsi_engine.measurement.window_matching.cross_correlation import correlate_template
+from hrsi.hrsi_engine.measurement.window_matching.correlation import correlate_template
 
 RNG = np.random.default_rng(3)
 IMAGE = RNG.normal(500.0, 100.0, (75, 256)).astype(np.float32)  # 256: columns on the same lines of a cache

@@ -12,12 +12,20 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
-from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches, drop_outliers
+from hrsi.hrsi_engine.measurement.block_matching.joining import (
+    BlockMatches,
+    build_tracks,
+    drop_outliers,
+    select_tracks_by_cell,
+)
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
-from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss, transfer
-from hrsi.hrsi_engine.measurement.tile_matching.rpc_consistency import check_rpc_consistency, match_descriptors
-from hrsi.hrsi_engine.measurement.tracks import build_tracks, select_tracks_by_cell
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
+    check_rpc_consistency,
+    compute_epipolar_miss,
+    match_descriptors,
+    transfer,
+)
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 
 OPTIONS = TieOptions(margin_px=40.0)
@@ -85,9 +93,9 @@ def test_terrain_of_a_surface_gives_the_same_points(triplet, found):
 
 def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
     """Images matched everywhere: nothing depends on where in the image a window lies, and seams lose little."""
-    from hrsi.hrsi_engine.measurement.block_matching import plan
+    from hrsi.hrsi_engine.measurement.block_matching import star
 
-    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_window_px=240))
+    monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_window_px=240))
     ties = find_tie_points(triplet[:2], OPTIONS)
     whole = {pair[:2]: pair.matches for pair in found.pairs}["view0", "view1"]
     assert ties.pairs[0].matches > 0.8 * whole
@@ -95,9 +103,9 @@ def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
 
 def test_windows_of_large_images(triplet, monkeypatch):
     """Images that count as large are matched in small windows, as exactly as others."""
-    from hrsi.hrsi_engine.measurement.block_matching import plan
+    from hrsi.hrsi_engine.measurement.block_matching import star
 
-    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_px=400, window_px=128))
+    monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_px=400, window_px=128))
     ties = find_tie_points(triplet, replace(OPTIONS, cells=5))
     apart, views = scenes.ground_spread_m(triplet, ties.image_points)
     for image in triplet:
@@ -111,10 +119,10 @@ def test_windows_of_large_images(triplet, monkeypatch):
 @pytest.mark.parametrize("large", [False, True])
 def test_dense_points(triplet, found, monkeypatch, large):
     """More points, everywhere, and still where the truth is; large images are then matched everywhere, too."""
-    from hrsi.hrsi_engine.measurement.block_matching import plan
+    from hrsi.hrsi_engine.measurement.block_matching import star
 
     if large:
-        monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_px=400))
+        monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_px=400))
     ties = find_tie_points(triplet, replace(OPTIONS, dense=True))
     apart, _ = scenes.ground_spread_m(triplet, ties.image_points)
     assert len(ties.ground) > (1.0 if large else 1.5) * len(found.ground)  # windows' borders have no points

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.ortho.common_shift import find_common_shift
-from hrsi.hrsi_engine.ortho.misregistration import SHIFT
+from hrsi.hrsi_engine.ortho.misregistration import SHIFT, find_common_shift
 from hrsi.tests.ortho.scenes import texture
 from hrsi.tests.ortho.test_misregistration import shifted
 

@@ -35,7 +35,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.laboratory.simulation.render import render_window
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.measurement.block_matching import plan, search
+from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.interface.cli import main
@@ -131,7 +131,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     assert not (folder / "report.json").exists()
     said: list[str] = []
     monkeypatch.setattr(search, "TIE_SEARCH", replace(search.TIE_SEARCH, cells_per_part=1))
-    monkeypatch.setattr(plan, "TIE_WINDOWS", replace(plan.TIE_WINDOWS, full_window_px=200))
+    monkeypatch.setattr(star, "TIE_WINDOWS", replace(star.TIE_WINDOWS, full_window_px=200))
     run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
     assert any(message.startswith("continues with") for message in said)
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -145,10 +145,10 @@ SLOW_RUN = """
 import sys, time
 from dataclasses import replace
 from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
-from hrsi.hrsi_engine.measurement.block_matching import plan, search
+from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)
-plan.TIE_WINDOWS = replace(plan.TIE_WINDOWS, full_window_px=200)
+star.TIE_WINDOWS = replace(star.TIE_WINDOWS, full_window_px=200)
 save = PartStore.save
 def slow(self, key, result):
     save(self, key, result)

@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ...block.shared_accuracy import DEM, divide_area
+from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.operation_uses import largest_sigma_m

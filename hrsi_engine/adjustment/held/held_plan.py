@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...block.reference_places import ReferencePlaces
-from ...block.shared_accuracy import ORTHOIMAGE, divide_area
+from ...block.orthoimage import ORTHOIMAGE, ReferencePlaces, divide_area
 from ...ground.geodesy import metres_per_degree, wrap_degrees
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
 from ..result import PlanAgreement, PlanGroup

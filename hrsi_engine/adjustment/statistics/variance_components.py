@@ -24,8 +24,8 @@ import numpy as np
 
 from ...block.block import Block, Image, Role
 from ...block.laser import LASER_KIND
+from ...block.orthoimage import REFERENCE_KIND
 from ...block.pointing import compute_gsds_m
-from ...block.reference_places import REFERENCE_KIND
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
 from ..observations import Observations

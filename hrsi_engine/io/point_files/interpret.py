@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ...block.names import NameColumn, find_unique_ids
+from ...block.columns import NameColumn, find_unique_ids
 from ...block.points import UNSET, GroundPoints, ImagePoints, Role, are_apart, with_operations
 from ...foundation.errors import InputError
 from ...foundation.large_arrays import any_of_rows

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...block.names import NameColumn, find_unique_ids
+from ...block.columns import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
 from ..array_files import DAMAGED, read_arrays, write_arrays
 from ..opening.budgets import RPC_BUDGETS

@@ -22,13 +22,11 @@ from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import PartResult
 from ...surface.dem import HeightSurface, Status, intersect_surface
-from ..tile_matching.epipolar import compute_epipolar_miss, transfer
+from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
 from ..tile_matching.features import invert_descriptors
-from ..tile_matching.rpc_consistency import check_rpc_consistency
 from ..tile_matching.types import HeightGrid, TilePairGeometry
-from .bands import EpipolarLines, match_in_bands
 from .overlaps import GroundRange
-from .overview import detect_features
+from .overview import EpipolarLines, detect_features, match_in_bands
 from .windows import ImageWindow, predict_window, read_tile
 
 _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"

@@ -15,15 +15,13 @@ from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, Work
 from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
-from . import coarse, joining, overlaps, plan
-from .completion import TransferJob, transfer_star
+from . import coarse, joining, overlaps
 from .links import ImageLink, drop_unsound_links, find_displaced_images, judge_links
 from .overlaps import CHOICE, choose_probes, compute_central_views, compute_convergence_deg, find_likely_overlaps
 from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
-from .pair_choice import PairChoice
-from .probes import Probe, ProbeJob, probe_pairs
+from .pair_choice import PairChoice, Probe, ProbeJob, probe_pairs
 from .relative_cameras import estimate_relative_cameras
-from .star import Partner, StarJob, match_stars
+from .star import Partner, StarJob, TransferJob, is_matched_everywhere, match_stars, plan_cells, transfer_star
 from .windows import PyramidRaster
 
 EVERY = 1_000_000  # more than there can be of points in a cell, and of cells that fit into an image
@@ -38,7 +36,7 @@ def choose_match_options(
     """
     if options.dense:
         return options.match_dense
-    if not plan.is_matched_everywhere(image):
+    if not is_matched_everywhere(image):
         return options.match_sampled
     chosen = options.match_linked if linked else options.match
     return replace(chosen, finders=()) if predicted else chosen
@@ -50,7 +48,7 @@ def count_points_per_cell(options: TieOptions, image: Image) -> int:
         return options.per_cell
     if options.dense:
         return EVERY
-    return TIE_SEARCH.full_per_cell if plan.is_matched_everywhere(image) else TIE_SEARCH.sampled_per_cell
+    return TIE_SEARCH.full_per_cell if is_matched_everywhere(image) else TIE_SEARCH.sampled_per_cell
 
 
 class PairCandidate(NamedTuple):
@@ -300,7 +298,7 @@ class TieSearch:
                 continue
             xy = good.first_xy[own][row[wanted]]
             height = cameras.ground[np.searchsorted(cameras.tracks, track[wanted]), 2]
-            windows = tuple(cell.own[0] for row in plan.plan_cells(job.first, self.options.cells, 0) for cell in row)
+            windows = tuple(cell.own[0] for row in plan_cells(job.first, self.options.cells, 0) for cell in row)
             partner = Partner(second, job.second, estimate.geometry)
             options = choose_match_options(self.options, job.first)
             options = replace(options, largest_sigma_px=TIE_SEARCH.completed_sigma_px)
@@ -316,7 +314,7 @@ class TieSearch:
         """Give the images of the pairs that matched, either one first, where both are matched everywhere."""
         for pair in self.pairs:
             both = self.images[pair.first], self.images[pair.second]
-            if pair.estimate is None or not all(map(plan.is_matched_everywhere, both)):
+            if pair.estimate is None or not all(map(is_matched_everywhere, both)):
                 continue
             if overlaps.compute_resolution_step(*both) == 1:
                 yield pair.first, pair.second, pair.job
@@ -341,12 +339,12 @@ class TieSearch:
     def _divide_work(self, number: int, partners: list[Partner], linked: bool, predicted: bool) -> list[WorkPart]:
         image = self.images[number]
         cells_of_image = EVERY if self.options.dense else self.options.cells
-        rows = plan.plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
+        rows = plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
         cells = [cell for row in rows for cell in row]
         known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
         parts = []
         options = choose_match_options(self.options, image, linked, predicted)
-        per_part = TIE_SEARCH.cells_per_part if linked or not plan.is_matched_everywhere(image) else 1
+        per_part = TIE_SEARCH.cells_per_part if linked or not is_matched_everywhere(image) else 1
         for start in range(0, len(cells), per_part):
             chosen = tuple(cells[start : start + per_part])
             job = StarJob(number, image, chosen, tuple(partners), options)

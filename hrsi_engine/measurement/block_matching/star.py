@@ -3,21 +3,88 @@
 The image is the *reference*: its interest points depend on it alone, so that a point found in several partners is one
 point on many images, a star. What some partners show and others do not give at once is looked for there again, at the
 place where the known height puts it.
+
+**Windows.** An image up to 2048 px is matched everywhere. Of a larger one every cell of a grid gets a small window, and
+further ones where the first gives too little (water, cloud, nodata): a fraction of the pixels is read.
+
+**Local geometry.** Where a point of the first image at some height appears in the second is a smooth function of
+sample, line and height. Over a window it is a cubic to far less than a thousandth of a pixel (checked at every window),
+and evaluating that, some fifty times at a few points each, costs a tenth of localizing and projecting.
+
+**Completion.** An image is the reference of the pairs with images after it, so a point that a later image's star has on
+two others is not looked for in the earlier ones; and what failed where a pair alone predicted it may succeed where
+three images do. So points are searched in the images that lack them, where all cameras together predict them.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import pairwise
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from ...block.block import Image
+from ...camera.rpc import RPC, Localization
+from ...camera.rpc_terms import monomials
 from ...foundation.workers.scheduling import PartResult
+from ..tile_matching.epipolar import transfer
 from ..tile_matching.options import TileMatchOptions
 from ..tile_matching.pair_matching import match_tile, transfer_points
 from ..tile_matching.types import ImageTile, TileMatches, TilePairGeometry
-from .local_geometry import fit_local_geometry
-from .windows import TIE_WINDOWS, ImageWindow, predict_window, read_tile
+from .windows import TIE_WINDOWS, ImageWindow, compute_height_limits, predict_window, read_tile
+
+_AXIS = -np.cos(np.pi * np.arange(5) / 4.0)  # Chebyshev nodes, ends included
+_NODES = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS), axis=-1).reshape(-1, 3)
+_TERMS = monomials(_NODES.T)
+_FIT = np.linalg.pinv(_TERMS.T)
+
+
+@dataclass(frozen=True, eq=False)
+class _FirstImage:
+    """Stands for the first RPC: its ground coordinates are sample, line and height themselves."""
+
+    height_range: tuple[float, float]
+
+    def localize(self, image: np.ndarray, height_m: np.ndarray | float) -> Localization:
+        ground = np.empty((len(image), 3))
+        ground[:, :2], ground[:, 2] = image, height_m
+        return Localization(ground, np.ones(len(image), dtype=bool))
+
+
+@dataclass(frozen=True, eq=False)
+class _SecondImage:
+    """Stands for the second RPC: a cubic of sample, line and height of the first image."""
+
+    middle: np.ndarray
+    reach: np.ndarray
+    coefficients: np.ndarray  #: (20, 2)
+
+    def project(self, ground: np.ndarray) -> np.ndarray:
+        return np.asarray(monomials(((ground - self.middle) / self.reach).T).T @ self.coefficients)
+
+
+def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: int = 32) -> TilePairGeometry:
+    """Return the geometry of a pair as polynomials that hold in a window of the first image and around its heights.
+
+    The pair's own geometry comes back where a cubic is not enough.
+    """
+    corners = np.array([(window.sample, window.line), (window.sample + window.samples, window.line + window.lines)])
+    low, high = compute_height_limits(geometry, corners.astype(np.float64))
+    bottom, top = float(low.min()) - TIE_WINDOWS.height_margin_m, float(high.max()) + TIE_WINDOWS.height_margin_m
+    middle = np.array([*corners.mean(axis=0), 0.5 * (bottom + top)])
+    reach = np.array([0.5 * window.samples + border, 0.5 * window.lines + border, 0.5 * (top - bottom)])
+    nodes = middle + reach * _NODES
+    positions = transfer(geometry.first, geometry.second, nodes[:, :2], nodes[:, 2])
+    if not np.isfinite(positions).all():
+        return geometry
+    coefficients = _FIT @ positions
+    if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
+        return geometry
+    return replace(
+        geometry,
+        first=cast(RPC, _FirstImage(geometry.first.height_range)),
+        second=cast(RPC, _SecondImage(middle, reach, coefficients)),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,3 +272,105 @@ def _limit_points(rows: list[PartnerMatches], most: int) -> list[PartnerMatches]
         thinned.append(PartnerMatches(row.partner, row.matches.select(np.sort(np.argsort(own, kind="stable")[:most]))))
         start += len(row.matches)
     return thinned
+
+
+@dataclass(frozen=True, eq=False)
+class TransferJob:
+    """Points of a reference image with heights, and a partner in which they are searched.
+
+    windows : parts of the reference; xy : (n, 2) whole pixels; height_m : (n,)
+    """
+
+    number: int
+    reference: Image
+    windows: tuple[ImageWindow, ...]
+    xy: np.ndarray
+    height_m: np.ndarray
+    partner: Partner
+    options: TileMatchOptions
+
+
+def transfer_star(job: TransferJob) -> PartResult:
+    """Return the points that are found, in the columns of `match_stars`."""
+    rows, other = [], job.partner
+    for window in job.windows:
+        inside = window.contains(job.xy)
+        if not inside.any():
+            continue
+        geometry = fit_local_geometry(other.geometry, window)
+        shown = predict_window(geometry, window, TIE_WINDOWS.border_px)
+        tiles = (
+            read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)),
+            read_tile(other.image, shown.inside(other.image.known_size)),
+        )
+        if tiles[0] is None or tiles[1] is None:
+            continue
+        found = transfer_points(tiles[0], tiles[1], geometry, job.xy[inside], job.height_m[inside], job.options)
+        rows.append(PartnerMatches(other.number, found))
+    return stack_matches([row for row in rows if len(row.matches)])
+
+
+def is_matched_everywhere(image: Image, step: int = 1) -> bool:
+    """Tell whether all of an image is matched."""
+    return max(image.known_size) <= TIE_WINDOWS.full_px * step
+
+
+def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[list[Cell]]:
+    """Return the cells of an image, a list for each row of them: rows share the lines that are read.
+
+    step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
+    """
+    if is_matched_everywhere(image, step):
+        size, rows = image.known_size, []
+        for top, lines in _divide_length(size[1], TIE_WINDOWS.full_window_px * step):
+            row = []
+            for left, samples in _divide_length(size[0], TIE_WINDOWS.full_window_px * step):
+                own = ImageWindow(left, top, samples, lines)
+                row.append(Cell((own.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
+            rows.append(row)
+        return rows
+    return _plan_samples(image, cells, per_cell, step)
+
+
+def _divide_length(length: int, side: int) -> list[tuple[int, int]]:
+    """Return start and length of equal parts of about a side's length."""
+    count = max(1, round(length / side))
+    edges = [length * k // count for k in range(count + 1)]
+    return [(start, end - start) for start, end in pairwise(edges)]
+
+
+def _plan_samples(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
+    size, side = image.known_size, TIE_WINDOWS.window_px * step
+    columns, rows = (max(1, min(cells, length // side)) for length in size)
+    grid = []
+    for r in range(rows):
+        row = []
+        for c in range(columns):
+            left, right = size[0] * c // columns, size[0] * (c + 1) // columns
+            top, bottom = size[1] * r // rows, size[1] * (r + 1) // rows
+            windows = tuple(
+                ImageWindow(sample, line, side, side).inside(size)
+                for sample, line in _place_windows(left, right, top, bottom, side, size)
+            )
+            row.append(Cell(windows, windows, per_cell, TIE_WINDOWS.surplus * per_cell))
+        grid.append(row)
+    return grid
+
+
+def _place_windows(
+    left: int, right: int, top: int, bottom: int, side: int, size: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Return where windows of a cell are tried: the file's tile in the middle first, then others far from it."""
+    samples, lines = (
+        [at for at in range(first // side * side, last, side) if at >= first - side // 2 and at + side // 2 <= last]
+        or [max(0, min((first + last - side) // 2, most - side))]
+        for first, last, most in ((left, right, size[0]), (top, bottom, size[1]))
+    )
+    middle = ((left + right - side) / 2.0, (top + bottom - side) / 2.0)
+    places = [(sample, line) for line in lines for sample in samples]
+    places.sort(key=lambda place: (place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2)
+    chosen = places[:1]
+    while len(chosen) < min(TIE_WINDOWS.attempts, len(places)):  # the one farthest from those that are chosen
+        rest = [place for place in places if place not in chosen]
+        chosen.append(max(rest, key=lambda place: min((place[0] - s) ** 2 + (place[1] - t) ** 2 for s, t in chosen)))
+    return chosen

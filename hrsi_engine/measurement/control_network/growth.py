@@ -16,13 +16,9 @@ from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
-from .assignment import find_mutual_best
-from .grey_values import correlate_patches
-from .local_affine import fit_local_affine
-from .network import Network
-from .polar import rotate_offset, wrap_angle
-from .tolerances import Tolerance
-from .views import NetworkWindow
+from .leaves import Tolerance, find_mutual_best, rotate_offset, wrap_angle
+from .network import Network, fit_local_affine
+from .views import NetworkWindow, correlate_patches
 
 
 @thresholds

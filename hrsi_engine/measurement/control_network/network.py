@@ -1,13 +1,20 @@
-"""The control network: nodes measured in both images, and each node's father."""
+"""The control network: nodes measured in both images, each node's father, and affine maps through the nodes around.
+
+The local maps predict where a point should be, tell nodes that contradict their neighbours, and shape the patches that
+are compared. A weak pull towards the similarity of the whole network keeps them determined with few or collinear nodes.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from .polar import wrap_angle
-from .tolerances import NETWORK
+from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
+from .leaves import NETWORK, rotate_offset, wrap_angle
 
 NO_FATHER = -1
 
@@ -74,3 +81,72 @@ class Network:
             open_ &= ~here
             ancestor = np.where(open_, self.father[ancestor], NO_FATHER)
         return rotation, scale
+
+
+@thresholds
+class LOCAL_AFFINE:
+    """The robust affine map through the nodes around a point."""
+
+    neighbours: int = threshold(12, "nodes", "nodes of a map")
+    similarity_weight: float = threshold(0.5, "nodes", "weight of the whole network's similarity at the mean distance")
+    iterations: int = threshold(5, "steps", "reweighted solutions")
+    scale_px: float = threshold(1.0, "px", "smallest scale of the Cauchy weights: differences of right neighbours")
+
+
+class LocalAffine(NamedTuple):
+    """Maps ``x' = predicted + A (x - point)``: ``predicted`` (n, 2), ``A`` (n, 2, 2), and the neighbours' spread (n,).
+
+    spread_px : robust standard deviation of the neighbours about the map, px of the second image
+    """
+
+    predicted: np.ndarray
+    A: np.ndarray
+    spread_px: np.ndarray
+
+
+def make_similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
+    """Return the matrix ``(2, 2)`` of a turn from sample towards line and a scale."""
+    return rotate_offset(np.eye(2), rotation_rad, scale).T
+
+
+def fit_local_affine(
+    points: np.ndarray, first: np.ndarray, second: np.ndarray, overall: np.ndarray, leave_out: np.ndarray | None = None
+) -> LocalAffine:
+    """Return the robust affine maps at points ``(n, 2)`` through their nearest nodes ``first`` -> ``second`` (k, 2).
+
+    overall : (2, 2) matrix of the whole network; leave_out : (n,) node that must not take part at each point (itself)
+    """
+    near = _find_neighbours(points, first, leave_out)
+    dx = first[near] - points[:, None, :]
+    base = second[near[:, 0]] - dx[:, 0] @ overall.T
+    dy = second[near] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
+    length = np.sqrt(np.mean(np.sum(dx**2, axis=2), axis=1)) + 1e-6
+    design = np.concatenate([np.ones((*dx.shape[:2], 1)), dx / length[:, None, None]], axis=2)
+    start = np.median(dy, axis=1)
+    residual = dy - start[:, None, :]
+    for _ in range(LOCAL_AFFINE.iterations):
+        squared = np.sum(residual**2, axis=2)
+        # Before the affine terms are known all neighbours are off: the scale shrinks with their median.
+        weight = 1.0 / (1.0 + squared / np.maximum(np.median(squared, axis=1, keepdims=True), LOCAL_AFFINE.scale_px**2))
+        weighted = np.transpose(design * weight[..., None], (0, 2, 1))
+        normal = weighted @ design
+        normal[:, 1, 1] += LOCAL_AFFINE.similarity_weight
+        normal[:, 2, 2] += LOCAL_AFFINE.similarity_weight
+        normal[:, 0, 0] += 1e-9
+        solution = np.linalg.solve(normal, weighted @ dy)
+        residual = dy - design @ solution
+    spread = robust_sigma(np.hypot(residual[..., 0], residual[..., 1]), axis=1)
+    A = overall + np.transpose(solution[:, 1:], (0, 2, 1)) / length[:, None, None]
+    return LocalAffine(base + solution[:, 0], A, spread)
+
+
+def _find_neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
+    """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
+    count = min(LOCAL_AFFINE.neighbours, len(nodes) - (leave_out is not None))
+    _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))
+    near = near.reshape(len(points), -1)
+    if leave_out is None:
+        return near
+    itself = near == leave_out[:, None]
+    itself[~itself.any(axis=1), -1] = True
+    return near[~itself].reshape(len(points), count)

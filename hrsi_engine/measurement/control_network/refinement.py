@@ -8,9 +8,8 @@ from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions
-from .local_affine import LocalAffine, fit_local_affine
-from .network import Network
-from .tolerances import NETWORK_PAIRS
+from .leaves import NETWORK_PAIRS
+from .network import LocalAffine, Network, fit_local_affine
 from .views import NetworkWindow
 
 LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small

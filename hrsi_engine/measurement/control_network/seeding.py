@@ -19,11 +19,9 @@ from scipy.spatial import cKDTree
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.points import InterestPoints, select_best_per_cell
-from .assignment import find_mutual_best
-from .grey_values import correlate_patches
 from .growth import agrees_with_neighbours
-from .local_affine import make_similarity_matrix
-from .network import NO_FATHER, Network
+from .leaves import NETWORK_PAIRS, Tolerance, find_mutual_best
+from .network import NO_FATHER, Network, make_similarity_matrix
 from .super_points import (
     AMBIGUOUS,
     SUPER_POINTS,
@@ -34,8 +32,7 @@ from .super_points import (
     is_rival,
     match_super_points,
 )
-from .tolerances import NETWORK_PAIRS, Tolerance
-from .views import NetworkWindow
+from .views import NetworkWindow, correlate_patches
 
 
 @thresholds

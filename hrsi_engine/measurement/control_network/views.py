@@ -9,12 +9,13 @@ import numpy as np
 from ...block.block import ArrayRaster, Raster
 from ...foundation.pixel_filters import blur, erode, interpolate
 from ...foundation.progress import Progress, silent, stage
+from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.detectors import detect_interest_points
 from ..interest_points.options import DetectionOptions
 from ..interest_points.points import InterestPoints, join_points
 from ..interest_points.windows import Area
 from ..window_matching.windows import MatchImage
-from .tolerances import NETWORK
+from .leaves import NETWORK
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +82,45 @@ def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> Ar
     clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
     is_clear = interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
     return ArrayRaster(interpolate(smooth, *places, order=1), is_clear)
+
+
+@thresholds
+class PATCHES:
+    """Patches whose grey values are correlated."""
+
+    half_px: int = threshold(8, "px", "half side: patches of 17 x 17 px")
+    least_usable: float = threshold(0.75, "", "smallest share of pixels usable in both windows")
+    batch: int = threshold(1800, "patches", "patches in memory at a time")
+
+
+def correlate_patches(
+    first: NetworkWindow, second: NetworkWindow, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray,
+    half_px: int = PATCHES.half_px,
+) -> np.ndarray:  # fmt: skip
+    """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
+
+    0 where too few pixels of the patch are usable.
+    """
+    result = np.empty(len(first_xy))
+    for start in range(0, len(first_xy), PATCHES.batch):
+        part = slice(start, start + PATCHES.batch)
+        y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
+        offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+        # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
+        ours, our_usable = _sample_patches(first, first_xy[part][:, None, :] + offsets)
+        moved = np.einsum("nij,kj->nki", A[part], offsets)
+        theirs, their_usable = _sample_patches(second, second_xy[part][:, None, :] + moved)
+        weight = (our_usable & their_usable).astype(np.float32)
+        count = np.maximum(weight.sum(axis=1), 1.0)
+        a, b = ((grey - ((grey * weight).sum(axis=1) / count)[:, None]) * weight for grey in (ours, theirs))
+        product = (a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12))
+        result[part] = np.where(weight.mean(axis=1) >= PATCHES.least_usable, product, 0.0)
+    return result
+
+
+def _sample_patches(view: NetworkWindow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return grey values and usability of positions ``(n, k, 2)``, bilinear."""
+    places = xy.astype(np.float32)
+    grey = interpolate(view.grey, places[..., 0], places[..., 1], order=1)
+    usable = interpolate(view.usable.view(np.uint8), places[..., 0], places[..., 1], order=0, outside=0)
+    return grey, usable.astype(bool)

@@ -13,7 +13,7 @@ from ...block.block import Image
 from ...block.orthoimage import Orthoimage
 from ...foundation.thresholds import threshold, thresholds
 from ...surface.dem import HeightSurface
-from ..window_matching.orientation_correlation import (
+from ..window_matching.correlation import (
     CorrelationPeak,
     compute_orientation_field,
     correlate_fields,

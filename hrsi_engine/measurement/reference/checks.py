@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...block.shared_accuracy import DEM, ORTHOIMAGE
+from ...block.orthoimage import DEM, ORTHOIMAGE
 from ...foundation.thresholds import threshold, thresholds
 from .matching import ImageControl, ReferenceControl
 

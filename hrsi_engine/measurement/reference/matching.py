@@ -8,33 +8,37 @@ serve all images, so that a place in several images ties them too. Per image
 2. every place is looked for near where RPC and bias put it, first by gradient directions to a pixel, then by
    least-squares matching of grey values to a fraction;
 3. matches that do not follow an affine bias of the image are left out, and what is left must be more than chance.
+
+Places are the most textured spots of the cells of a grid over the images' ground. The affine bias of an image is
+estimated robustly from their offsets, most of which may be false: the densest place of the offsets gives the start, an
+affine function with Tukey's weights follows it. It is told from chance by the number of offsets that would fall within
+the tolerance if every match were somewhere in its search window.
 """
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from ...block.block import Image
 from ...block.orthoimage import Orthoimage
+from ...foundation.pixel_filters import SCHARR, blur, box_mean, compute_smaller_eigenvalue, erode, slopes
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.streams import open_calls
 from ...foundation.workers.threads import thread_count
-from ...surface.dem import HeightSurface
+from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
+from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
 from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.orientation_correlation import (
-    compute_orientation_field,
-    correlate_orientations,
-    find_correlation_peak,
-)
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
 from .bias_search import ImageBias, search_bias
 from .options import ReferenceOptions
-from .places import choose_places
-from .predicted_patches import predict_patch, read_patch
-from .robust_offsets import Agreement, find_agreement
+from .predicted_patches import PATCH, predict_patch, read_means, read_patch
 
 
 @thresholds
@@ -252,3 +256,147 @@ def _match_place(task: _Task, expected: np.ndarray, options: ReferenceOptions) -
         sigma = float(np.hypot(matched.sigma_px[0], REFERENCE_MATCHES.sigma_floor))
         return _Match(search.origin + step * matched.xy[0], step * sigma, peak.score)
     return _Match(search.origin + step * at, step * REFERENCE_MATCHES.direction_sigma, peak.score)
+
+
+def choose_places(
+    images: Sequence[Image], reference: Orthoimage, surface: HeightSurface, points: int, window_px: int
+) -> np.ndarray:
+    """Return lon, lat, height ``(m, 3)`` of places, about ``points`` of them in each image."""
+    rays = [intersect_surface(image.rpc, image.grid_px(PATCH.rays, PATCH.rays), surface) for image in images]
+    below = [ground[status == Status.FOUND] for ground, status in rays if (status == Status.FOUND).any()]
+    if not below:
+        return np.zeros((0, 3))
+    # Areas in the orthoimage's pixels of the upright boxes around what the images show
+    extents = [np.ptp(reference.to_pixels(ground[:, :2]), axis=0) for ground in below]
+    cell = max(float(np.sqrt(min(np.prod(np.maximum(extent, 1.0)) for extent in extents) / points)), 4.0)
+    px_per_m = float(images[0].rpc.px_per_m(below[0][len(below[0]) // 2][None])[0])
+    step = max(round(1.0 / px_per_m / reference.gsd_m), 1)
+    # Column and row of the cells that an image sees; evenly thinned out where there are too many
+    pixels = np.concatenate([reference.to_pixels(ground[:, :2]) for ground in below])
+    size = np.array(reference.raster.size)
+    inside = np.all((pixels >= 0.0) & (pixels < size), axis=1)
+    # The positions and their neighbours half a cell away: rays may be farther apart than cells
+    steps = np.array([[x, y] for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]) * cell
+    dense = np.unique(np.floor((pixels[inside][:, None] + steps).reshape(-1, 2) / cell).astype(np.int64), axis=0)
+    last = np.floor((size - 1) / cell)
+    dense = dense[np.all((dense >= 0) & (dense <= last), axis=1)]
+    cells = dense[:: max(len(dense) // PATCH.most_cells, 1)]
+    spots, texture = [], []
+    for column, row in cells:
+        spot = _find_best_spot(reference, column * cell, row * cell, cell, step, window_px)
+        if spot is not None:
+            spots.append(spot[0])
+            texture.append(spot[1])
+    if not spots:
+        return np.zeros((0, 3))
+    strong = np.array(texture) > PATCH.flat * np.median(texture)
+    lonlat = reference.to_lonlat(np.array(spots)[strong])
+    ground = np.column_stack([lonlat, surface_heights(surface, lonlat)])
+    return ground[np.isfinite(ground[:, 2])]
+
+
+def _find_best_spot(
+    reference: Orthoimage, left: float, top: float, cell: float, step: int, window_px: int
+) -> tuple[np.ndarray, float] | None:
+    """Return the pixel position of a cell's most textured window and its texture; None where it shows nothing."""
+    looked = int(min(cell / step, PATCH.cell_px))
+    margin = window_px // 2 + 2
+    side = max(looked, 1) + 2 * margin
+    start = np.floor(np.array([left, top]) + 0.5 * cell - 0.5 * step * side).astype(int)
+    grey, valid = read_means(reference.raster, int(start[0]), int(start[1]), step * side, step * side, step)
+    if not valid.any():
+        return None
+    # The smaller eigenvalue of the structure tensor over a window around each pixel; 0 where not all is valid.
+    # Gradient lengths count by their square root: one bright roof is no better than a whole field pattern.
+    gx, gy = slopes(blur(grey, 1.0), *SCHARR)
+    damp = 1.0 / np.maximum(np.sqrt(np.hypot(gx, gy)), 1e-6)
+    xx, yy, xy = (box_mean(a * b * damp**2, window_px) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
+    least = compute_smaller_eigenvalue(xx, yy, xy)
+    whole = erode(valid, window_px, outside=False)
+    texture = np.where(whole, np.maximum(least, 0.0), 0.0)[margin:-margin, margin:-margin]
+    row, column = np.unravel_index(int(np.argmax(texture)), texture.shape)
+    if texture[row, column] <= 0.0:
+        return None
+    return start + step * (margin + np.array([column, row])) + (step - 1) / 2.0, float(texture[row, column])
+
+
+@thresholds
+class OFFSETS:
+    """When the offsets of an image agree on one affine bias."""
+
+    rounds: int = threshold(20, "rounds", "of reweighting")
+    fewest: int = threshold(6, "offsets", "that agree, below which there is no bias")
+    least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
+    affine_from: int = threshold(12, "offsets", "fewer only give a shift")
+
+
+TUKEY = 4.685
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """An affine bias and the offsets that follow it.
+
+    coefficients : (2, 3): per axis the constant and the change by normalised sample and line
+    centre, half_size : normalisation, ``(2,)`` each
+    residual_px : (n, 2) offset - bias; agreeing : (n,) mask; spread_px : robust standard deviation of a coordinate
+    chance_log10 : log10 of the probability that as many false matches would agree
+    """
+
+    coefficients: np.ndarray
+    centre: np.ndarray
+    half_size: np.ndarray
+    residual_px: np.ndarray
+    agreeing: np.ndarray
+    spread_px: float
+    chance_log10: float
+
+    def bias(self, xy: np.ndarray) -> np.ndarray:
+        """Return the bias at image points, ``(n, 2)``."""
+        return _build_design(xy, self.centre, self.half_size) @ self.coefficients.T
+
+
+def find_agreement(
+    xy: np.ndarray, offset: np.ndarray, centre: np.ndarray, half_size: np.ndarray, reach_px: float, tolerance_px: float
+) -> Agreement | None:
+    """Return the affine bias on which most offsets agree; None where fewer than six do.
+
+    xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of what was expected
+    tolerance_px : offsets this near to the densest place belong to the start
+    """
+    if len(offset) < OFFSETS.fewest:
+        return None
+    near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
+    start = near[int(near.sum(axis=1).argmax())]
+    if start.sum() < OFFSETS.fewest:
+        return None
+    design = _build_design(xy, centre, half_size)
+    coefficients = np.zeros((2, 3))
+    coefficients[:, 0] = np.median(offset[start], axis=0)
+    residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
+    for _ in range(OFFSETS.rounds):
+        columns = 3 if used.sum() >= OFFSETS.affine_from else 1
+        weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
+        root = np.sqrt(weight)[:, None]
+        values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
+        coefficients = np.zeros((2, 3))
+        coefficients[:, :columns] = values.T
+        residual = offset - design @ coefficients.T
+        # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
+        length = np.hypot(*residual[used].T)
+        spread = float(np.clip(np.median(length) / 1.1774, OFFSETS.least_spread * tolerance_px, tolerance_px))
+        within = np.hypot(*residual.T) <= ROBUST.outlier * spread
+        if within.sum() < OFFSETS.fewest:
+            return None
+        if np.array_equal(within, used):
+            break
+        used = within
+    radius = ROBUST.outlier * spread
+    chance = min(np.pi * radius**2 / (2.0 * reach_px + 1.0) ** 2, 1.0)
+    # the place was chosen among all offsets: that many places could have been the densest
+    log10 = float(stats.binom.logsf(used.sum() - 2, len(offset) - 1, chance) / np.log(10.0) + np.log10(len(offset)))
+    return Agreement(coefficients, centre, half_size, residual, used, spread, log10)
+
+
+def _build_design(xy: np.ndarray, centre: np.ndarray, half_size: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.ones(len(xy)), (xy - centre) / np.maximum(half_size, 1.0)])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...block.block import Image
-from ...block.shared_accuracy import ORTHOIMAGE
+from ...block.orthoimage import ORTHOIMAGE
 from ...foundation.robust_scale import robust_sigma
 from .checks import REFERENCE_CHECKS, ReferenceAccuracy
 from .matching import ReferenceControl

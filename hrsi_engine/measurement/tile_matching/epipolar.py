@@ -3,13 +3,20 @@
 The line is found by localizing the point at heights and projecting into the other image. A match is judged by its
 distance across the line (which a true match keeps but for the RPCs' bias) and by the height that its position along
 the line stands for.
+
+**Consistency.** The RPCs of a pair are off by an offset that hardly changes within a window, so true matches lie in a
+narrow band across their epipolar lines whose place is not known beforehand: it is the mode of all matches' distances
+across, around which a trend is then fitted. Along the lines parallax is free, but neighbours stand on the same ground:
+a match whose parallax leaves the median of its neighbours by more than buildings explain is wrong.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...camera.rpc import RPC
+from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -67,3 +74,96 @@ def compute_epipolar_miss(
         step = np.where(distinct, along / np.maximum(stretch, EPIPOLAR.least_stretch), 0.0)
         height = np.clip(height + step, lowest - reach, highest + reach)
     return EpipolarMiss(across, height, stretch, np.where(distinct, (height - height_m) * stretch, along))
+
+
+def match_descriptors(
+    first: np.ndarray, second: np.ndarray, ratio: float = EPIPOLAR.ratio
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return index pairs of descriptors (unit length) that are each other's nearest and pass the ratio test."""
+    if len(first) < 2 or len(second) < 2:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    nearest = np.empty(len(first), np.int64)
+    distinct = np.empty(len(first), bool)
+    back_best = np.full(len(second), -np.inf, np.float32)
+    back = np.zeros(len(second), np.int64)
+    for start in range(0, len(first), EPIPOLAR.batch):
+        part = slice(start, min(start + EPIPOLAR.batch, len(first)))
+        similarity = first[part] @ second.T
+        column_best = similarity.argmax(axis=0)
+        column_value = similarity[column_best, np.arange(len(second))]
+        better = column_value > back_best
+        back[better], back_best[better] = start + column_best[better], column_value[better]
+        rows = np.arange(part.stop - part.start)
+        best = similarity.argmax(axis=1)
+        best_value = similarity[rows, best].copy()
+        similarity[rows, best] = -np.inf
+        second_value = similarity.max(axis=1)
+        nearest[part] = best
+        # distance² of unit vectors is 2 - 2 * similarity
+        distinct[part] = (1.0 - best_value) < ratio**2 * (1.0 - second_value)
+    index = np.flatnonzero(distinct & (back[nearest] == np.arange(len(first))))
+    return index, nearest[index]
+
+
+class Consistency(NamedTuple):
+    """Of matches: which ones geometry allows, distance across the epipolar line from the trend (px), NaN where there
+    is none, its robust standard deviation, and the epipolar distances themselves."""
+
+    good: np.ndarray
+    deviation_px: np.ndarray
+    sigma_px: float
+    miss: EpipolarMiss
+
+
+def check_rpc_consistency(
+    first: RPC, second: RPC, first_xy: np.ndarray, second_xy: np.ndarray, height_m: np.ndarray | float,
+    floor_px: float = 0.5, unit_px: float = 1.0,
+) -> Consistency:  # fmt: skip
+    """Test matches against RPC geometry, whatever the relative bias of the RPCs.
+
+    Across the epipolar lines all true matches share one offset, the relative bias, with a small trend over the image;
+    it is found as the mode of the distances and refined by a robust plane. Matches beyond `ROBUST.outlier` (at least
+    ``floor_px``) fail, and all where chance alone made the mode: then that limit grows until it takes them in.
+    Along the lines a match must not leave its neighbours by more than terrain does. ``unit_px`` is the size of a
+    matched pixel in pixels of the image (pyramids); thresholds are in units of it.
+    """
+    miss = compute_epipolar_miss(first, second, first_xy, second_xy, height_m)
+    across, along = miss.across_px / unit_px, miss.along_px / unit_px
+    known = np.isfinite(across) & np.isfinite(miss.height_m)
+    nothing = Consistency(np.zeros(len(first_xy), bool), np.full(len(first_xy), np.nan), np.nan, miss)
+    if known.sum() < EPIPOLAR.fewest:
+        return nothing
+    across = np.where(known, across, np.inf)
+    # The middle of the densest interval of half the mode's width
+    ordered = np.sort(across[known])
+    count = np.searchsorted(ordered, ordered + EPIPOLAR.mode_px / 2.0, side="right") - np.arange(len(ordered))
+    densest = int(count.argmax())
+    mode = float(np.median(ordered[densest : densest + count[densest]]))
+    good = known & (np.abs(across - mode) < EPIPOLAR.mode_px)
+    design = np.column_stack([np.ones(len(first_xy)), (first_xy - first_xy.mean(axis=0)) / (np.ptp(first_xy) + 1.0)])
+    for _ in range(5):
+        if good.sum() < EPIPOLAR.fewest:
+            return nothing
+        terms = 3 if good.sum() >= EPIPOLAR.fewest_for_plane else 1
+        deviation = across - design[:, :terms] @ np.linalg.lstsq(design[good, :terms], across[good], rcond=None)[0]
+        sigma = float(robust_sigma(deviation[good]))
+        if sigma > EPIPOLAR.mode_px:
+            return nothing
+        good = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
+    good = good & _compare_with_neighbours(first_xy, along, good)
+    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
+
+
+def _compare_with_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
+    index = np.flatnonzero(good)
+    result = np.zeros(len(xy), bool)
+    if len(index) <= EPIPOLAR.neighbours:
+        result[index] = True
+        return result
+    _, near = cKDTree(xy[index]).query(xy[index], k=EPIPOLAR.neighbours + 1)
+    around = parallax[index][near[:, 1:]]
+    middle = np.median(around, axis=1)
+    spread = robust_sigma(around - middle[:, None], axis=1)
+    result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
+    return result

@@ -2,7 +2,7 @@
 
 1. The second window is resampled to the geometry of the first (`tile_frame`); finders (`matchers`) name candidates,
    and RPC geometry that tolerates a bias keeps the true ones: the seeds.
-2. Every interest point of the first window (`points`) is sought where its neighbours among the seeds predict it,
+2. Every interest point of the first window (`features`) is sought where its neighbours among the seeds predict it,
    in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
    the original pixels of both windows. What is found are seeds of the next round.
 3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are dropped.
@@ -18,16 +18,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
-from ..window_matching.bands import MATCHING_BANDS, SEARCH_BAND
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
-from ..window_matching.windows import DONE, LsmOptions, MatchImage
-from .epipolar import EPIPOLAR
+from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage
+from .epipolar import EPIPOLAR, Consistency, check_rpc_consistency
+from .features import detect_tile_points
 from .frame import TileFrame
 from .matchers import MATCHERS
 from .options import TILE_MATCH, TileMatchOptions
-from .points import detect_tile_points
-from .rpc_consistency import Consistency, check_rpc_consistency
 from .types import ImageTile, TileMatches, TilePairGeometry, make_empty_matches
 
 

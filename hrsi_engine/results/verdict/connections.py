@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import sparse
 
-from ...block.block import Role
-from ...block.stack import stack_of
+from ...block.block import Role, stack_of
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds

@@ -1,8 +1,9 @@
-"""How far a correspondence may be from where the control network puts it (thesis §3.3.4, eqs. 3.4-3.6).
+"""Leaves of a network in polar coordinates about their root (thesis §3.3.2, fig. 3.5), and how far they may be off.
 
-A ground distance ``s`` on a slope ``beta`` is seen by two sensors with incidence angles ``theta1`` and ``theta2`` as
-``s cos(theta1 - beta)`` and ``s cos(theta2 + beta)``. The difference grows with the distance from the node of the
-network, so that the tolerance is that of a local maximum plus a share of the distance.
+Tolerances (thesis §3.3.4, eqs. 3.4-3.6): a ground distance ``s`` on a slope ``beta`` is seen by two sensors with
+incidence angles ``theta1`` and ``theta2`` as ``s cos(theta1 - beta)`` and ``s cos(theta2 + beta)``. The difference
+grows with the distance from the node of the network, so that the tolerance is that of a local maximum plus a share of
+the distance.
 """
 
 from typing import NamedTuple
@@ -64,3 +65,41 @@ def make_tolerance(radius_px: float, incidence_deg: tuple[float, float], slope_d
     """Return the tolerance for local maxima of a radius, incidence angles and the steepest slope, up or down."""
     up, down = (abs(float(compute_distance_difference(1.0, incidence_deg, sign * slope_deg))) for sign in (1.0, -1.0))
     return Tolerance(NETWORK.radius_share * radius_px, max(up, down))
+
+
+class Leaves(NamedTuple):
+    """Leaves of one root: rows (k,) into the point set, distances (k,) px and directions (k,) radians."""
+
+    rows: np.ndarray
+    distance_px: np.ndarray
+    angle_rad: np.ndarray
+
+
+def find_leaves(points: np.ndarray, root: int, reach_px: float) -> Leaves:
+    """Return the other points ``(n, 2)`` within reach of a root, in the order of their indices."""
+    offset = points - points[root]
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    near = np.flatnonzero((distance > 0.0) & (distance <= reach_px))
+    return Leaves(near, distance[near], np.arctan2(offset[near, 1], offset[near, 0]))
+
+
+def wrap_angle(angle_rad: np.ndarray) -> np.ndarray:
+    """Return angles brought into [-pi, pi)."""
+    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def rotate_offset(offset: np.ndarray, rotation_rad: np.ndarray | float, scale: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return offsets ``(…, 2)`` turned from sample towards line and scaled."""
+    cos, sin = scale * np.cos(rotation_rad), scale * np.sin(rotation_rad)
+    return np.stack([cos * offset[..., 0] - sin * offset[..., 1], sin * offset[..., 0] + cos * offset[..., 1]], axis=-1)
+
+
+def find_mutual_best(first: np.ndarray, second: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Return the indices ``(j,)`` of the candidate pairs ``(k,)`` that cost both their points least.
+
+    Equal costs are settled by the lower numbers of the points.
+    """
+    order = np.lexsort((second, first, cost))
+    best_of_first = np.unique(first[order], return_index=True)[1]
+    best_of_second = np.unique(second[order], return_index=True)[1]
+    return order[np.intersect1d(best_of_first, best_of_second, assume_unique=True)]
