@@ -2,12 +2,10 @@
 
 Layers, each importing only those above it::
 
-    grid            pixels of a map, aligned so that all orthoimages register pixel to pixel
-    footprint       the part of the map that an image shows
+    grid            pixels of a map, aligned so that all orthoimages register pixel to pixel; what an image shows
     point_surface   terrain from the adjusted tie points, where there is no DEM
     mapping         image positions of the grid's pixels, exact or within a stated error
-    misregistration shifts between two orthoimages, window by window
-    find_common_shift    the shift that most windows share, where it is large
+    misregistration shifts between two orthoimages, window by window, and the one that most share
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.

@@ -3,19 +3,14 @@
 Layers, each importing only those above it::
 
     options        how two windows are matched
-    tolerances     tolerances from the radius of local maxima, slope and incidence (eqs. 3.4-3.6)
-    polar          distance and direction of leaves from their root
-    assignment     one-to-one assignment
-    voting         how many correspondences two roots can have at most
+    leaves         leaves in polar coordinates, their tolerances (eqs. 3.4-3.6), one-to-one assignment
     super_points   the best pair of roots and starting points (§3.3.2), its significance and rivals
-    local_affine   robust local maps through the network's nodes
-    views          the windows with their interest points
-    grey_values    correlation of patches
-    network        nodes and fathers
+    views          the windows with their interest points, correlation of patches
+    network        nodes and fathers, robust local maps through them
     growth         interest-point matching by sub-networks (§3.3.3)
     seeding        which super points are matched with which
     refinement     least-squares matching, neighbours and epipolar geometry
-    matching       all of it: `match_windows`
+    matching       all of it, scale from features where it is unknown: `match_windows`
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
