@@ -143,7 +143,7 @@ def test_trees_stand_in_their_share_of_the_cells(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("landform", "relief_m"), [
-    ("mountains", 1000.0), ("hills", 100.0), ("farmland", 40.0), ("flat", 2.0),
+    ("mountains", 1000.0), ("hills", 300.0), ("farmland", 100.0), ("flat", 2.0),
 ])  # fmt: skip
 def test_landforms_have_their_relief(landform: str, relief_m: float, tmp_path: Path):
     _, truth, _ = simulate(tmp_path, landform=landform, size=200)

@@ -29,9 +29,9 @@ class Landform(NamedTuple):
     town: float | None = None
 
 
-#: What `simulate` can be asked for.
+#: What `simulate` can be asked for; over 6 km their slopes are 40, 12, 4, 1.3 and 0.1 % (rms over 30 m).
 LANDFORMS = {
-    "mountains": Landform(1000.0), "hills": Landform(100.0), "farmland": Landform(40.0), "city": Landform(30.0, 0.7),
+    "mountains": Landform(1000.0), "hills": Landform(300.0), "farmland": Landform(100.0), "city": Landform(30.0, 0.7),
     "flat": Landform(2.0),
 }  # fmt: skip
 
@@ -52,11 +52,11 @@ class SceneSpec:
     lat_deg: float = option(43.53, "Latitude of the scene's centre", name="lat", unit="deg", metavar="DEG")
     mean_height_m: float = option(250.0, "Mean ellipsoidal height", name="height", unit="m", metavar="M")
     landform: str = option(
-        "hills", "What the ground is like: how high its relief is, and whether buildings stand on it",
+        "farmland", "What the ground is like: how high its relief is, and whether buildings stand on it",
         choices=tuple(LANDFORMS),
     )  # fmt: skip
     relief_m: float | None = option(
-        None, "Range of heights of the relief; by default that of the landform: 1000, 100, 40, 30 and 2 m",
+        None, "Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m",
         name="relief", minimum=0.0, unit="m", metavar="M",
     )  # fmt: skip
     cliff_m: float = option(0.0, "Height of cliffs; 0 makes none", name="cliffs", minimum=0.0, unit="m", metavar="M")
