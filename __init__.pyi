@@ -2026,7 +2026,7 @@ def simulate(
     lon: float = 5.45,
     lat: float = 43.53,
     height: float = 250.0,
-    landform: Literal["mountains", "hills", "farmland", "city", "flat"] = "hills",
+    landform: Literal["mountains", "hills", "farmland", "city", "flat"] = "farmland",
     relief: float | None = None,
     cliffs: float = 0.0,
     seed: int = 1,
@@ -2126,10 +2126,10 @@ def simulate(
         Mean ellipsoidal height (unit m; default 250).
     landform : str, optional
         What the ground is like: how high its relief is, and whether buildings stand on it (one of
-        mountains, hills, farmland, city, flat; default hills).
+        mountains, hills, farmland, city, flat; default farmland).
     relief : float, optional
-        Range of heights of the relief; by default that of the landform: 1000, 100, 40, 30 and 2 m (unit
-        m; at least 0).
+        Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m
+        (unit m; at least 0).
     cliffs : float, optional
         Height of cliffs; 0 makes none (unit m; at least 0; default 0).
     seed : int, optional
