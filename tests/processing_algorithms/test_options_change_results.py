@@ -61,7 +61,7 @@ def without(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     (FREE_DEM, {"free_dem_trees": 0.9}), (FREE_DEM, {"free_dem_tree_height": 60.0}),
     (FREE_DEM, {"free_dem_noise": 9.0}), (FREE_DEM, {"free_dem_common": 9.0}),
     (FREE_DEM, {"free_dem_correlation": 0.0}), (FREE_DEM, {"free_dem_place": 9.0}), ({}, FREE_ORTHO),
-    ({}, {"landform": "hills"}),
+    ({}, {"landform": "flat"}),
     (FREE_ORTHO, {"free_ortho_error": 30.0}),
     (FREE_ORTHO, {"free_ortho_corner": 9.0}), (FREE_ORTHO, {"free_ortho_change": 0.9}),
 ], ids=str)  # fmt: skip
