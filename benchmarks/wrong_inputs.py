@@ -47,8 +47,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
 from hrsi.hrsi_engine.plausibility.control import collect_control, fit_control
-from hrsi.hrsi_engine.plausibility.datums import find_datum_shifts
-from hrsi.hrsi_engine.plausibility.slips import estimate_common_lift
+from hrsi.hrsi_engine.plausibility.slips import estimate_common_lift, find_datum_shifts
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
@@ -462,7 +461,8 @@ def degrees_off(inputs: Inputs, rng: np.random.Generator) -> Inputs:
 def other_datum(inputs: Inputs, rng: np.random.Generator) -> Inputs:
     """ED50 around Provence and Turkey, AGD66 in Tasmania, and so on: the datum farthest from WGS84 at the place."""
     middle = np.median(inputs.ground.ground, axis=0)
-    shifts = find_datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
+    known = find_datum_shifts(round(float(middle[0]), 1), round(float(middle[1]), 1))
+    shifts = [shift for shift in known if "UTM zone" not in shift.name]
     farthest = max(shifts, key=lambda shift: np.hypot(shift.east_m, shift.north_m))
     step = -np.array([farthest.east_m, farthest.north_m, 0.0]) / metres_per_degree(middle[None])[0]
     return inputs.with_ground(inputs.ground.ground + step)

@@ -118,9 +118,9 @@ def _compute_parallaxes(
 ) -> Parallaxes:
     """Return the parallaxes between the measurements of points with k image points each."""
     length = int(observations.first[points[0] + 1] - observations.first[points[0]])
-    local = equations.compute_point_jacobians(state, points)
-    rows = local.rows.reshape(-1, length)
-    residual, by_ground = local.residual.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3)
+    rows, linear = equations.linearise_points(state, points)
+    rows = rows.reshape(-1, length)
+    residual, by_ground = linear.residual.reshape(-1, length, 2), linear.by_ground.reshape(-1, length, 2, 3)
     ray = _multiply_as_vectors(by_ground[:, :, 0], by_ground[:, :, 1])
     scale_of_one, scale_of_other = np.linalg.norm(by_ground, axis=(2, 3)), np.linalg.norm(ray, axis=2)
     swapped = by_ground[:, :, ::-1] * np.array([[1.0], [-1.0]])

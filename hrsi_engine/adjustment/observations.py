@@ -181,37 +181,24 @@ def select_points(
     point = (np.cumsum(taking_part) - 1)[chosen.point]
     survey = block.points.ground[points]
     has_survey = surveyed[points][:, None] & np.isfinite(survey)
-    weight, correlation = _weigh_surveys(block, points, surveyed[points])
+    carrying = surveyed[points]  # (m,)
+    # Each coordinate's own weight, and the correlations
+    weight, correlation = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    covariance = block.points.survey_covariance_m2(points[carrying])
+    variance = covariance.diagonal(axis1=1, axis2=2)
+    weight[carrying] = 1.0 / variance
+    row, column = COORDINATE_PAIRS
+    with np.errstate(invalid="ignore"):
+        pairs = covariance[:, row, column] / np.sqrt(variance[:, row] * variance[:, column])
+    correlation[carrying] = np.nan_to_num(pairs)  # infinite variances
+    # Surveyed points that were found by matching with a reference
+    of_gcps = carrying[point]
+    alike = np.zeros(len(points), dtype=bool)
+    alike[point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]] = True
     return Observations(
         images=block.images, rows=rows, points=points, point=point, image=chosen.image, xy=chosen.xy,
         sigma_px=chosen.sigma_px, first=np.searchsorted(point, np.arange(len(points) + 1)),
         survey=np.where(has_survey, survey, np.nan), survey_weight=np.where(has_survey, weight, 0.0),
         contributes=contributing[chosen.point], camera_of_image=np.arange(len(block.images), dtype=np.int32),
-        survey_correlation=correlation, alike=_find_reference_matches(block, rows, point, surveyed[points]),
+        survey_correlation=correlation if correlation.any() else None, alike=alike if alike.any() else None,
     )  # fmt: skip
-
-
-def _find_reference_matches(
-    block: Block, rows: np.ndarray, point: np.ndarray, surveyed: np.ndarray
-) -> np.ndarray | None:
-    """Return which ``surveyed (m,)`` points were found by matching with a reference; None: none was."""
-    of_gcps = surveyed[point]
-    places = point[of_gcps][block.measurements.kind[rows[of_gcps]] == REFERENCE_KIND]
-    if not len(places):
-        return None
-    alike = np.zeros(len(surveyed), dtype=bool)
-    alike[places] = True
-    return alike
-
-
-def _weigh_surveys(block: Block, points: np.ndarray, surveyed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return each coordinate's own weight ``(m, 3)`` and the correlations ``(m, 3)``, None where there are none."""
-    weight, correlation = np.zeros((len(points), 3)), np.zeros((len(points), 3))
-    covariance = block.points.survey_covariance_m2(points[surveyed])
-    variance = covariance.diagonal(axis1=1, axis2=2)
-    weight[surveyed] = 1.0 / variance
-    row, column = COORDINATE_PAIRS
-    with np.errstate(invalid="ignore"):
-        pairs = covariance[:, row, column] / np.sqrt(variance[:, row] * variance[:, column])
-    correlation[surveyed] = np.nan_to_num(pairs)  # infinite variances
-    return weight, correlation if correlation.any() else None

@@ -1,8 +1,8 @@
 """From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and what is to be said."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -73,22 +73,13 @@ class RoundFindings:
     left_out_surveys: tuple[float, float] = (0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """Numbers of observations and unknowns, redundancy, and the standard deviation of unit weight."""
-
-    observations: int
-    unknowns: int
-    redundancy: float
-    sigma0: float
-
-
 def assemble_adjustment(
     problem: Problem, loop: GaussNewton, found: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block = problem.observations, problem.block
     sums = _count_sums(problem, loop, solution, precise)
+    sigma0 = sums["sigma0"]
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
     cameras = deliver_cameras(problem, loop, solution)
@@ -97,12 +88,17 @@ def assemble_adjustment(
     placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
     alike = _count_points_alike(problem, loop)
     shared = _propagate_shared_errors(problem, loop, solution)
-    scaled = _scale_covariances(problem, found, solution, precise, cameras, sums.sigma0, alike, placed, shared)
-    factor = scaled.image_factor
-    parts = describe_parts(problem, solution, precise, scaled.without_surveys, prior_share, scaled.widened)
+    covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
+        problem, found, solution, precise, cameras, sigma0, alike, placed, shared
+    )
+    parts = describe_parts(problem, solution, precise, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
-    horizontal, height, correlated = (max(sums.sigma0, 1.0) * one for one in found.survey_factors)
+    horizontal, height, correlated = (max(sigma0, 1.0) * one for one in found.survey_factors)
+    warnings = (
+        *problem.warnings, *found.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
+        *_warn_of_heights(heights), *_warn_of_plan(plan), *_warn_of_parallel_rays(parts),
+    )  # fmt: skip
     return Adjustment(
         block=block,
         model=problem.model,
@@ -112,11 +108,11 @@ def assemble_adjustment(
             problem.camera, solution.state.values[camera], factor[:, None, None] * precise.own_cameras(loop)[camera]
         ),
         ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
-        ground_sigma_m=scaled.sigma,
-        ground_covariance_m2=scaled.points,
+        ground_sigma_m=sigma_m,
+        ground_covariance_m2=covariance,
         **_describe_measurements(problem, found, solution, precise, cameras.residual, placed[observations.point]),
         prior_share=prior_share[camera],
-        **asdict(sums),
+        **sums,
         converged=solution.converged,
         status=solution.status,
         history=tuple(loop.history),
@@ -125,13 +121,7 @@ def assemble_adjustment(
         variance_components=found.components,
         parts=parts,
         cross_validation=found.cross_validation,
-        warnings=(
-            *(*problem.warnings, *found.warnings),
-            *_warn_of_weak_parameters(problem, loop, prior_share),
-            *_warn_of_heights(heights),
-            *_warn_of_plan(plan),
-            *_warn_of_parallel_rays(parts),
-        ),
+        warnings=warnings,
         heights=heights,
         plan=plan,
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
@@ -145,34 +135,35 @@ def assemble_adjustment(
     )
 
 
-class _Covariances(NamedTuple):
-    """Covariances with their variance factors, m².
-
-    points : (points of the block, 3, 3), NaN for those without position and for surveys left out as wrong
-    sigma : (points of the block, 3) their standard deviations with the errors of coordinate operations, m
-    without_surveys : (m, 3, 3) of the points in solver order, GCPs without their own survey, with those errors
-    image_factor : (images,) variance factor of each image's parameters
-    widened : factor of the predicted standard deviations by the leave-one-out errors of the GCPs
-    """
-
-    points: np.ndarray
-    sigma: np.ndarray
-    without_surveys: np.ndarray
-    image_factor: np.ndarray
-    widened: float
-
-
 def _scale_covariances(
     problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
     sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: SharedErrors | None,
-) -> _Covariances:  # fmt: skip
-    """Return the one set of covariances from which sigmas, ellipses, predictions and the headline follow."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+    """Return the one set of covariances, in m², from which sigmas, ellipses, predictions and the headline follow.
+
+    They are those of the block's points ``(points, 3, 3)``, NaN without position and where a survey was left out as
+    wrong; standard deviations ``(points, 3)`` with the errors of coordinate operations; covariances of the points in
+    solver order ``(m, 3, 3)``, GCPs without their own survey, with those errors; the variance factor of each image's
+    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors.
+    ``alike (images,)`` is what the share of the cameras in the points' cofactors has beside the variance factor.
+    """
     observations = problem.observations
-    factor = _choose_variance_factors(problem, sigma0)[_number_parts(problem)]
-    of_points = _scale_cofactors(problem, solution, precise, cameras, factor, alike)
+    image = observations.image[observations.first[:-1]]
+    # Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit. A sigma0
+    # below 1 is the image points' own too: it makes no survey better than it was said to be.
+    of_part = np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
+    factor = of_part[_number_parts(problem)]
+    of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
+    by_cameras = np.flatnonzero(alike[image] > 1.0)
+    of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
+    beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
+    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
+    beside += without_drift[:, :, None] * without_drift[:, None, :]
     left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
-    covariance = np.where((placed & ~left_out)[:, None, None], of_points(precise.points), np.nan)
-    others = np.where(np.isnan(covariance), np.nan, of_points(predict_without_surveys(problem, solution, precise)))
+    known = (placed & ~left_out)[:, None, None]
+    covariance = np.where(known, of_point * precise.points + beside, np.nan)
+    others = of_point * predict_without_surveys(problem, solution, precise) + beside
+    others[np.isnan(covariance)] = np.nan
     squares, freedom = found.left_out_surveys
     stated = RESULT_WARNINGS.of_prediction
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
@@ -184,16 +175,7 @@ def _scale_covariances(
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
     expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
-    return _Covariances(expanded, sigma, others, factor * alike, float(widened))
-
-
-def _choose_variance_factors(problem: Problem, sigma0: float) -> np.ndarray:
-    """Return the factor of the cofactors of each part of the block ``(parts,)``.
-
-    Without GCPs the RPCs' own error terms hold a part, and they say nothing of how well image points fit. A sigma0
-    below 1 is the image points' own too: it makes no survey better than it was said to be.
-    """
-    return np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
+    return expanded, sigma, others, factor * alike, float(widened)
 
 
 def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
@@ -291,26 +273,6 @@ def _describe_measurements(
     }
 
 
-def _scale_cofactors(
-    problem: Problem, solution: Solution, precise: Precision, cameras: CameraDelivery, factor: np.ndarray,
-    alike: np.ndarray,
-) -> Callable[[np.ndarray], np.ndarray]:  # fmt: skip
-    """Return what makes covariances ``(m, 3, 3)`` of delivered positions from the points' cofactors.
-
-    ``factor (images,)`` is that of the cofactors of each image's points, ``alike (images,)`` what the share of the
-    cameras in them has beside it. All covariances of points come from here.
-    """
-    observations = problem.observations
-    image = observations.image[observations.first[:-1]]
-    of_point, beside = factor[image, None, None], np.zeros_like(precise.points)
-    by_cameras = np.flatnonzero(alike[image] > 1.0)
-    of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
-    beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
-    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
-    beside += without_drift[:, :, None] * without_drift[:, None, :]
-    return lambda cofactors: np.asarray(of_point * cofactors + beside)
-
-
 def _expand_rows(length: int, where: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
     """Return an array of ``length`` rows with ``values`` at ``where``; the values themselves where that is all."""
     if len(values) == length:
@@ -347,13 +309,15 @@ def compute_redundancy(
     return observed - positions - unknown
 
 
-def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> _Sums:
-    """Count what was not left out."""
+def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise: Precision) -> dict[str, Any]:
+    """Return the fields of an `Adjustment` that count what was not left out, and the sigma0 that follows."""
     observed, positions = _count_observations(problem, solution)
-    unknowns = positions + len(precise.parameters) * len(problem.model.parameters)
     redundancy = compute_redundancy(problem, loop, solution, precise.parameters, precise.cameras)
-    sigma0 = float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0
-    return _Sums(observed, unknowns, redundancy, sigma0)
+    return {
+        "observations": observed, "redundancy": redundancy,
+        "unknowns": positions + len(precise.parameters) * len(problem.model.parameters),
+        "sigma0": float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0,
+    }  # fmt: skip
 
 
 def _compute_reliability(

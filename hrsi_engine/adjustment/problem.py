@@ -4,10 +4,9 @@ Cameras that share points belong together. Each such *part* of a block is held b
 priors of its images' RPCs; a part has its own priors accordingly, and is named where the user should know of it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -37,9 +36,6 @@ from .options import AdjustOptions
 from .statistics.variance_components import GROUPINGS
 from .weak_geometry import set_point_priors
 from .weights import WEIGHTS
-
-Entry = TypeVar("Entry")
-SENSORS_NAMED = 3  # in a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,9 +191,14 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         held = options.test_sigmas or options.variance_components or bool(options.sigma_drift)
         choice = choose_model(block, options.model, held)
         options = replace(options, model=choice.model)
-    model = choose_entry(MODELS, options.model, "model")
-    choose_entry(WEIGHTS, options.robust, "robust weight function")
-    choose_entry(GROUPINGS, options.variance_groups, "grouping of image points")
+    tables = {
+        "model": (MODELS, options.model), "robust weight function": (WEIGHTS, options.robust),
+        "grouping of image points": (GROUPINGS, options.variance_groups),
+    }  # fmt: skip
+    for what, (table, name) in tables.items():
+        if name not in table:
+            raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
+    model = MODELS[options.model]
     for group in options.sensor_images:
         _find_images(block, group, "a group of images of one sensor")
     observations = select_observations(block, options.check_as_ties, options.reference)
@@ -247,13 +248,6 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     if problem.held_plan is not None:
         problem.held_plan.enter_start(priors)
     return problem
-
-
-def choose_entry(table: Mapping[str, Entry], name: str, what: str) -> Entry:
-    """Return an entry by name; raises `InputError` that lists the names."""
-    if name not in table:
-        raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
-    return table[name]
 
 
 def _find_images(block: Block, ids: Sequence[str], what: str) -> list[int]:
@@ -326,7 +320,7 @@ def _collect_warnings(
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
     if free:
         listed = "; ".join(list_ids(names[i] for i in part.images) for part in free[:IDS_NAMED])
-        believed = " | ".join([*reasons][:SENSORS_NAMED])
+        believed = " | ".join([*reasons][:3])
         held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         what = "position in plan" if held else "position"
         warnings.append(
@@ -439,7 +433,11 @@ def _require_solvable(
     free = np.isfinite(prior_weight).any(axis=1) & (per_camera > 0)
     if earlier is not None:
         free[earlier.camera] = False
-    observed, unknowns = count_observations(observations, observations.contributing_points, p * int(free.sum()))
+    contributes, surveyed = observations.contributing_points, (observations.survey_weight > 0.0).sum(axis=1)
+    if observations.referenced is not None:
+        surveyed += 3 * observations.referenced  # with a height, by a DEM if not by rays
+    observed = 2 * int(np.diff(observations.first) @ contributes) + int(surveyed @ contributes)
+    unknowns = 3 * int(contributes.sum()) + p * int(free.sum())
     if not observations.located.any() or not free.all():
         observed += min(3, unknowns)  # the priors, or fixed images, hold the block's position
     if observed >= unknowns:
@@ -453,13 +451,3 @@ def _require_solvable(
             f"{simpler}measure more points on it"
         )
     raise SolveError(f"{observed} observations for {unknowns} unknowns: {simpler}add GCPs or tie points")
-
-
-def count_observations(observations: Observations, contributes: np.ndarray, parameters: int) -> tuple[int, int]:
-    """Return the numbers of observations and of unknowns of the points that have a say in the cameras."""
-    rows = np.diff(observations.first)
-    surveyed = (observations.survey_weight > 0.0).sum(axis=1)
-    if observations.referenced is not None:
-        surveyed += 3 * observations.referenced  # with a height, by a DEM if not by rays
-    observed = 2 * int(rows @ contributes) + int(surveyed @ contributes)
-    return observed, 3 * int(contributes.sum()) + parameters

@@ -16,10 +16,6 @@ PIXEL_SLIP_CODES = {
     "sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale",
     "image-ids-permuted",
 }  # fmt: skip
-#: Reasons that rounded coordinates explain.
-SCATTER_CODES = {"control-implausible", "control-groups", "control-outliers"}
-#: Reasons that explain heights outside the RPC's range.
-HEIGHT_RANGE_CODES = HEIGHT_CODES | {"heights-alike"}
 
 
 def check_block(
@@ -61,8 +57,11 @@ def _drop_consequences(reasons: list[Reason]) -> list[Reason]:
     for reason in reasons:
         follows = (
             (reason.code == "outside-image" and codes & PIXEL_SLIP_CODES)
-            or (reason.code == "heights-out-of-range" and codes & HEIGHT_RANGE_CODES)
-            or (reason.code in SCATTER_CODES and "coordinates-rounded" in codes)
+            or (reason.code == "heights-out-of-range" and codes & {*HEIGHT_CODES, "heights-alike"})
+            or (
+                reason.code in {"control-implausible", "control-groups", "control-outliers"}
+                and "coordinates-rounded" in codes
+            )
             or (reason.code in HEIGHT_CODES and any(other.code in HEIGHT_CODES for other in kept))
             or any(reason.code == other.code for other in kept if reason.code != "duplicate-images")
         )

@@ -21,11 +21,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..block.block import Block
+from ..block.block import Block, Image, stack_of
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import ground_difference_m, metres_per_degree, wrap_degrees
 from .accuracy import SIMULATED, ImageAccuracy
-from .sightlines import Sightlines, compute_sightlines
 
 
 @thresholds
@@ -40,7 +40,51 @@ class CONTROL_FIT:
     linear_cost_sigmas: float = threshold(10.0, "sigma", "a larger shift costs by its logarithm only", SIMULATED)
 
 
+NOWHERE_M = 2e7  # distance of a point without a ray: half round the Earth
 MEDIAN_LENGTH = 1.1774  # sqrt(2 ln 2): median length of a normal vector in the plane, in its sigmas
+
+
+@dataclass(frozen=True, eq=False)
+class Sightlines:
+    """Rays as straight lines: a point ``ground (n, 3)`` of each, and ``slope (n, 2)``, metres east, north per metre up.
+
+    Surveys are compared with rays on the ground, not in the image: localisation works wherever the survey lies, while
+    projection is meaningless far outside the RPC's domain. A survey with another height needs no new ray.
+    """
+
+    ground: np.ndarray
+    slope: np.ndarray
+
+    def distance_m(self, surveyed: np.ndarray) -> np.ndarray:
+        """Return metres east and north ``(n, 2)`` from surveyed points to their rays at the surveyed height."""
+        difference = self.ground[:, :2] - surveyed[:, :2]
+        difference[:, 0] = wrap_degrees(difference[:, 0])
+        across = difference * metres_per_degree(self.ground)[:, :2]
+        across += self.slope * (surveyed[:, 2] - self.ground[:, 2])[:, None]
+        lost = ~finite_rows(across)
+        across[lost] = NOWHERE_M
+        return across
+
+    def select(self, rows: np.ndarray) -> Sightlines:
+        """Return some of the rays."""
+        return Sightlines(self.ground[rows], self.slope[rows])
+
+    def replace(self, rows: np.ndarray, others: Sightlines) -> Sightlines:
+        """Return the rays with others at some rows (mask)."""
+        ground, slope = self.ground.copy(), self.slope.copy()
+        ground[rows], slope[rows] = others.ground, others.slope
+        return Sightlines(ground, slope)
+
+
+def compute_sightlines(images: Sequence[Image], image: np.ndarray, xy: np.ndarray) -> Sightlines:
+    """Return the rays of image points ``xy (n, 2)`` on images by index ``(n,)``, over the RPC's height range."""
+    if not len(xy):
+        return Sightlines(np.empty((0, 3)), np.empty((0, 2)))
+    rpcs = [one.rpc for one in images]
+    stack = stack_of(images)
+    middle, high = np.array([(rpc.height_off, rpc.height_range[1]) for rpc in rpcs])[image].T
+    ground, upper = (stack.localize(image, xy, height) for height in (middle, high))
+    return Sightlines(ground, ground_difference_m(upper, ground)[:, :2] / (high - middle)[:, None])
 
 
 @dataclass(frozen=True, eq=False)

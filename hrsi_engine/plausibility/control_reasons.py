@@ -14,10 +14,9 @@ from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ACCURACY, SIMULATED
-from .control import CONTROL_FIT, ControlFit, ControlMeasurements, fit_control
+from .control import CONTROL_FIT, ControlFit, ControlMeasurements, compute_sightlines, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
-from .sightlines import compute_sightlines
 from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
 
@@ -39,10 +38,6 @@ class SLIP:
 
 #: Mistakes of heights, which the data hardly tell apart: only the likeliest is named.
 HEIGHT_CODES = {"height-unit", "height-offset", "height-datum"}
-#: Mistakes that a few points alone do not prove: other wrong heights look the same.
-UNPROVABLE_CODES = {"height-offset", "height-datum", "height-unit", "horizontal-datum"}
-
-
 #: Mistakes of image coordinates that are told from a shift of the image by how the misfit changes over it.
 SHIFTING_CODES = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale"}
 
@@ -82,12 +77,6 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
 
 
-def _are_shifted_alike(given: ControlFit, reading: SlipHypothesis) -> bool:
-    """Return whether a shift of the images explains all, as one of a crop or of a biased RPC does, or one point."""
-    images = given.control.images if reading.images is None else reading.images
-    return bool((given.scatter[images] <= CONTROL_FIT.usual_scatter).all())
-
-
 def _is_suspicious(given: ControlFit) -> bool:
     """Return whether mistakes are worth a try: a right block hardly ever is suspicious."""
     lift, sigma = estimate_common_lift(given.control, given.shift_m)
@@ -112,13 +101,17 @@ def _find_best_slip(
     """
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
-        saved = given.cost - reading.cost
-        if reading.slip.code in SHIFTING_CODES and _are_shifted_alike(given, reading):
-            continue
-        if saved > SLIP.least_cost and _is_explanation(reading.fit, given):
-            code = reading.slip.code
-            if code not in best or reading.cost < best[code].cost:
-                best[code] = reading
+        code, fit = reading.slip.code, reading.fit
+        images = control.images if reading.images is None else reading.images
+        if code in SHIFTING_CODES and (given.scatter[images] <= CONTROL_FIT.usual_scatter).all():
+            continue  # a shift of the images explains all, as one of a crop or of a biased RPC does, or one point
+        # everything fits as a right block does, and the misfit has become clearly smaller
+        largest, before = float(fit.shift_sigmas.max()), float(given.shift_sigmas.max())
+        good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
+        good_scatter = fit.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
+        explains = given.cost - reading.cost > SLIP.least_cost and fit.fits and good_shift and good_scatter
+        if explains and (code not in best or reading.cost < best[code].cost):
+            best[code] = reading
     biased = bool((given.shift_length_m <= control.get_figures("biased_m")).all())
     datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
@@ -126,14 +119,6 @@ def _find_best_slip(
     if not ranked or (rivals and rivals[0].cost - ranked[0].cost < SLIP.least_lead):
         return None, datum
     return ranked[0], datum
-
-
-def _is_explanation(read: ControlFit, given: ControlFit) -> bool:
-    """Return whether everything fits as a right block does, and the misfit has become clearly smaller."""
-    largest, before = float(read.shift_sigmas.max()), float(given.shift_sigmas.max())
-    good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
-    good_scatter = read.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
-    return read.fits and good_shift and bool(good_scatter)
 
 
 def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
@@ -149,9 +134,11 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
     images = find_image_permutation(control, suspects)
     if images is not None:
         changed = np.unique(control.image[images[0] != control.image])
-        slip = Slip(
-            "image-ids-permuted", _describe_image_exchange(control, images[0]), "correct the field 'image'", 4.0
-        )
+        owner, names = images[0].tolist(), control.block.images
+        pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
+        text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
+        what = f"measurements belong to other images: those said to be on {text}"
+        slip = Slip("image-ids-permuted", what, "correct the field 'image'", 4.0)
         yield SlipHypothesis(slip, fit_control(replace(control, image=images[0], sights=images[1])), images=changed)
     owners = find_point_permutation(control)
     if owners is not None:
@@ -179,13 +166,6 @@ def _fit_without_pixel_slip(
         return fit_control(control)
     fresh = compute_sightlines(control.block.images, control.image[rows], xy[rows])
     return fit_control(control, seen=control.sights.replace(rows, fresh))
-
-
-def _describe_image_exchange(control: ControlMeasurements, owner: np.ndarray) -> str:
-    pairs = sorted({(int(a), int(b)) for a, b in zip(control.image, owner, strict=True) if a != b})
-    ids = control.block.images
-    text = ", ".join(f"{ids[a].id} are of {ids[b].id}" for a, b in pairs[:4])
-    return f"measurements belong to other images: those said to be on {text}"
 
 
 def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
@@ -249,7 +229,8 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
             )
     for slip, ground in iterate_ground_slips(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
-        if (away < limit).all() and slip.code not in UNPROVABLE_CODES:
+        # what moves a few points in height or all alike is not proved by them: other wrong heights look the same
+        if (away < limit).all() and slip.code not in {*HEIGHT_CODES, "horizontal-datum"}:
             fitting.setdefault(slip.code, slip)
     for slip, undo in PIXEL_SLIPS:
         read = _fit_without_pixel_slip(control, undo, None)

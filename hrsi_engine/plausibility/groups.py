@@ -106,19 +106,15 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
         if step[cut] < least_m:
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
-        within = max(*(_compute_cluster_width(along[part]) for part in (low, high)), float(np.median(expected)))
+        # The standard deviation within a cluster, doubled for two or three points, whose range says little
+        spreads = [float(np.std(along[part], ddof=1)) * (2.0 if len(part) < 4 else 1.0) for part in (low, high)]
+        within = max(*spreads, float(np.median(expected)))
         gap = float(step[cut] / within)
         if gap > GROUP.gap_ratio and (best is None or gap > best[1]):
             smaller = np.zeros(count, dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
     return best
-
-
-def _compute_cluster_width(along: np.ndarray) -> float:
-    """Return the standard deviation within a cluster, doubled for two or three points, whose range says little."""
-    spread = float(np.std(along, ddof=1))
-    return 2.0 * spread if len(along) < 4 else spread
 
 
 def _describe_disagreement(

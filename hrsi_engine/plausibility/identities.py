@@ -16,8 +16,7 @@ from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ImageAccuracy
-from .control import ControlMeasurements
-from .sightlines import Sightlines, compute_sightlines
+from .control import ControlMeasurements, Sightlines, compute_sightlines
 
 
 @thresholds

@@ -56,27 +56,24 @@ def find_track_outliers(points: LaserPoints) -> np.ndarray:
     order = np.argsort(points.track, kind="stable")
     names = points.track[order]
     for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
-        if len(rows) > 3:
-            result[rows] = _is_off_neighbours(points.ground[rows], points.sigma_m[rows])
+        if len(rows) <= 3:
+            continue
+        ground, height = points.ground[rows], points.ground[rows, 2]
+        away = ground[:, :2] - ground[0, :2]
+        away[:, 0] = wrap_degrees(away[:, 0])
+        metres = away * metres_per_degree(ground[:1])[:, :2]
+        count = min(LASER_QUALITY.neighbours, len(rows) - 1)
+        distance, near = cKDTree(metres).query(
+            metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m
+        )
+        distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
+        there = np.isfinite(distance)
+        enough = there.sum(axis=1) >= 3
+        others = np.where(there, np.append(height, np.nan)[near], np.nan)[enough]
+        middle = np.nanmedian(others, axis=1)
+        spread = 1.4826 * np.nanmedian(np.abs(others - middle[:, None]), axis=1)
+        reach = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
+        noise = np.hypot(spread, np.nan_to_num(points.sigma_m[rows][enough]))
+        allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * noise
+        result[rows[enough]] = np.abs(height[enough] - middle) > allowed
     return result
-
-
-def _is_off_neighbours(ground: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
-    away = ground[:, :2] - ground[0, :2]
-    away[:, 0] = wrap_degrees(away[:, 0])
-    metres = away * metres_per_degree(ground[:1])[:, :2]
-    count = min(LASER_QUALITY.neighbours, len(ground) - 1)
-    distance, near = cKDTree(metres).query(metres, k=count + 1, distance_upper_bound=LASER_QUALITY.neighbour_reach_m)
-    distance, near = distance[:, 1:], near[:, 1:]  # the nearest is the point itself
-    there = np.isfinite(distance)
-    height = np.where(there, np.append(ground[:, 2], np.nan)[near], np.nan)
-    enough = there.sum(axis=1) >= 3
-    off, spread, reach = np.zeros(len(ground)), np.zeros(len(ground)), np.zeros(len(ground))
-    middle = np.nanmedian(height[enough], axis=1)
-    off[enough] = np.abs(ground[enough, 2] - middle)
-    spread[enough] = 1.4826 * np.nanmedian(np.abs(height[enough] - middle[:, None]), axis=1)
-    reach[enough] = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
-    allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * np.hypot(
-        spread, np.nan_to_num(sigma_m)
-    )
-    return np.asarray(enough & (off > allowed))

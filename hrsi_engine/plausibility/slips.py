@@ -8,18 +8,22 @@ import contextlib
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
+import pyproj
+from pyproj.aoi import AreaOfInterest
+from pyproj.enums import PJType
 
 from ..block.block import Image
 from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from ..ground.geoids import GEOID_GRIDS, geoid_heights
 from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
-from .datums import find_datum_shifts, find_projected_shifts
 
 FEET_M = 0.3048
 DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
@@ -304,7 +308,7 @@ def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
 def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     degrees = 1.0 / metres_per_degree(near[None])[0]
     place = round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1)
-    candidates = [*find_datum_shifts(*place), *find_projected_shifts(*place)]
+    candidates = find_datum_shifts(*place)
     for sign, what in (
         (1.0, "refer to {} but count as WGS84"),
         (-1.0, "were converted from {} though they were WGS84"),
@@ -320,3 +324,48 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
                 ),
                 ground + step * degrees,
             )  # fmt: skip
+
+
+# ---- datums --------------------------------------------------------------------------------------------------------
+
+
+@thresholds
+class DATUM:
+    """Which horizontal datums are told apart from WGS84."""
+
+    least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not told apart from it")
+    largest_shift_m: float = threshold(5e3, "m", "datums farther off are none of the area")
+
+
+class DatumShift(NamedTuple):
+    """Metres east and north from the coordinates taken for WGS84 to the true position."""
+
+    name: str
+    east_m: float
+    north_m: float
+
+
+@lru_cache(maxsize=16)
+def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
+    """Return the datums in use at a place, and their UTM systems, that differ from WGS84 (`DATUM`).
+
+    What is off is longitude and latitude of the datum, or numbers of its UTM system, that are taken for WGS84's.
+    """
+    area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
+    place = np.array([[lon_deg, lat_deg, 0.0]])
+    factors, found = metres_per_degree(place)[0], []
+    for kind in (PJType.GEOGRAPHIC_2D_CRS, PJType.PROJECTED_CRS):
+        for info in pyproj.database.query_crs_info(
+            auth_name="EPSG", pj_types=kind, area_of_interest=area, contains=True
+        ):
+            projected = kind is PJType.PROJECTED_CRS
+            if projected and ("UTM zone" not in info.name or info.name.startswith("WGS 84 /")):
+                continue
+            with contextlib.suppress(InputError):
+                own = operations_of(f"EPSG:{map_epsg(lon_deg, lat_deg)}").from_wgs84(place) if projected else place
+                numbers = np.column_stack([own[:, :2], [0.0]])
+                lon, lat, _ = operations_of(f"EPSG:{info.code}").to_wgs84(numbers)[0]
+                east, north = wrap_degrees(np.array(lon - lon_deg)) * factors[0], (lat - lat_deg) * factors[1]
+                if DATUM.least_shift_m < np.hypot(east, north) < DATUM.largest_shift_m:
+                    found.append(DatumShift(info.name, float(east), float(north)))
+    return tuple(found)

@@ -17,12 +17,11 @@ import numpy as np
 
 from ..block.block import Block, Role
 from ..foundation.errors import list_ids
-from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from .accuracy import SIMULATED, ImageAccuracy
-from .sightlines import Sightlines, compute_sightlines
+from .control import Sightlines, compute_sightlines
 from .slips import PIXEL_SLIPS, Slip
 
 
@@ -160,7 +159,9 @@ def judge_pairs(
     xy = pairs.xy if xy is None else xy
     images = pairs.block.images
     flat = compute_sightlines(images, image.ravel(), xy.reshape(-1, 2))
-    at_height = _move_to_height(flat, pairs.height_m)
+    climb = pairs.height_m - flat.ground[:, 2]
+    step = np.column_stack([flat.slope * climb[:, None], climb])
+    at_height = Sightlines(move_ground(flat.ground, step), flat.slope)
     other_ends = at_height.ground.reshape(-1, 2, 3)[:, ::-1].reshape(-1, 3)  # the two points of a pair are adjacent
     apart = at_height.distance_m(other_ends)[::2]
     slope = flat.slope[::2] - flat.slope[1::2]
@@ -224,44 +225,28 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
     return left if fits.mean() >= 1.0 - TIE_CHECK.off_share else away_m
 
 
-def _move_to_height(flat: Sightlines, height_m: float) -> Sightlines:
-    """Return the rays with their ground points moved to one height."""
-    climb = height_m - flat.ground[:, 2]
-    step = np.column_stack([flat.slope * climb[:, None], climb])
-    return Sightlines(move_ground(flat.ground, step), flat.slope)
-
-
 def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return `_compute_mode` of each pair's values, which begin at ``starts``; pairs of equal size at once."""
-    modes = np.empty(len(starts))
-    for size in np.unique(sizes).tolist():
+    """Return a robust mode of each pair's values, which begin at ``starts``; 0 where none is finite.
+
+    It is the median of the narrowest interval that holds `TIE_CHECK.bulk_share` of them. Pairs with as many finite
+    values are taken at once.
+    """
+    modes = np.zeros(len(starts))
+    finite = np.isfinite(values)
+    known = np.add.reduceat(finite, starts, dtype=np.int64) if len(starts) else sizes
+    ordered = np.where(finite, values, np.inf)
+    for size in np.unique(sizes).tolist():  # the others, infinite ones, come last
         same = np.flatnonzero(sizes == size)
-        ordered = np.sort(values[starts[same, None] + np.arange(size)], axis=1)
-        number = _compute_bulk_size(size)
-        width = ordered[:, number - 1 :] - ordered[:, : size - number + 1]
-        middle = np.argmin(width, axis=1) + number // 2
-        own = np.arange(len(same))
-        modes[same] = ordered[own, middle] if number % 2 else 0.5 * (ordered[own, middle - 1] + ordered[own, middle])
-        for lost in np.flatnonzero(~finite_rows(ordered)).tolist():
-            modes[same[lost]] = _compute_mode(ordered[lost])
+        of_size = np.sort(ordered[starts[same, None] + np.arange(size)], axis=1)
+        for count in np.unique(known[same]).tolist():
+            here = known[same] == count
+            number = min(max(5, round(TIE_CHECK.bulk_share * count)), count)
+            if number:
+                some, own = of_size[here, :count], np.arange(here.sum())
+                width = some[:, number - 1 :] - some[:, : count - number + 1]
+                middle = np.argmin(width, axis=1) + number // 2
+                modes[same[here]] = 0.5 * (some[own, middle] + some[own, middle - 1 + number % 2])
     return modes
-
-
-def _compute_bulk_size(size: int) -> int:
-    """Return how many of ``size`` values are their bulk."""
-    return min(max(5, round(TIE_CHECK.bulk_share * size)), size)
-
-
-def _compute_mode(values: np.ndarray) -> float:
-    """Return the median of the narrowest interval that holds `bulk_share` of the values: a robust mode."""
-    ordered = np.sort(values[np.isfinite(values)])
-    if not len(ordered):
-        return 0.0
-    number = _compute_bulk_size(len(ordered))
-    width = ordered[number - 1 :] - ordered[: len(ordered) - number + 1]
-    begin = int(np.argmin(width))
-    middle = begin + number // 2
-    return float(ordered[middle] if number % 2 else 0.5 * (ordered[middle - 1] + ordered[middle]))  # their median
 
 
 def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:

@@ -153,7 +153,7 @@ def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
         equations = NormalEquations(observations, model, pattern)
         normals = equations.form_normals(state, weight, priors, contributes)
         cofactors = equations.compute_cofactors(state, weight, normals, np.abs(normals.blocks))
-        local = equations.compute_point_jacobians(state, np.array([3, 8, 20]))
+        _, local = equations.linearise_points(state, np.array([3, 8, 20]))
         results.append(
             (
                 normals.residual, normals.blocks, normals.right, normals.inverse, normals.point_right,

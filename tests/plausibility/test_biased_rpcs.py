@@ -14,7 +14,7 @@ from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.plausibility.datums import find_projected_shifts
+from hrsi.hrsi_engine.plausibility.slips import find_datum_shifts
 
 
 @pytest.mark.parametrize("sensor", mark_beyond(2, "coverage", ["worldview-2", "spot5", *sorted(FIGURES_M)[:4]]))
@@ -63,5 +63,5 @@ def test_utm_of_another_datum_is_named_and_its_shift_that_of_pyproj() -> None:
     read, meant = (pyproj.Transformer.from_crs(4326, code, always_xy=True) for code in (32613, 26713))
     lon, lat = meant.transform(*read.transform(-105.0, 39.7), direction="INVERSE")
     true_m = np.array([(lon + 105.0) * 85_760.0, (lat - 39.7) * 111_030.0])  # metres a degree at 39.7 N
-    (found,) = (shift for shift in find_projected_shifts(-105.0, 39.7) if shift.name.startswith("NAD27"))
+    (found,) = (shift for shift in find_datum_shifts(-105.0, 39.7) if shift.name.startswith("NAD27 / UTM"))
     assert np.hypot(*(np.array([found.east_m, found.north_m]) - true_m)) < 10.0 < 200.0 < np.hypot(*true_m)

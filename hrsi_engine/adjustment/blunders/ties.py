@@ -114,11 +114,13 @@ def judge_ties(
     trends = fit_residual_trends(observations, solution.normals.residual, used)
     for length in np.unique(rays):
         points = suspicious[rays == length]
-        local = equations.compute_point_jacobians(solution.state, points)
-        rows = local.rows.reshape(-1, length)
-        own = local.residual - evaluate_trends(observations, trends, local.rows)
+        rows, linear = equations.linearise_points(solution.state, points)
+        own = linear.residual - np.einsum(
+            "nt,ntc->nc", _list_terms(observations, rows), trends[observations.image[rows]]
+        )
+        rows = rows.reshape(-1, length)
         groups.append((rows, PointRays(
-            own.reshape(-1, length, 2), local.by_ground.reshape(-1, length, 2, 3),
+            own.reshape(-1, length, 2), linear.by_ground.reshape(-1, length, 2, 3),
             np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2), all_in.points, points,
         )))  # fmt: skip
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
@@ -152,11 +154,6 @@ def fit_residual_trends(observations: Observations, residual: np.ndarray, used: 
             apart = np.linalg.norm(residual[rows] - terms @ trends[index], axis=1)
             weight = huber(apart / max(float(np.median(apart)), 1e-9))
     return trends
-
-
-def evaluate_trends(observations: Observations, trends: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the common part of the residuals of some measurements ``(k, 2)``, see `fit_residual_trends`."""
-    return np.asarray(np.einsum("nt,ntc->nc", _list_terms(observations, rows), trends[observations.image[rows]]))
 
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:

@@ -15,9 +15,9 @@
 from .camera_system import CameraSystem, choose_camera_system
 from .normal_equations import NormalEquations
 from .pattern import Pattern, find_pattern, make_diagonal_pattern
-from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointJacobians, PointPriors, State
+from .states import FREE_POINT_SIGMA_M, Cofactors, Normals, PointPriors, State
 
 __all__ = [
-    "FREE_POINT_SIGMA_M", "CameraSystem", "Cofactors", "NormalEquations", "Normals", "Pattern", "PointJacobians",
-    "PointPriors", "State", "choose_camera_system", "find_pattern", "make_diagonal_pattern",
+    "FREE_POINT_SIGMA_M", "CameraSystem", "Cofactors", "NormalEquations", "Normals", "Pattern", "PointPriors",
+    "State", "choose_camera_system", "find_pattern", "make_diagonal_pattern",
 ]  # fmt: skip

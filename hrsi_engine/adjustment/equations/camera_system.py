@@ -6,7 +6,6 @@ preconditioned by the Cholesky factors of neighbourhoods of cameras, and knows n
 """
 
 from inspect import signature
-from typing import Protocol
 
 import numpy as np
 from scipy import linalg, sparse
@@ -38,46 +37,11 @@ CG_ITERATIONS = 20_000
 NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
 
-class CameraSystem(Protocol):
-    """``S + diag(prior weight)``, and damping times its diagonal; `factorise` comes first."""
-
-    def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        """Take the upper ``blocks (blocks, p, p)`` and ``prior_weight (cameras, p)``, infinite where fixed."""
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """Return the solution for a right-hand side ``(cameras, p)`` or several ``(cameras, p, k)``."""
-
-    def solve_nearby(
-        self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
-    ) -> np.ndarray:
-        """Return the solution ``(cameras, p)`` of a matrix near the last one; arguments of `factorise` and `solve`."""
-
-    def compute_damping_cost(self, step: np.ndarray) -> float:
-        """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
-
-    def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
-        """Return the cofactors ``(k, k)`` of functions of the unknowns with sparse derivatives ``rows (k, c p)``."""
-
-    def compute_cofactors(self) -> np.ndarray | None:
-        """Return the blocks of the inverse on the pattern, None where they are not known."""
-
-
-def choose_camera_system(pattern: Pattern) -> CameraSystem:
-    """Return the solver that suits the number of cameras."""
-    return DirectSystem(pattern) if pattern.cameras <= SYSTEM.most_factored else IterativeSystem(pattern)
-
-
-def unit_scales(diagonal: np.ndarray, prior_weight: np.ndarray) -> np.ndarray:
-    """Return what brings a diagonal, its prior weights included, to 1; 0 for fixed unknowns (infinite weight)."""
-    fixed = np.isinf(prior_weight)
-    total = np.where(fixed, 1.0, diagonal + np.where(fixed, 0.0, prior_weight))
-    if not np.all(total > 0.0):
-        raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
-    return np.where(fixed, 0.0, 1.0 / np.sqrt(total))
-
-
 class _UnitDiagonal:
-    """Scales a matrix to a unit diagonal; fixed unknowns get a scale of zero, and with it a solution of zero."""
+    """``S + diag(prior weight)`` and damping times its diagonal, scaled to a unit diagonal.
+
+    Fixed unknowns get a scale of zero, and with it a solution of zero.
+    """
 
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
@@ -85,16 +49,18 @@ class _UnitDiagonal:
         self.damping = 0.0
 
     def compute_damping_cost(self, step: np.ndarray) -> float:
-        """See `CameraSystem`."""
+        """Return the weighted square of a step ``(cameras, p)`` in the damping alone."""
         if self.damping == 0.0:
             return 0.0
         in_units = np.divide(step, self.scale, out=np.zeros_like(step), where=self.scale > 0.0)
         return self.damping * float(np.sum(in_units**2))
 
     def scale_blocks(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float) -> np.ndarray:
-        pattern, own = self.pattern, np.arange(self.pattern.parameters)
-        self.scale = unit_scales(np.einsum("cpp->cp", blocks[pattern.diagonal]), prior_weight)
-        self.damping = damping
+        pattern, own, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
+        total = np.einsum("cpp->cp", blocks[pattern.diagonal]) + np.where(fixed, 0.0, prior_weight)
+        if not np.all(fixed | (total > 0.0)):
+            raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
+        self.scale, self.damping = np.where(fixed, 0.0, 1.0 / np.sqrt(np.where(fixed, 1.0, total))), damping
         result = blocks * self.scale[pattern.rows][:, :, None]
         result *= self.scale[pattern.columns][:, None, :]
         result[pattern.diagonal[:, None], own, own] = 1.0 + damping
@@ -111,7 +77,10 @@ class DirectSystem(_UnitDiagonal):
         self._cofactors: np.ndarray | None = None  # of the matrix that is factorised
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        """See `CameraSystem`; the matrix that is factorised already costs nothing."""
+        """Take the upper ``blocks (blocks, p, p)`` and ``prior_weight (cameras, p)``, infinite where fixed.
+
+        It comes before `solve`; the matrix that is factorised already costs nothing.
+        """
         last = self._factorised
         if last is not None and last[0] is blocks and last[1] is prior_weight and last[2] == damping:
             return
@@ -122,7 +91,10 @@ class DirectSystem(_UnitDiagonal):
     def solve_nearby(
         self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
     ) -> np.ndarray:
-        """See `CameraSystem`: by conjugate gradients with the factors of the last matrix, where these lead there."""
+        """Return the solution ``(cameras, p)`` of a matrix near the last one; arguments of `factorise` and `solve`.
+
+        By conjugate gradients with the factors of the last matrix, where these lead there.
+        """
         has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
         if has_factors and right.size >= SYSTEM.nearby_unknowns:
             solution = self._solve_by_gradients(blocks, prior_weight, right)
@@ -168,17 +140,17 @@ class DirectSystem(_UnitDiagonal):
         return None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """See `CameraSystem`."""
+        """Return the solution for a right-hand side ``(cameras, p)`` or several ``(cameras, p, k)``."""
         scale = self.scale.reshape(self.scale.shape + (1,) * (right.ndim - 2))
         flat = (scale * right).reshape(self.scale.size, *right.shape[2:])
         return scale * self._factor.solve(flat).reshape(right.shape)
 
     def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
-        """See `CameraSystem`."""
+        """Return the cofactors ``(k, k)`` of functions of the unknowns with sparse derivatives ``rows (k, c p)``."""
         return self._factor.project_cofactors(sparse.csr_matrix(rows @ sparse.diags(self.scale.ravel())))
 
     def compute_cofactors(self) -> np.ndarray:
-        """See `CameraSystem`."""
+        """Return the blocks of the inverse on the pattern."""
         if self._cofactors is None:
             inverse = self._factor.invert_on_pattern()
             inverse *= self.scale[self.pattern.rows][:, :, None]
@@ -188,7 +160,7 @@ class DirectSystem(_UnitDiagonal):
 
 
 class IterativeSystem(_UnitDiagonal):
-    """Preconditioned conjugate gradients."""
+    """Preconditioned conjugate gradients; what each method returns says `DirectSystem`."""
 
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
@@ -196,7 +168,6 @@ class IterativeSystem(_UnitDiagonal):
         self._groups = [np.arange(k, min(k + size, pattern.cameras)) for k in range(0, pattern.cameras, size)]
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
-        """See `CameraSystem`."""
         pattern, p = self.pattern, self.pattern.parameters
         scaled = self.scale_blocks(blocks, prior_weight, damping)
         upper = sparse.bsr_matrix((scaled, pattern.columns, pattern.start), shape=(pattern.cameras * p,) * 2).tocsr()
@@ -215,16 +186,22 @@ class IterativeSystem(_UnitDiagonal):
     def solve_nearby(
         self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
     ) -> np.ndarray:
-        """See `CameraSystem`."""
         self.factorise(blocks, prior_weight, damping)
         return self.solve(right)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """See `CameraSystem`; raises `SolveError` where the iteration does not converge."""
+        """Raise `SolveError` where the iteration does not converge."""
         if right.ndim == 3:
             return np.stack([self.solve(right[:, :, k]) for k in range(right.shape[2])], axis=2)
+
+        def precondition(residual: np.ndarray) -> np.ndarray:
+            result = np.empty_like(residual)
+            for chosen, factor in self._parts:
+                result[chosen] = linalg.cho_solve(factor, residual[chosen], check_finite=False)
+            return result
+
         b = (self.scale * right).ravel()
-        preconditioner = LinearOperator(self._matrix.shape, matvec=self._precondition)
+        preconditioner = LinearOperator(self._matrix.shape, matvec=precondition)
         x, failed = cg(self._matrix, b, maxiter=CG_ITERATIONS, M=preconditioner, **{CG_RELATIVE: CG_TOLERANCE})
         if failed:
             raise SolveError(
@@ -233,16 +210,16 @@ class IterativeSystem(_UnitDiagonal):
         return self.scale * x.reshape(right.shape)
 
     def project_cofactors(self, rows: sparse.csr_matrix) -> np.ndarray:
-        """See `CameraSystem`."""
         right = rows.toarray().T.reshape(*self.scale.shape, rows.shape[0])
         return np.asarray(rows @ self.solve(right).reshape(self.scale.size, -1))
 
     def compute_cofactors(self) -> None:
-        """See `CameraSystem`."""
-        return None
+        """Return None: the inverse is not known."""
 
-    def _precondition(self, residual: np.ndarray) -> np.ndarray:
-        result = np.empty_like(residual)
-        for chosen, factor in self._parts:
-            result[chosen] = linalg.cho_solve(factor, residual[chosen], check_finite=False)
-        return result
+
+CameraSystem = DirectSystem | IterativeSystem
+
+
+def choose_camera_system(pattern: Pattern) -> CameraSystem:
+    """Return the solver that suits the number of cameras."""
+    return DirectSystem(pattern) if pattern.cameras <= SYSTEM.most_factored else IterativeSystem(pattern)

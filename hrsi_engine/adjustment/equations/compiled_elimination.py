@@ -1,4 +1,4 @@
-"""`Elimination` by compiled loops over ranges of points (needs numba)."""
+"""Elimination by compiled loops over ranges of points (needs numba); `NumpyElimination` says what each step does."""
 
 from itertools import pairwise
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from ..observations import Observations
 from . import elimination_kernels as kernels
+from .elimination import NumpyElimination
 from .linearisation import Linearisation, Portion
 from .pattern import Pattern
 from .states import Cofactors, Normals, PointPriors
@@ -13,17 +14,16 @@ from .states import Cofactors, Normals, PointPriors
 ROWS_PER_PART = 4096  # image points whose equations stay in a processor's cache
 
 
-class NumbaElimination:
-    """See `normal_equations.Elimination`."""
+class NumbaElimination(NumpyElimination):
+    """Elimination by compiled loops, a few thousand image points at a time."""
 
     compiled = True
 
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
-        self.observations, self.pattern = observations, pattern
+        super().__init__(observations, pattern)
         self._most = max(int(np.diff(observations.first).max(initial=0)), 1)
 
     def list_parts(self) -> list[Portion]:
-        """See `Elimination`."""
         first = self.observations.first
         bounds = np.unique(np.append(np.searchsorted(first, np.arange(0, first[-1], ROWS_PER_PART)), len(first) - 1))
         return [
@@ -35,7 +35,6 @@ class NumbaElimination:
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
         kernels.eliminate_points(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity, ground,
             _arrays_of(priors), contributes, self.pattern.start, self.pattern.columns, sums.blocks, sums.right,
@@ -45,7 +44,6 @@ class NumbaElimination:
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
-        """See `Elimination`."""
         out = np.empty((len(part.points), 3))
         kernels.solve_points(self._rows(part, weight), _arrays(linear), ground, _arrays_of(priors), out)
         return out
@@ -54,7 +52,6 @@ class NumbaElimination:
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         out: np.ndarray,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
         kernels.substitute_back(
             self._rows(part, weight), self.observations.camera, _arrays(linear), linear.by_quantity, normals.inverse,
             normals.point_right, step, out,
@@ -64,7 +61,6 @@ class NumbaElimination:
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
         out: Cofactors,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
         kernels.compute_cofactors(
             self._rows(part, weight), self._most, self.observations.camera, _arrays(linear), linear.by_quantity,
             normals.inverse, self.pattern.start, self.pattern.columns, cameras, tuple(out),

@@ -5,7 +5,7 @@ Points that were measured by the same cameras stand together. The sum over such 
 small groups are multiplied point by point instead.
 """
 
-from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,23 +30,41 @@ class Chunk(NamedTuple):
 
 
 class NumpyElimination:
-    """See `Elimination`; takes the whole block as one part."""
+    """Elimination of the points part by part; ``weight (n,)`` are those of all image points of the block.
 
-    compiled = False
+    This is the way with NumPy, which takes the whole block as one part and derivatives by the parameters as they are.
+    """
+
+    compiled = False  # whether derivatives come as `Structure` composes them
 
     def __init__(self, observations: Observations, pattern: Pattern) -> None:
         self.observations, self.pattern = observations, pattern
-        self._split_by_length = list(_split_by_length(observations))
+
+    @cached_property
+    def _chunks(self) -> list[Chunk]:
+        """The points by their number of image points, those of the same cameras together."""
+        observations, chunks = self.observations, []
+        for length, points in observations.by_length.items():
+            camera = observations.camera[observations.first[points][:, None] + np.arange(length)]
+            order = np.lexsort(camera.T[::-1])
+            step = max(1, ROWS_PER_CHUNK // length)
+            for begin in range(0, len(points), step):
+                some = order[begin : begin + step]
+                cameras = camera[some]
+                new = np.r_[True, np.any(cameras[1:] != cameras[:-1], axis=1)]
+                rows = observations.first[points[some]][:, None] + np.arange(length)
+                chunks.append(Chunk(points[some], rows, cameras, np.flatnonzero(new)))
+        return chunks
 
     def list_parts(self) -> list[Portion]:
-        """See `Elimination`."""
+        """Return the parts that together are the block."""
         return [take_whole_block(self.observations)]
 
     def eliminate_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
         contributes: np.ndarray, sums: Normals,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
+        """Add the part to the sums, blocks (b, t t, q q) and right (cameras, q t), and write what is per point."""
         observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
         sums.residual[:] = linear.residual
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
@@ -60,7 +78,7 @@ class NumpyElimination:
             weighted = a * np.repeat(used[rows], 2)[:, None]
             blocks[pattern.diagonal[camera]] += weighted.T @ a
             sums.right[camera] += weighted.T @ linear.residual[rows].ravel()
-        for chunk in self._split_by_length if p else ():
+        for chunk in self._chunks if p else ():
             self._subtract(chunk, linear, used, lower[chunk.points], sums, blocks)
 
     def _subtract(
@@ -70,8 +88,9 @@ class NumpyElimination:
         """Subtract W V^-1 W' and W V^-1 m of a chunk, by ``lower (k, 3, 3)``, the L^-1 of its points."""
         p = sums.right.shape[1]
         count, length = chunk.rows.shape
-        cross = _multiply_chunks(linear, weight, chunk.rows).transpose(0, 2, 1)  # (m, 3, k p)
-        cross = lower @ cross
+        weighted = linear.by_ground[chunk.rows] * weight[chunk.rows][..., None, None]
+        cross = _compose_derivatives(linear)[chunk.rows].swapaxes(-1, -2) @ weighted  # W (m, k, p, 3)
+        cross = lower @ cross.reshape(count, -1, 3).transpose(0, 2, 1)  # (m, 3, k p)
         reduction = np.einsum("mxq,mxy,my->mq", cross, lower, sums.point_right[chunk.points], optimize=True)
         np.subtract.at(sums.right, chunk.camera.ravel(), reduction.reshape(-1, p))
         bounds = [*chunk.group_start.tolist(), count]
@@ -105,18 +124,16 @@ class NumpyElimination:
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
-        """See `Elimination`."""
-        matrix, right = _point_normals(part, linear, weight[self._rows(part)], ground, priors)
+        """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
+        rows, _ = self.observations.find_rows(part.points)
+        matrix, right = _point_normals(part, linear, weight[rows], ground, priors)
         return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
-
-    def _rows(self, part: Portion) -> np.ndarray:
-        return self.observations.find_rows(part.points)[0]
 
     def substitute_back(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
         out: np.ndarray,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
+        """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
         moved = np.einsum("ncp,np->nc", _compose_derivatives(linear), step[self.observations.camera]) * weight[:, None]
         pulled = (linear.by_ground * moved[:, :, None]).sum(axis=1)
         right = normals.point_right - np.add.reduceat(pulled, self.observations.first[:-1], axis=0)
@@ -126,12 +143,12 @@ class NumpyElimination:
         self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
         out: Cofactors,
     ) -> None:  # fmt: skip
-        """See `Elimination`."""
+        """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
         out.points[:] = normals.inverse
         by_values = _compose_derivatives(linear)
         size = by_values.shape[2]
         cameras = cameras.reshape(len(cameras), size, size)
-        for chunk in self._split_by_length:
+        for chunk in self._chunks:
             # The cofactor blocks between the cameras of each point, (m, k, k, p, p)
             row, column = chunk.camera[:, :, None], chunk.camera[:, None, :]
             blocks = cameras[self.pattern.find_blocks(np.minimum(row, column).ravel(), np.maximum(row, column).ravel())]
@@ -176,23 +193,3 @@ def _point_normals(
     matrix += own
     right += np.einsum("mij,mj->mi", own, miss)
     return matrix, right
-
-
-def _multiply_chunks(linear: Linearisation, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the blocks W of points with k image points each, ``(m, k p, 3)``."""
-    weighted = linear.by_ground[rows] * weight[rows][..., None, None]
-    return (_compose_derivatives(linear)[rows].swapaxes(-1, -2) @ weighted).reshape(len(rows), -1, 3)
-
-
-def _split_by_length(observations: Observations) -> Iterator[Chunk]:
-    """Yield the points by their number of image points, those of the same cameras together."""
-    for length, points in observations.by_length.items():
-        camera = observations.camera[observations.first[points][:, None] + np.arange(length)]
-        order = np.lexsort(camera.T[::-1])
-        step = max(1, ROWS_PER_CHUNK // length)
-        for begin in range(0, len(points), step):
-            some = order[begin : begin + step]
-            cameras = camera[some]
-            new = np.r_[True, np.any(cameras[1:] != cameras[:-1], axis=1)]
-            rows = observations.first[points[some]][:, None] + np.arange(length)
-            yield Chunk(points[some], rows, cameras, np.flatnonzero(new))

@@ -8,7 +8,7 @@ others are evaluated image by image with NumPy, the whole block at once, and the
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,29 +56,10 @@ def take_whole_block(observations: Observations) -> Portion:
     return Portion(np.arange(len(observations.points)), observations.first)
 
 
-class Cameras(Protocol):
-    """The cameras of a block's images.
-
-    by_parts : whether a part is evaluated when it is asked for, at the ground as it then is; else `at` evaluates all
-    """
-
-    by_parts: bool
-
-    @property
-    def structure(self) -> Structure:
-        """How the derivatives by the parameters are composed."""
-
-    def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
-        """Return the function that linearises parts of the block at a state.
-
-        With ``keep`` the equations of this state will be asked for again, and may be kept until then.
-        """
-
-
 class NumbaCameras:
     """Cameras of a family that has a compiled loop (`refinement.compiled_cameras`)."""
 
-    by_parts = True
+    by_parts = True  # a part is evaluated when it is asked for, at the ground as it then is
 
     def __init__(self, observations: Observations, model: RefinementModel) -> None:
         from ...refinement import compiled_cameras  # needs numba, and takes a second
@@ -91,7 +72,10 @@ class NumbaCameras:
         self._kept: tuple[State, dict[int | None, Linearisation]] | None = None
 
     def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
-        """See `Cameras`."""
+        """Return the function that linearises parts of the block at a state.
+
+        With ``keep`` the equations of this state will be asked for again, and may be kept until then.
+        """
         if self._kept is not None and self._kept[0].values is state.values and self._kept[0].ground is state.ground:
             kept = self._kept[1]
         else:
@@ -117,9 +101,12 @@ class NumbaCameras:
 
 
 class CamerasByImage:
-    """Cameras of any model, image by image with NumPy."""
+    """Cameras of any model, image by image with NumPy.
 
-    by_parts = False
+    structure : how the derivatives by the parameters are composed
+    """
+
+    by_parts = False  # all is evaluated at once
 
     def __init__(self, observations: Observations, model: RefinementModel) -> None:
         count = len(model.parameters)
@@ -132,10 +119,10 @@ class CamerasByImage:
         self._last: tuple[State, Linearisation] | None = None
 
     def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
-        """See `Cameras`."""
+        """Return the function that linearises parts of the block at a state, which is kept in any case."""
         if self._last is None or self._last[0].values is not state.values or self._last[0].ground is not state.ground:
             self._last = None  # before the new one, so that only one is in memory
-            self._last = state, self._whole(state)
+            self._last = state, self._linearise_all(state)
         whole = self._last[1]
 
         def linearise(part: Portion) -> Linearisation:
@@ -147,7 +134,7 @@ class CamerasByImage:
 
         return linearise
 
-    def _whole(self, state: State) -> Linearisation:
+    def _linearise_all(self, state: State) -> Linearisation:
         observations, p = self._observations, self.structure.size
         n = observations.count
         new = Linearisation(np.empty((n, 2)), np.empty((n, 2, 3)), (by_values := np.empty((n, 2, p))), np.ones((n, 1)))
@@ -160,11 +147,4 @@ class CamerasByImage:
         return new
 
 
-def choose_cameras(observations: Observations, model: RefinementModel, compiled: bool) -> Cameras:
-    """Return the cameras of a block: compiled ones where they are asked for, and the model is of a compiled family."""
-    if compiled:
-        from ...refinement.compiled_cameras import FAMILIES
-
-        if type(model) in FAMILIES:
-            return NumbaCameras(observations, model)
-    return CamerasByImage(observations, model)
+Cameras = NumbaCameras | CamerasByImage

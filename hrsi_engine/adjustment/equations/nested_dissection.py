@@ -23,7 +23,7 @@ from __future__ import annotations
 import heapq
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,7 +49,6 @@ WORTH_THREADS = 8  # fronts
 MIRRORED_AT_ONCE = 64  # rows
 
 Runs = Sequence[tuple[slice, slice]]  # parts of a matrix's rows, and where they stand in another
-MatrixPart = tuple[slice, slice]  # rows and columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,33 +108,23 @@ def _cut_part(graph: sparse.csr_matrix, part: np.ndarray, position: np.ndarray) 
     """Return a separator of a part and the pieces that it leaves."""
     inside = graph[part][:, part]
     count, label = csgraph.connected_components(inside, directed=False)
-    if count > 1:
-        return part[:0], _fill_two_heaps(part, label, count)
-    cuts = [_cut_straight(inside, position[part, axis]) for axis in (0, 1)]
+    if count > 1:  # unconnected components as two heaps of similar size
+        size = np.bincount(label, minlength=count)
+        heap, weight = np.zeros(count, dtype=int), [0, 0]
+        for component in np.argsort(-size):
+            heap[component] = lighter = int(weight[1] < weight[0])
+            weight[lighter] += int(size[component])
+        return part[:0], [part[heap[label] == side] for side in (0, 1)]
+    cuts = []
+    for coordinate in position[part].T:  # cuts through the median; the separator is on the lower side
+        far = np.zeros(len(part), dtype=bool)
+        far[np.argsort(coordinate, kind="stable")[len(part) // 2 :]] = True
+        cuts.append((~far & (inside @ far.astype(np.int32) > 0), far))
     near, far = min(cuts, key=lambda cut: cut[0].sum())
     if near.sum() > 0.5 * len(part):
         return part, []
     rest = ~near & ~far
     return part[near], [piece for piece in (part[rest], part[far]) if len(piece)]
-
-
-def _cut_straight(graph: sparse.csr_matrix, coordinate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks of the separator of a cut through the median, on its lower side, and of all on the upper side."""
-    far = np.zeros(len(coordinate), dtype=bool)
-    far[np.argsort(coordinate, kind="stable")[len(coordinate) // 2 :]] = True
-    touches_far = graph @ far.astype(np.int32) > 0
-    return ~far & touches_far, far
-
-
-def _fill_two_heaps(part: np.ndarray, label: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return unconnected components as two heaps of similar size."""
-    size = np.bincount(label, minlength=count)
-    heap, weight = np.zeros(count, dtype=int), [0, 0]
-    for component in np.argsort(-size):
-        lighter = int(weight[1] < weight[0])
-        heap[component] = lighter
-        weight[lighter] += int(size[component])
-    return [part[heap[label] == side] for side in (0, 1)]
 
 
 class SingularSystemError(SolveError):
@@ -144,16 +133,6 @@ class SingularSystemError(SolveError):
     def __init__(self, message: str, cameras: np.ndarray) -> None:
         super().__init__(message)
         self.cameras = cameras
-
-
-def factor_of(matrix: np.ndarray) -> np.ndarray:
-    """Return L^-1 of a matrix L L' of normal equations; raises `SolveError` where these are singular."""
-    try:
-        return inverse_cholesky(matrix)
-    except np.linalg.LinAlgError as error:
-        raise SolveError(
-            "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
-        ) from error
 
 
 def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], from_root: bool = False) -> None:
@@ -179,34 +158,18 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
             after[before].append(then)
             waiting_for[then] += 1
     ready = [number for number, count in enumerate(waiting_for) if not count]
-    changed, left, failed = threading.Condition(), len(order), False
-
-    def work_off() -> None:
-        nonlocal left, failed
-        while True:
-            with changed:
-                while not ready and left and not failed:
-                    changed.wait()
-                if not left or failed:
-                    return
-                number, left = heapq.heappop(ready), left - 1
-            try:
-                work(order[number])
-            except BaseException:
-                with changed:
-                    failed = True
-                    changed.notify_all()
-                raise
-            with changed:
-                for then in after[number]:
+    running: dict[Future[None], int] = {}
+    with ThreadPoolExecutor(threads) as pool:
+        while ready or running:
+            while ready and len(running) < threads:
+                number = heapq.heappop(ready)
+                running[pool.submit(work, order[number])] = number
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                done.result()
+                for then in after[running.pop(done)]:
                     waiting_for[then] -= 1
                     if not waiting_for[then]:
                         heapq.heappush(ready, then)
-                changed.notify_all()
-
-    with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(work_off) for _ in range(threads)]:
-            done.result()
 
 
 def find_runs(place: np.ndarray) -> Runs:
@@ -218,7 +181,7 @@ def find_runs(place: np.ndarray) -> Runs:
     ]
 
 
-def list_lower_parts(runs: Runs) -> Iterator[tuple[MatrixPart, MatrixPart]]:
+def list_lower_parts(runs: Runs) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice]]]:
     """Yield the parts of a small lower triangle, and those of the large one in which ``runs`` say that it stands.
 
     Runs ascend. A few slices are moved four times as fast as single rows and columns.
@@ -257,19 +220,16 @@ class SparseFactor:
         self._order = np.empty(self.cameras, dtype=np.int64)
         for number, front in enumerate(self.fronts):
             self._order[front.own] = number
-        index = self._index_lower_blocks(graph)
+        # a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)
+        block = np.arange(1, len(columns) + 1, dtype=np.int64)
+        upper = sparse.csr_matrix((block, columns, start), shape=graph.shape)
+        index = sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
         for number, front in enumerate(self.fronts):
             neighbours = graph[front.own].indices
             reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
             later = reached[self._order[reached] > number].astype(np.int64)
             front.border = later[np.argsort(self._order[later], kind="stable")]
             self._place_entries(front, index)
-
-    def _index_lower_blocks(self, graph: sparse.csr_matrix) -> sparse.csr_matrix:
-        """Return a symmetric matrix of the numbers of the blocks (+1; negative where it is to be transposed)."""
-        number = np.arange(1, len(self._columns) + 1, dtype=np.int64)
-        upper = sparse.csr_matrix((number, self._columns, self._start), shape=graph.shape)
-        return sparse.csr_matrix(upper - sparse.triu(upper, 1).T)
 
     def _place_entries(self, front: Front, index: sparse.csr_matrix) -> None:
         """Find where the front's blocks stand in it, and the borders of its children."""
@@ -296,9 +256,12 @@ class SparseFactor:
         def eliminate(front: Front) -> None:
             matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
             try:
-                front.factor = factor_of(matrix[:own, :own])
-            except SolveError as error:
-                raise SingularSystemError(str(error), front.own) from error
+                front.factor = inverse_cholesky(matrix[:own, :own])
+            except np.linalg.LinAlgError as error:
+                text = (
+                    "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
+                )
+                raise SingularSystemError(text, front.own) from error
             front.coupling = multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
             subtract_square(matrix[own:, own:], front.coupling)
             updates[id(front)] = matrix[own:, own:]

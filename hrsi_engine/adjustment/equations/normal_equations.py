@@ -21,7 +21,6 @@ whatever the size.
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
 
 import numpy as np
 
@@ -30,12 +29,12 @@ from ...foundation.large_arrays import allocate_zeros
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.threads import thread_count
 from ...ground.geodesy import move_ground
-from ...refinement.model import RefinementModel, Structure
+from ...refinement.model import RefinementModel
 from ..observations import Observations
 from .elimination import NumpyElimination
-from .linearisation import Cameras, Linearisation, Portion, choose_cameras, take_whole_block
+from .linearisation import Cameras, CamerasByImage, Linearisation, NumbaCameras, Portion, take_whole_block
 from .pattern import Pattern
-from .states import Cofactors, Normals, PointJacobians, PointPriors, State
+from .states import Cofactors, Normals, PointPriors, State
 
 
 @thresholds
@@ -49,41 +48,6 @@ class POINT_STEPS:
 
 MOST_SUMS_BYTES = 2**29  # of the threads' own sums of the reduced matrix: fewer threads for very large ones
 INTERSECT_STEPS = 15
-
-
-class Elimination(Protocol):
-    """How the points of a part are eliminated; ``weight (n,)`` are those of the whole block.
-
-    compiled : whether it takes derivatives as `Structure` composes them; else those by the parameters as they are
-    """
-
-    compiled: bool
-
-    def list_parts(self) -> list[Portion]:
-        """Return the parts that together are the block."""
-
-    def eliminate_points(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors,
-        contributes: np.ndarray, sums: Normals,
-    ) -> None:  # fmt: skip
-        """Add the part to the sums, blocks (b, t t, q q) and right (cameras, q t), and write what is per point."""
-
-    def solve_points(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
-    ) -> np.ndarray:
-        """Return the points' steps ``(k, 3)`` in metres with the cameras as they are."""
-
-    def substitute_back(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, step: np.ndarray,
-        out: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Write the part's steps in metres to ``out (m, 3)`` for the ``step (cameras, q t)`` of the coefficients."""
-
-    def compute_cofactors(
-        self, part: Portion, linear: Linearisation, weight: np.ndarray, normals: Normals, cameras: np.ndarray,
-        out: Cofactors,
-    ) -> None:  # fmt: skip
-        """Write the part's cofactors from those of the coefficients, ``cameras (blocks, t t, q q)``."""
 
 
 class NormalEquations:
@@ -101,14 +65,18 @@ class NormalEquations:
         cameras: Cameras | None = None, drawn_from: int = 0,
     ) -> None:  # fmt: skip
         self.observations, self.pattern = observations, pattern
-        self._elimination: Elimination
+        self._elimination: NumpyElimination
         if is_wanted(max(observations.count, drawn_from) >= POINT_STEPS.worth_compiling):
             from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
         else:
             self._elimination, self.threads = NumpyElimination(observations, pattern), 1
-        self.cameras = cameras or choose_cameras(observations, model, compiled=self._elimination.compiled)
+        if cameras is None and self._elimination.compiled:  # only some models are of a compiled family
+            from ...refinement.compiled_cameras import FAMILIES
+
+            cameras = NumbaCameras(observations, model) if type(model) in FAMILIES else None
+        self.cameras: Cameras = cameras or CamerasByImage(observations, model)
         self._parts = self._elimination.list_parts()
 
     def compute_residuals(self, state: State) -> np.ndarray:
@@ -128,7 +96,14 @@ class NormalEquations:
         structure, points = self.cameras.structure, len(observations.points)
         threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * len(structure.mixing) ** 2, 1)))
         by_point = np.empty((observations.count, 2)), np.empty((points, 3, 3)), np.empty((points, 3))
-        sums = [_sums(pattern, structure, *by_point) for _ in range(threads)]
+        size = len(structure.mixing)
+        sums = [
+            Normals(
+                by_point[0], allocate_zeros((pattern.blocks, structure.terms**2, structure.size**2)),
+                np.zeros((pattern.cameras, size)), *by_point[1:],
+            )
+            for _ in range(threads)
+        ]  # fmt: skip
 
         def add(part: Portion, thread: int) -> None:
             self._elimination.eliminate_points(
@@ -154,11 +129,10 @@ class NormalEquations:
         self._for_parts(write)
         return out
 
-    def compute_point_jacobians(self, state: State, points: np.ndarray) -> PointJacobians:
-        """Return residuals and derivatives by the ground of all image points of some points, in order."""
-        rows, _ = self.observations.find_rows(points)
+    def linearise_points(self, state: State, points: np.ndarray) -> tuple[np.ndarray, Linearisation]:
+        """Return the image points of some points in order (indices), and their linearised equations."""
         linear = self.cameras.linearise_at(state)(Portion.select(self.observations, points))
-        return PointJacobians(rows, linear.residual, linear.by_ground)
+        return self.observations.find_rows(points)[0], linear
 
     def compute_cofactors(self, state: State, weight: np.ndarray, normals: Normals, cameras: np.ndarray) -> Cofactors:
         """Return the cofactors of points and computed image points from those of the ``cameras (blocks, p, p)``."""
@@ -222,12 +196,3 @@ class NormalEquations:
         with ThreadPoolExecutor(threads) as pool:
             for done in [pool.submit(work_off, thread) for thread in range(threads)]:
                 done.result()
-
-
-def _sums(
-    pattern: Pattern, structure: Structure, residual: np.ndarray, inverse: np.ndarray, point_right: np.ndarray
-) -> Normals:
-    """Return sums of zero of the reduced matrix, beside arrays for what each point and image point has of its own."""
-    blocks = allocate_zeros((pattern.blocks, structure.terms**2, structure.size**2))
-    right = np.zeros((pattern.cameras, len(structure.mixing)))
-    return Normals(residual, blocks, right, inverse, point_right)

@@ -77,10 +77,14 @@ def find_pattern(
         together += sparse.csr_matrix((np.ones(len(pairs[0]), dtype=np.float32), pairs), shape=together.shape)
     shared = sparse.triu(together, format="csr")
     shared.sort_indices()
-    return Pattern(
-        observations.cameras, parameters, shared.indptr.astype(np.int64), shared.indices.astype(np.int32),
-        _locate_cameras(observations),
-    )  # fmt: skip
+    # East and north of each camera's scene from the first one's, in degrees of latitude
+    middle = np.array([[image.rpc.long_off, image.rpc.lat_off] for image in observations.images])
+    place = np.zeros((observations.cameras, 2))
+    place[observations.camera_of_image[::-1], 0] = wrap_degrees(middle[::-1, 0] - middle[0, 0])
+    place[observations.camera_of_image[::-1], 1] = middle[::-1, 1]
+    place[:, 0] *= np.cos(np.radians(place[:, 1]))
+    start, columns = shared.indptr.astype(np.int64), shared.indices.astype(np.int32)
+    return Pattern(observations.cameras, parameters, start, columns, place)
 
 
 def _count_common_points(observations: Observations) -> sparse.csr_matrix:
@@ -90,16 +94,6 @@ def _count_common_points(observations: Observations) -> sparse.csr_matrix:
         (np.ones(observations.count, dtype=np.float32), observations.camera, observations.first), shape=(points, count)
     )
     return sparse.csr_matrix(incidence.T @ incidence + sparse.identity(count, dtype=np.float32))
-
-
-def _locate_cameras(observations: Observations) -> np.ndarray:
-    """Return east and north of each camera's scene from the first one's, in degrees of latitude."""
-    middle = np.array([[image.rpc.long_off, image.rpc.lat_off] for image in observations.images])
-    place = np.zeros((observations.cameras, 2))
-    place[observations.camera_of_image[::-1], 0] = wrap_degrees(middle[::-1, 0] - middle[0, 0])
-    place[observations.camera_of_image[::-1], 1] = middle[::-1, 1]
-    place[:, 0] *= np.cos(np.radians(place[:, 1]))
-    return place
 
 
 def make_diagonal_pattern(cameras: int, parameters: int) -> Pattern:

@@ -47,25 +47,19 @@ class PointPriors:
         given = weight > 0.0
         free = 1.0 / FREE_POINT_SIGMA_M**2
         priors = cls(np.where(given, observations.survey, start), np.where(given, weight, free), given)
-        if observations.survey_correlation is None:
+        correlation = observations.survey_correlation
+        if correlation is None:
             return priors
-        return priors._add_correlations(observations.survey_correlation)
-
-    def _add_correlations(self, correlation: np.ndarray) -> PointPriors:
-        """Return the priors with surveys whose coordinates have a ``correlation (m, 3)``.
-
-        A coordinate that is not observed (any more) drops out of the covariance, so the others keep their sigmas.
-        """
+        # A coordinate that is not observed (any more) drops out of the covariance, so the others keep their sigmas
         row, column = COORDINATE_PAIRS
-        both = self.observed[:, row] & self.observed[:, column]
+        both = given[:, row] & given[:, column]
         points = np.flatnonzero((both & (correlation != 0.0)).any(axis=1))
         matrix = np.tile(np.eye(3), (len(points), 1, 1))
         matrix[:, row, column] = matrix[:, column, row] = np.where(both[points], correlation[points], 0.0)
-        scale = np.sqrt(self.weight[points])
+        scale, mixed = np.sqrt(priors.weight[points]), np.zeros_like(priors.weight)
         inverse = scale[:, :, None] * np.linalg.inv(matrix) * scale[:, None, :]
-        weight, mixed = self.weight.copy(), np.zeros_like(self.weight)
-        weight[points], mixed[points] = inverse[:, range(3), range(3)], inverse[:, row, column]
-        return PointPriors(self.target, weight, self.observed, mixed)
+        priors.weight[points], mixed[points] = inverse[:, range(3), range(3)], inverse[:, row, column]
+        return cls(priors.target, priors.weight, given, mixed)
 
     @property
     def correlated(self) -> bool:
@@ -125,14 +119,6 @@ class Normals:
     right: np.ndarray
     inverse: np.ndarray
     point_right: np.ndarray
-
-
-class PointJacobians(NamedTuple):
-    """Rows (indices of the image points), their residuals (r, 2) and derivatives by the ground (r, 2, 3)."""
-
-    rows: np.ndarray
-    residual: np.ndarray
-    by_ground: np.ndarray
 
 
 class Cofactors(NamedTuple):
