@@ -191,16 +191,8 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         held = options.test_sigmas or options.variance_components or bool(options.sigma_drift)
         choice = choose_model(block, options.model, held)
         options = replace(options, model=choice.model)
-    tables = {
-        "model": (MODELS, options.model), "robust weight function": (WEIGHTS, options.robust),
-        "grouping of image points": (GROUPINGS, options.variance_groups),
-    }  # fmt: skip
-    for what, (table, name) in tables.items():
-        if name not in table:
-            raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
+    _require_known_names(block, options)
     model = MODELS[options.model]
-    for group in options.sensor_images:
-        _find_images(block, group, "a group of images of one sensor")
     observations = select_observations(block, options.check_as_ties, options.reference)
     observations = replace(observations, camera_of_image=_number_cameras(block, options.shared_images))
     if not observations.count:
@@ -248,6 +240,19 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     if problem.held_plan is not None:
         problem.held_plan.enter_start(priors)
     return problem
+
+
+def _require_known_names(block: Block, options: AdjustOptions) -> None:
+    """Raise `InputError` where options name what there is not."""
+    tables = {
+        "model": (MODELS, options.model), "robust weight function": (WEIGHTS, options.robust),
+        "grouping of image points": (GROUPINGS, options.variance_groups),
+    }  # fmt: skip
+    for what, (table, name) in tables.items():
+        if name not in table:
+            raise InputError(f"unknown {what} {name!r}: choose one of {', '.join(table)}")
+    for group in options.sensor_images:
+        _find_images(block, group, "a group of images of one sensor")
 
 
 def _find_images(block: Block, ids: Sequence[str], what: str) -> list[int]:
