@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.io.rasters.orthoimages import chunk_size
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _interpolate_nodes
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
+from hrsi.processing_algorithms.declarations.orthoimages import OrthorectifyOptions
 
 RESOLUTION = 0.7
 EXACT, OURS = "gdalwarp -rpc -et 0", "hrsi orthorectify"

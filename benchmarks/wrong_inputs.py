@@ -782,8 +782,8 @@ def run_checks(inputs: Inputs) -> Outcome:
     from hrsi.processing_algorithms import REGISTRY
     from hrsi.processing_algorithms.block_steps.inputs import read_block
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
-    from hrsi.processing_algorithms.declarations.adjust import AdjustAlgorithmOptions
-    from hrsi.processing_algorithms.files.image_files import open_input_images
+    from hrsi.processing_algorithms.declarations.triangulation import AdjustAlgorithmOptions
+    from hrsi.processing_algorithms.files.opening import open_images
     from hrsi.processing_algorithms.interface.declare import Context, fill_options
     from hrsi.processing_algorithms.interface.options import check_options
 
@@ -791,7 +791,7 @@ def run_checks(inputs: Inputs) -> Outcome:
         try:
             given = check_options(REGISTRY["adjust"], written(inputs, Path(name)))
             options = fill_options(AdjustAlgorithmOptions, given)
-            images = open_input_images(options.images, Context(silent, lambda message: None))
+            images = open_images(options.images, Context(silent, lambda message: None))
             block, _ = read_block(images, options.points, options.dem, options.tie_points)
             reasons = input_reasons(block, options.points, options.dem)
         except HrsiError as error:

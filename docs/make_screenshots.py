@@ -293,7 +293,7 @@ class Session:
         save_screen("qgis_ties.png")
 
     def show_new_block(self) -> None:
-        from hrsi.plugin.points_panel.new_block import NewBlockDialog
+        from hrsi.plugin.points_panel.dialogs import NewBlockDialog
 
         self.panel.give_up()
         self.panel.setVisible(False)

@@ -13,17 +13,22 @@ from qgis.core import QgsProcessingAlgorithm, QgsProcessingContext, QgsProcessin
 from qgis.PyQt.QtGui import QIcon
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
-from ..processing_algorithms.interface.declare import Algorithm, Context, Report
-from ..processing_algorithms.interface.naming import spell_arguments
+from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
 from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
-from .help_page import help_url
-from .help_text import short_help
+from .help import help_url, short_help
 from .icons import icon_path
 from .parameters import Reading, definition, label_of, option_value
-from .results import collect_results, drop_unlistable_outputs, output_definitions, show_layers
+from .results import (
+    collect_results,
+    drop_unlistable_outputs,
+    headline,
+    log_verdict,
+    output_definitions,
+    show_in_message_bar,
+    show_layers,
+)
 from .translation import tr
-from .verdict import headline, log_verdict, show_in_message_bar
 
 
 class PluginAlgorithm(QgsProcessingAlgorithm):

@@ -101,37 +101,24 @@ def _project_layer(value: Any, context: QgsProcessingContext) -> Any:
 
 
 def _file_source(layer: QgsVectorLayer) -> str | None:
-    """Return the source of a layer that shows just what its file holds, else None."""
-    locate = _FILE_PROVIDERS.get(layer.providerType())
-    return locate(layer) if locate and _is_unchanged(layer) else None
-
-
-def _ogr_file(layer: QgsVectorLayer) -> str | None:
-    parts = QgsProviderRegistry.instance().decodeUri("ogr", layer.source())
+    """Return the source of a layer that shows just what its file holds (features, fields and CRS), else None."""
+    provider, fields = layer.providerType(), layer.fields().count()
+    is_changed = (
+        layer.isModified()
+        or layer.subsetString()
+        or layer.vectorJoins()
+        or fields != layer.dataProvider().fields().count()
+        or (layer.isSpatial() and layer.crs() != layer.dataProvider().crs())
+    )
+    if is_changed or provider not in ("ogr", "delimitedtext"):
+        return None
+    parts = QgsProviderRegistry.instance().decodeUri(provider, layer.source())
+    if provider == "delimitedtext":  # with a geometry made from columns the layer knows more than its file
+        return None if layer.isSpatial() else str(parts["path"])
     if parts.get("openOptions") or parts.get("layerId") not in (None, "", 0, "0"):
         return None
     name = parts.get("layerName")
     return f"{parts['path']}|layername={name}" if name else str(parts["path"])
-
-
-def _csv_file(layer: QgsVectorLayer) -> str | None:
-    """Return the file of a table; with a geometry made from columns the layer knows more than its file."""
-    parts = QgsProviderRegistry.instance().decodeUri("delimitedtext", layer.source())
-    return None if layer.isSpatial() else str(parts["path"])
-
-
-_FILE_PROVIDERS = {"ogr": _ogr_file, "delimitedtext": _csv_file}
-
-
-def _is_unchanged(layer: QgsVectorLayer) -> bool:
-    """Whether the engine reads from the file the same features, fields and CRS that QGIS shows."""
-    return not (
-        layer.isModified()
-        or layer.subsetString()
-        or layer.vectorJoins()
-        or layer.fields().count() != layer.dataProvider().fields().count()
-        or (layer.isSpatial() and layer.crs() != layer.dataProvider().crs())
-    )
 
 
 def _copy(

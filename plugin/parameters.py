@@ -1,16 +1,13 @@
-"""Declared parameters as QGIS Processing parameters, and their values back as options of the engine.
-
-`BINDINGS` has one entry for each `Kind`: how the QGIS parameter is made and how its value is read. QGIS's own
-parameters for layers accept only what QGIS itself can load; an RPC file without pixels, a georeferencer's point list
-or a file that is not there (which the engine names in its error) must pass, so these are subclassed.
-"""
+"""QGIS's enumerations under their names since QGIS 3.36, which QGIS 4 (Qt 6) asks for; QGIS 3.22 has the older ones."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from qgis.core import (
     NULL,
+    Qgis,
+    QgsProcessing,
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingFeedback,
@@ -29,11 +26,25 @@ from qgis.core import (
     QgsProperty,
 )
 
-from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default
-from ..processing_algorithms.interface.naming import spell_arguments
-from .enums import ADVANCED, DOUBLE, INTEGER, OPTIONAL, RASTER, VECTOR
+from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default, spell_arguments
 from .layer_sources import crs_text, point_source, raster_source, raster_sources, read_box
 from .translation import tr
+
+if hasattr(Qgis, "ProcessingParameterFlag"):
+    ADVANCED = Qgis.ProcessingParameterFlag.Advanced
+    OPTIONAL = Qgis.ProcessingParameterFlag.Optional
+    INTEGER = Qgis.ProcessingNumberParameterType.Integer
+    DOUBLE = Qgis.ProcessingNumberParameterType.Double
+    RASTER = Qgis.ProcessingSourceType.Raster
+    VECTOR = Qgis.ProcessingSourceType.Vector
+else:
+    ADVANCED = QgsProcessingParameterDefinition.Flag.FlagAdvanced
+    OPTIONAL = QgsProcessingParameterDefinition.Flag.FlagOptional
+    INTEGER = QgsProcessingParameterNumber.Type.Integer
+    DOUBLE = QgsProcessingParameterNumber.Type.Double
+    RASTER = QgsProcessing.SourceType.TypeRaster
+    VECTOR = QgsProcessing.SourceType.TypeVector
+
 
 SHORT_DIALOG = 12  # fields that a person sees at one glance
 _ABBREVIATIONS = {
@@ -55,7 +66,7 @@ class _AnyFile:
 class ImagesParameter(_AnyFile, QgsProcessingParameterMultipleLayers):
     """Raster layers of the project, image files and RPC files without pixels."""
 
-    widget = f"{__package__}.images_widget.ImagesWidget"  #: imported by the dialogs, there is no GUI in qgis_process
+    widget = f"{__package__}.dialog_fields.ImagesWidget"  #: imported by the dialogs, there is no GUI in qgis_process
 
     def createFileFilter(self) -> str:
         return "All files (*.*);;RPC files (*_RPC.TXT *_rpc.txt *.RPB *.XML *.xml *.geom)"
@@ -81,8 +92,8 @@ class FileParameter(_AnyFile, QgsProcessingParameterFile):
 
 
 #: The dialog's fields for parameters that take a word or a file, and a word or a box; imported by the dialogs only.
-WORD_WIDGET = {"widget_wrapper": {"class": f"{__package__}.word_widget.WordWidget"}}
-EXTENT_WIDGET = {"widget_wrapper": {"class": f"{__package__}.extent_widget.ExtentWidget"}}
+WORD_WIDGET = {"widget_wrapper": {"class": f"{__package__}.dialog_fields.WordWidget"}}
+EXTENT_WIDGET = {"widget_wrapper": {"class": f"{__package__}.dialog_fields.ExtentWidget"}}
 
 
 @dataclass(frozen=True)
@@ -103,12 +114,14 @@ class Reading:
         return self.parameters[qgis_name(param)]
 
 
-@dataclass(frozen=True)
-class Binding:
-    """How one kind of parameter is made and read; ``read`` is only called for values that were given."""
+class Binding(NamedTuple):
+    """How one kind of parameter is made and read; ``read`` is only called for values that were given.
 
-    make: Callable[[Param], QgsProcessingParameterDefinition]
-    read: Callable[[Param, Reading], Any]
+    A class of QGIS may stand for what makes it, and a ``parameterAs…`` method of QGIS for what reads it.
+    """
+
+    make: Callable[..., QgsProcessingParameterDefinition]
+    read: str | Callable[[Param, Reading], Any]
 
 
 def qgis_name(param: Param) -> str:
@@ -118,8 +131,7 @@ def qgis_name(param: Param) -> str:
 
 def label_of(param: Param) -> str:
     """Return what the dialog writes beside a parameter: ``Sigma image (px)``."""
-    unit = f" ({param.unit})" if param.unit else ""
-    return tr(words_of(param)) + unit
+    return tr(words_of(param)) + (f" ({param.unit})" if param.unit else "")
 
 
 def words_of(param: Param) -> str:
@@ -130,7 +142,8 @@ def words_of(param: Param) -> str:
 
 def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParameterDefinition:
     """Make the QGIS parameter of a declared one."""
-    made = BINDINGS[param.kind].make(param)
+    make = BINDINGS[param.kind].make
+    made = make(**_common(param)) if isinstance(make, type) else make(param)
     made.setHelp(f"{spell_arguments(param.help, params, label_of)}.")
     if param.advanced or not _is_asked_first(param, params):
         made.setFlags(made.flags() | ADVANCED)
@@ -153,7 +166,8 @@ def option_value(param: Param, reading: Reading) -> Any:
     value = reading.parameters.get(qgis_name(param))
     if value is None or value == NULL or value == "":
         return param.default
-    return BINDINGS[param.kind].read(param, reading)
+    read = BINDINGS[param.kind].read
+    return reading.call(read, param) if isinstance(read, str) else read(param, reading)
 
 
 def _common(param: Param) -> dict[str, Any]:
@@ -195,22 +209,15 @@ def _extent(param: Param) -> QgsProcessingParameterDefinition:
     return made
 
 
-def _plain(made: Callable[..., QgsProcessingParameterDefinition]) -> Callable[[Param], Any]:
-    """Return what makes a parameter of a class of QGIS that needs no more than every parameter has."""
-    return lambda param: made(**_common(param))
-
-
 def _choice(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param))
 
 
-def _number(number_type: Any) -> Callable[[Param], QgsProcessingParameterDefinition]:
-    def make(param: Param) -> QgsProcessingParameterDefinition:
-        limits = {"minValue": param.minimum, "maxValue": param.maximum}
-        given = {name: limit for name, limit in limits.items() if limit is not None}
-        return QgsProcessingParameterNumber(type=number_type, **given, **_common(param))
-
-    return make
+def _number(param: Param) -> QgsProcessingParameterDefinition:
+    limits = {"minValue": param.minimum, "maxValue": param.maximum}
+    given = {name: limit for name, limit in limits.items() if limit is not None}
+    number_type = INTEGER if param.kind is Kind.INTEGER else DOUBLE
+    return QgsProcessingParameterNumber(type=number_type, **given, **_common(param))
 
 
 def _read_points(param: Param, reading: Reading) -> str:
@@ -222,9 +229,7 @@ def _read_points(param: Param, reading: Reading) -> str:
 def _read_crs(param: Param, reading: Reading) -> str:
     """Return EPSG:code, or WKT where the CRS has none."""
     crs = reading.call("parameterAsCrs", param)
-    if not crs.isValid():
-        return str(reading.raw(param))  # the engine says what is wrong with it
-    return crs_text(crs)
+    return crs_text(crs) if crs.isValid() else str(reading.raw(param))  # the engine says what is wrong with it
 
 
 def _read_extent(param: Param, reading: Reading) -> str:
@@ -244,27 +249,21 @@ def _read_ids(param: Param, reading: Reading) -> list[str]:
     return [item.strip() for item in reading.call("parameterAsString", param).split(",") if item.strip()]
 
 
-def _reader(method: str) -> Callable[[Param, Reading], Any]:
-    return lambda param, reading: reading.call(method, param)
-
-
 BINDINGS: dict[Kind, Binding] = {
     Kind.IMAGES: Binding(_images, lambda param, reading: raster_sources(reading.raw(param), reading.context)),
-    Kind.RASTER: Binding(
-        _plain(RasterParameter), lambda param, reading: raster_source(reading.raw(param), reading.context)
-    ),
+    Kind.RASTER: Binding(RasterParameter, lambda param, reading: raster_source(reading.raw(param), reading.context)),
     Kind.POINTS: Binding(_points, _read_points),
-    Kind.FILE: Binding(_plain(FileParameter), _reader("parameterAsFile")),
-    Kind.CRS: Binding(_plain(QgsProcessingParameterCrs), _read_crs),
+    Kind.FILE: Binding(FileParameter, "parameterAsFile"),
+    Kind.CRS: Binding(QgsProcessingParameterCrs, _read_crs),
     Kind.EXTENT: Binding(_extent, _read_extent),
-    Kind.TEXT: Binding(_text, _reader("parameterAsString")),
+    Kind.TEXT: Binding(_text, "parameterAsString"),
     Kind.IDS: Binding(_text, _read_ids),
     Kind.GROUPS: Binding(_text, _read_ids),
-    Kind.RANGE: Binding(_text, _reader("parameterAsString")),
-    Kind.CHOICE: Binding(_choice, _reader("parameterAsEnumString")),
-    Kind.INTEGER: Binding(_number(INTEGER), _reader("parameterAsInt")),
-    Kind.NUMBER: Binding(_number(DOUBLE), _reader("parameterAsDouble")),
-    Kind.FLAG: Binding(_plain(QgsProcessingParameterBoolean), _reader("parameterAsBool")),
-    Kind.FOLDERS: Binding(_text, _reader("parameterAsString")),
-    Kind.OUTPUT_DIR: Binding(_plain(QgsProcessingParameterFolderDestination), _reader("parameterAsFileOutput")),
+    Kind.RANGE: Binding(_text, "parameterAsString"),
+    Kind.CHOICE: Binding(_choice, "parameterAsEnumString"),
+    Kind.INTEGER: Binding(_number, "parameterAsInt"),
+    Kind.NUMBER: Binding(_number, "parameterAsDouble"),
+    Kind.FLAG: Binding(QgsProcessingParameterBoolean, "parameterAsBool"),
+    Kind.FOLDERS: Binding(_text, "parameterAsString"),
+    Kind.OUTPUT_DIR: Binding(QgsProcessingParameterFolderDestination, "parameterAsFileOutput"),
 }

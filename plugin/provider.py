@@ -62,20 +62,14 @@ class HrsiProvider(QgsProcessingProvider):
     def loadAlgorithms(self) -> None:
         """Wrap every declaration; without NumPy there are none, and the log says what to install."""
         try:
-            declarations = _registry() if self._declarations is None else self._declarations
+            from ..processing_algorithms import REGISTRY
         except ImportError as error:
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
-        for declaration in declarations.values():
+        for declaration in (REGISTRY if self._declarations is None else self._declarations).values():
             self.addAlgorithm(PluginAlgorithm(declaration))
         if self._declarations is None:
             for path in sorted(CHAINS.glob("*.model3")):
                 model = PackageModel(title_of(path))
                 if model.fromFile(str(path)):
                     self.addAlgorithm(model)
-
-
-def _registry() -> Mapping[str, Algorithm]:
-    from ..processing_algorithms import REGISTRY
-
-    return REGISTRY

@@ -1,5 +1,6 @@
-"""What an algorithm gives back to QGIS: its files, and the layers that a map should show."""
+"""What an algorithm gives back to QGIS: its files, the layers that a map should show, and the verdict."""
 
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,10 @@ from qgis.core import (
     QgsWkbTypes,
 )
 from qgis.PyQt import sip
+from qgis.utils import iface
 
 from ..hrsi_engine.foundation.json_values import json_text
+from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Kind, Report
 from .translation import tr
 
@@ -142,3 +145,37 @@ def _rank(node: QgsLayerTreeNode) -> int:
 
 
 _ALIVE: list[Placement] = []  # QGIS keeps only the C++ half of a post-processor: the Python half is kept here
+
+
+#: By the level of a verdict: how the message bar shows it, and for how many seconds; 0: it stays.
+SIGNAL = {
+    Level.OK.label: (Qgis.MessageLevel.Success, 8),
+    Level.DOUBTFUL.label: (Qgis.MessageLevel.Warning, 20),
+    Level.UNUSABLE.label: (Qgis.MessageLevel.Critical, 0),
+}
+
+
+def headline(verdict: dict[str, Any]) -> str:
+    """Return the verdict with its worst reason, on one line."""
+    reasons = verdict["reasons"]
+    if not reasons:
+        return f"{tr('Verdict')}: {tr(verdict['level'])}. {verdict['sentence']}"
+    more = " " + tr("({} more in the report)").format(len(reasons) - 1) if len(reasons) > 1 else ""
+    return f"{tr('Verdict')}: {tr(verdict['level'])}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
+
+
+def log_verdict(verdict: dict[str, Any], text: str, feedback: QgsProcessingFeedback) -> None:
+    """Write the headline into the log, so that what cannot be used looks like a failure."""
+    if verdict["level"] == Level.UNUSABLE.label:
+        feedback.reportError(text, fatalError=False)
+    elif verdict["level"] == Level.DOUBTFUL.label:
+        feedback.pushWarning(text)
+
+
+def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
+    """Show the headline above the map, if there is a desktop; QGIS calls this in its main thread only.
+
+    The bar takes texts for HTML, and ids of points may be anything.
+    """
+    if iface is not None:
+        iface.messageBar().pushMessage(title, escape(text, quote=False), *SIGNAL[verdict["level"]])

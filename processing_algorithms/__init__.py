@@ -1,60 +1,27 @@
 """The declared algorithms, and `run` to call one by its name.
 
-To add an algorithm, write what it says of itself in ``declarations/NAME.py``, its ``run`` and ``summarise`` in
-``NAME.py``, and enter it here: one import, one entry. Importing this package is quick: declarations are light, and the
-module of an algorithm, which imports what is heavy, is loaded when it is run.
+To add an algorithm, write what it says of itself in the file of its group in ``declarations``, list it there in
+``ALGORITHMS``, and write its ``run`` and ``summarise`` in ``NAME.py``. Importing this package is quick: declarations
+are light, and the module of an algorithm, which imports what is heavy, is loaded when it is run.
 """
 
 from typing import Any
 
 from ..hrsi_engine.foundation.progress import Progress, silent
-from .declarations import (
-    adjust,
-    crop,
-    evaluate,
-    fit_rpc,
-    gcps_from_reference,
-    interest_points,
-    localize,
-    match,
-    measure_targets,
-    ortho_check,
-    orthorectify,
-    project,
-    refine_rpc,
-    rpc_info,
-    strip,
-    tie_points,
-    triangulate,
-    write_rpc,
-)
+from .declarations import image_points, orthoimages, rpcs, triangulation
 from .interface.declare import Algorithm, Context, Log, Report
 from .interface.options import check_options, find_algorithm
 from .laboratory.declarations import register, simulate
 
 REGISTRY: dict[str, Algorithm] = {
-    module.ALGORITHM.name: module.ALGORITHM
-    for module in (
-        triangulate,
-        tie_points,
-        adjust,
-        evaluate,
-        refine_rpc,
-        write_rpc,
-        crop,
-        strip,
-        rpc_info,
-        project,
-        localize,
-        fit_rpc,
-        gcps_from_reference,
-        interest_points,
-        match,
-        measure_targets,
-        orthorectify,
-        ortho_check,
-        simulate,
-        register,
+    algorithm.name: algorithm
+    for algorithm in (
+        *triangulation.ALGORITHMS,
+        *image_points.ALGORITHMS,
+        *rpcs.ALGORITHMS,
+        *orthoimages.ALGORITHMS,
+        simulate.ALGORITHM,
+        register.ALGORITHM,
     )
 }
 

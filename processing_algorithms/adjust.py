@@ -8,27 +8,20 @@ from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
-from .block_steps.dem_offset import ground_reasons
 from .block_steps.earlier_block import read_earlier
-from .block_steps.laser_points import (
-    laser_entries,
-    laser_warnings,
-    name_operations,
-    read_laser_points,
-    with_free_control,
-)
-from .block_steps.model_choice import choice_entries, choice_warnings
+from .block_steps.laser_points import describe_laser, name_operations, read_laser_points, with_free_control
+from .block_steps.plausibility import ground_reasons
+from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
-from .declarations.adjust import AdjustAlgorithmOptions
-from .files.image_files import open_input_images
-from .files.terrain import dem_surface
+from .declarations.triangulation import AdjustAlgorithmOptions
+from .files.opening import dem_surface, open_images
 from .interface.declare import Context, Report
 
 
 def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
-    images = open_input_images(options.images, context)
+    images = open_images(options.images, context)
     earlier = read_earlier(options.growth, images, options.tie_points)
     images = join_exposures([*earlier.images, *images])
     block_inputs.tell_tiles(images, options.adjustment, context.log)
@@ -44,16 +37,16 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     laser = read_laser_points(images, options.laser, options.points, context)
     block, told = name_operations(block, laser, options.points.strict_datum)
     warnings += told
-    how = with_free_control(how, options.dem, options.points, laser)
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
-        how = block_inputs.with_dem(how, options.dem, options.points)
+        how = with_free_control(how, options.dem, options.points, laser)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
-    warnings += [*choice_warnings(result.choice), *laser_warnings(result)]
-    entries = choice_entries(how.model, result.choice) | laser_entries(result, options.laser)
+    of_laser, few = describe_laser(result, options.laser)
+    warnings += [*choice_warnings(result.choice), *few]
+    entries = choice_entries(how.model, result.choice) | of_laser
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     reasons += ground_reasons(result, surface, how.sigma_dem_m)
     with plausibility.explain_failures(reasons):

@@ -8,10 +8,8 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError
-from ..hrsi_engine.foundation.progress import Progress, advance, stage
+from ..hrsi_engine.foundation.progress import Progress, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.io.output_dir import stage_folder
-from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.rasters.cropping import CropWindow, open_window, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
@@ -20,13 +18,9 @@ from ..hrsi_engine.io.rpc_files.ignored_resampling import SIZE_ITEM, SIZE_TEXT
 from ..hrsi_engine.io.safety.transactions import Transaction
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
-from .block_steps.rpc_outputs import has_file
-from .declarations.crop import FORMAT_ENDINGS, CropOptions
-from .files.dry_run import REPORT_FILE, plan
-from .files.image_files import open_input_images
-from .files.image_pixels import window_area
-from .files.result_folder import check_folder, tell
-from .files.terrain import open_terrain
+from .declarations.rpcs import FORMAT_ENDINGS, CropOptions
+from .files.opening import has_file, open_images, open_terrain, window_area
+from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 from .ortho_steps.inputs import ORTHO_GRID, parse_box
 
@@ -49,11 +43,21 @@ def run(options: CropOptions, context: Context) -> Report:
     if not (options.window or options.extent or options.factor):
         raise InputError("nothing says what to make: give `window`, `extent` or `factor`")
     check_folder(options.folder, context)
-    images, surface = open_input_images(options.images, context), open_terrain(options.terrain)
+    images, surface = open_images(options.images, context), open_terrain(options.terrain)
     warnings: list[str] = []
     jobs: list[CropJob] = []
     for image in images:
-        window = _choose_window(image, options, surface, warnings)
+        size, area = image.known_size, window_area(options.window, "window")
+        left, top, right, bottom = (0, 0, *size) if area is None else area.bounds
+        if not (0 <= left < right <= size[0] and 0 <= top < bottom <= size[1]):
+            raise InputError(
+                f"`window` {options.window} does not lie in {image.id}, which has {size[0]} x {size[1]} px from 0,0 on"
+            )
+        if options.extent:
+            left, top, right, bottom = _find_ground_box(image, options.extent, surface, warnings)
+        factor, extent = options.factor or 1.0, (right - left, bottom - top)
+        shape = max(1, round(factor * extent[0])), max(1, round(factor * extent[1]))
+        window = CropWindow((left, top, *extent), shape)
         ending = FORMAT_ENDINGS[options.format] if has_file(image) else "_RPC.TXT"
         jobs.append(CropJob(image, window, crop_rpc(image.rpc, window.place, window.size), f"{image.id}_crop{ending}"))
     folder = options.folder.output_dir
@@ -61,7 +65,7 @@ def run(options: CropOptions, context: Context) -> Report:
         return plan(context, folder, [REPORT_FILE, *(job.name for job in jobs)], {"images": len(images)}, warnings)
     report: Report = {**context.record, "images": {}, "warnings": warnings}
     changes = Transaction(folder)
-    with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as staged:
+    with changes, stage_results(options.folder, report, context, transaction=changes) as staged:
         for number, job in enumerate(jobs):
             part = stage(context.progress, number / len(jobs), (number + 1) / len(jobs))
             target, output = str(staged / job.name), os.path.join(folder, job.name)
@@ -73,26 +77,7 @@ def run(options: CropOptions, context: Context) -> Report:
                 "step_sample_px": bounds[2] / samples, "step_line_px": bounds[3] / lines,
                 "max_difference_px": read_back_px(target, job.rpc),
             }  # fmt: skip
-        write_report_json(str(staged / REPORT_FILE), report)
-    tell(warnings, context)
-    advance(context.progress, 1.0, "done")
     return report
-
-
-def _choose_window(
-    image: Image, options: CropOptions, surface: HeightSurface | None, warnings: list[str]
-) -> CropWindow:
-    """Return the window that the options name, and the size of its result; raise `InputError` where it leaves it."""
-    size, area = image.known_size, window_area(options.window, "window")
-    left, top, right, bottom = (0, 0, *size) if area is None else area.bounds
-    if not (0 <= left < right <= size[0] and 0 <= top < bottom <= size[1]):
-        raise InputError(
-            f"`window` {options.window} does not lie in {image.id}, which has {size[0]} x {size[1]} px from 0,0 on"
-        )
-    if options.extent:
-        left, top, right, bottom = _find_ground_box(image, options.extent, surface, warnings)
-    factor, extent = options.factor or 1.0, (right - left, bottom - top)
-    return CropWindow((left, top, *extent), (max(1, round(factor * extent[0])), max(1, round(factor * extent[1]))))
 
 
 def _find_ground_box(image: Image, extent: str, surface: HeightSurface | None, warnings: list[str]) -> list[int]:
@@ -132,10 +117,8 @@ def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progr
         return ()
     told = read_lineage(job.image)
     original = None if told.original is None else crop_rpc(told.original, window.place, window.size)
-    pixels, lineage = (
-        open_window(job.image.path, window, options.resampling),
-        Lineage({**told.items, **items}, original),
-    )
+    lineage = Lineage({**told.items, **items}, original)
+    pixels = open_window(job.image.path, window, options.resampling)
     form, threads = OrthoFormat(options.format, options.compression), thread_count(options.common.threads)
     return save_image(pixels, target, job.rpc, form, threads, lineage, progress)
 

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,13 +28,11 @@ from ..hrsi_engine.drawing.residual_plots import draw_bars
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
-from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
+from ..hrsi_engine.io.geopackage.layer_styles import Style
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
-from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
-from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
@@ -44,33 +41,23 @@ from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps import plausibility
 from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
-from .block_steps.rpc_lineage import (
-    RPC_LINEAGE,
+from .block_steps.rpc_sets import (
+    RPC_SETS,
     MakingPoints,
     find_making_points,
     find_points_near,
+    rpcs_of_folder,
     split_measurements,
 )
 from .block_steps.summary import format_digits
 from .block_steps.tie_search import count_pairs, find_ties
-from .declarations.evaluate import AUTOMATIC_TRACKS, LAYERS_FILE, NO_TRACKS, OWN, EvaluateOptions
-from .files.image_files import open_input_images
-from .files.result_folder import check_folder, plan_page, tell
-from .files.rpc_folders import rpcs_of_folder
-from .files.terrain import dem_surface
+from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
+from .files.opening import dem_surface, open_images
+from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
 from .interface.option_groups import SearchOptions
 
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # it becomes part of a layer's name
-
-
-@thresholds
-class COMPARISON:
-    """When the figures of a set of RPCs say little."""
-
-    few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
-    denser: int = threshold(3, "", "times the tie points of a cell, where all that a run takes made the RPCs")
-    most_pairs: int = threshold(10, "pairs", "pairs in the summary")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +82,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     clock = Clock()
     refuse_idle_matches(options.search, options.tracks == AUTOMATIC_TRACKS, "tracks")
-    images = open_input_images(options.images, context)
+    images = open_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     if context.dry_run:
@@ -128,35 +115,27 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         },
         "sets": {one.name: _set_entry(one, observations, kept, predicted, surface) for one in sets},
     }  # fmt: skip
-    warnings += _list_warnings(entries, len(images), len(predicted) > 0)
+    if len(predicted) and (predictions := int(predicted.sum())) < RPC_SETS.few_predictions:
+        why = "two images have none" if len(images) < 3 else "they need points on three images or more"
+        warnings.append(
+            f"only {predictions} image points can be predicted from others ({why}): see the pairs and the fit"
+        )
     clock.lap("evaluate")
     report: Report = {
         **context.record, "seconds": {}, **entries,
         "best": _rank_sets(entries["sets"], judges.are_independent), "warnings": warnings,
         "crs_operations": [use.entry() for use in block.all_operations],
     }  # fmt: skip
-    tell(warnings, context)
-    target = options.folder
-    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=judges.discarded) as folder:
-        _write_layers(_make_layers(sets, observations, kept, predicted, report), folder, context)
+    with stage_results(options.folder, report, context, discarded=judges.discarded) as folder:
+        layers, styles = _make_layers(sets, observations, kept, predicted, report)
+        write_geopackage(str(folder / EVALUATION_FILE), layers, styles, context.stage(0.9, 0.98).progress)
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
             bars = {name: {kind: entry[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
                     for name, entry in report["sets"].items()}  # fmt: skip
-            write_page(str(folder / "report.html"), "evaluation.html.j2", report, bars=draw_bars(bars, "px"))
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
+            write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=draw_bars(bars, "px"))
     return report
-
-
-def _write_layers(layers: Sequence[Layer], folder: Path, context: Context) -> None:
-    """Write the layers; arrows of every set have the style of a block's residuals."""
-    styles = default_styles(layers)
-    for arrows in (layer for layer in layers if layer.name.startswith("residuals_")):
-        as_residuals = replace(arrows, name=RESIDUAL_LAYERS[0])
-        styles[arrows.name] = default_styles([as_residuals])[RESIDUAL_LAYERS[0]]
-    write_geopackage(str(folder / LAYERS_FILE), layers, styles, context.stage(0.9, 0.98).progress)
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
@@ -175,7 +154,7 @@ def _plan_run(
         file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
         block, warnings = read_block(images, options.points, options.dem, file)
         counts |= {"points": len(block.points), "image points": len(block.measurements)}
-    return plan_page(options.folder, LAYERS_FILE, options.report, counts, warnings, context)
+    return plan_folder(options.folder, EVALUATION_FILE, counts, warnings, context, options.report)
 
 
 def _open_sets(
@@ -226,8 +205,8 @@ class Judges:
         context: Context,
     ) -> None:  # fmt: skip
         """Find tie points in the images."""
-        ties, finished = find_ties(images, search, surface, folder, context)
-        self.found, self.discarded = [ties.image_points], (*self.discarded, *finished.discarded)
+        ties, discarded = find_ties(images, search, surface, folder, context)
+        self.found, self.discarded = [ties.image_points], (*self.discarded, *discarded)
         self.warnings += ties.warnings
 
     def leave_out_makers(self, block: Block, makers: Mapping[str, MakingPoints], apart_px: float) -> None:
@@ -241,7 +220,7 @@ class Judges:
             for what in ("used", "held_out")
         )
         role, tracks = self.block.points.role, self.block.points.role == Role.TIE
-        made, kept = (find_points_near(self.block, points, RPC_LINEAGE.same_px) for points in (used, held))
+        made, kept = (find_points_near(self.block, points, RPC_SETS.same_px) for points in (used, held))
         if (checks := made & (role == Role.CHECK)).any():
             role[checks] = Role.GCP
             self.warnings.append(
@@ -254,25 +233,6 @@ class Judges:
         self.held_out = int((several & ~made & kept).sum())
         if self.tracks:
             self.block = self.block.with_measurements(~(tracks & made)[self.block.measurements.point])
-
-    def tell_makers(self) -> None:
-        """Enter what the user should know of the tracks that made RPCs."""
-        for name, maker in self.makers.items():
-            if maker.used is None:
-                self.warnings.append(
-                    f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are not "
-                    "there: whether these tracks made them is not known, and no set is said to fit best"
-                )
-        if self.left_out and self.tracks:
-            self.warnings.append(
-                f"{self.left_out} tracks made RPCs {' or '.join(self.makers)} and do not judge them; {self.tracks} "
-                f"others do, {self.held_out} of which were held out when they were made"
-            )
-        elif self.left_out:
-            self.warnings.append(
-                f"all {self.left_out} tracks made RPCs {' or '.join(self.makers)}: how well these fit them says "
-                "little, and no set is said to fit best; give other tracks, or images with pixels"
-            )
 
 
 def _read_points(
@@ -309,16 +269,29 @@ def _read_points(
             f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out"
         )
     judges.leave_out_makers(block, makers, options.apart_px)
-    few = judges.left_out and judges.tracks < COMPARISON.few_predictions
+    few = judges.left_out and judges.tracks < RPC_SETS.few_predictions
     if few and options.tracks != NO_TRACKS and all(image.raster is not None for image in images):
         # Others of the same images: more of each cell than a run takes by itself
         search = options.search.search
-        many = COMPARISON.denser * max(count_points_per_cell(search, image) for image in images)
+        many = RPC_SETS.denser * max(count_points_per_cell(search, image) for image in images)
         denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
         judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
         block, _ = read_block(images, options.points, options.dem, None, judges.found)
         judges.leave_out_makers(block, makers, options.apart_px)
-    judges.tell_makers()
+    for name, maker in makers.items():
+        if maker.used is None:
+            judges.warnings.append(
+                f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are not "
+                "there: whether these tracks made them is not known, and no set is said to fit best"
+            )
+    if judges.left_out:
+        told = f"{judges.left_out} tracks made RPCs {' or '.join(makers)}"
+        judges.warnings.append(
+            f"{told} and do not judge them; {judges.tracks} others do, {judges.held_out} of which were held out when "
+            "they were made" if judges.tracks else
+            f"all {told}: how well these fit them says little, and no set is said to fit best; give other tracks, or "
+            "images with pixels"
+        )  # fmt: skip
     return judges
 
 
@@ -412,21 +385,13 @@ def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
     return best
 
 
-def _list_warnings(entries: Report, images: int, tracks: bool) -> list[str]:
-    predictions = next(iter(entries["sets"].values()))["predictions"]
-    if tracks and predictions < COMPARISON.few_predictions:
-        why = "two images have none" if images < 3 else "they need points on three images or more"
-        return [f"only {predictions} image points can be predicted from others ({why}): see the pairs and the fit"]
-    return []
-
-
 # ---- layers ----------------------------------------------------------------------------------------------------------
 
 
 def _make_layers(
     sets: Sequence[RpcSet], observations: Observations, kept: np.ndarray, predicted: np.ndarray, report: Report
-) -> list[Layer]:
-    """Return footprints with each set's figures, the pairs as a table, and a layer of residuals for each set."""
+) -> tuple[list[Layer], dict[str, Style]]:
+    """Return footprints with each set's figures, pairs as a table, residuals of each set; and the styles of all."""
     images = sets[0].block.images
     ground = np.vstack([sets[0].fit.ground[kept], sets[0].block.points.ground[sets[0].block.known]])
     height = float(np.nanmedian(ground[:, 2])) if len(ground) else images[0].middle_height_m
@@ -439,7 +404,12 @@ def _make_layers(
     pairs = [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]
     if pairs:
         layers.append(Layer("pairs", "None", WGS84, [], EvaluatedPairRows.of_entries(pairs)))
-    return [*layers, *(_residual_layer(one, observations, kept, predicted) for one in sets)]
+    arrows = [_residual_layer(one, observations, kept, predicted) for one in sets]
+    layers += arrows
+    styles = default_styles(layers)
+    for layer in arrows:  # as those of a block
+        styles[layer.name] = default_styles([replace(layer, name=RESIDUAL_LAYERS[0])])[RESIDUAL_LAYERS[0]]
+    return layers, styles
 
 
 def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
@@ -496,7 +466,7 @@ def summarise(report: Report) -> str:
             for key in ("median_m", "nmad_m", "p90_m")
         }
     rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-             for name in list(any_set["images"])[:COMPARISON.most_pairs]}  # fmt: skip
+             for name in list(any_set["images"])[:LENGTH.most_pairs]}  # fmt: skip
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [

@@ -9,13 +9,11 @@ from ..hrsi_engine.foundation.in_memory import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
-from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
-from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.find import read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
-from .declarations.fit_rpc import FitRpcOptions
-from .files.dry_run import plan
-from .files.result_folder import check_folder, tell
+from .declarations.rpcs import FitRpcOptions
+from .files.result_folder import check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
 
 
@@ -42,15 +40,20 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
     name = f"{options.id or stem}_RPC.TXT"
     if context.dry_run:
-        names, counts = ["report.json", name], {"correspondences": len(table.ground)}
-        return plan(context, options.folder.output_dir, names, counts, table.warnings)
+        return plan_folder(options.folder, name, {"correspondences": len(table.ground)}, table.warnings, context)
     advance(context.progress, 0.2, "fitting")
-    fit, check = fit_points(table.ground, table.image, options.common_denominator)
-    low, high = float(table.ground[:, 2].min()), float(table.ground[:, 2].max())
-    wanted = (
-        low if options.min_height is None else options.min_height,
-        high if options.max_height is None else options.max_height,
-    )
+    ground, image, count = table.ground, table.image, len(table.ground)
+    common, kept_out = options.common_denominator, np.zeros(count, dtype=bool)
+    check: RpcFit | None = None
+    if count >= FIT_CHECK.fewest_points:
+        # A fit without some of the points, checked there, also decides how much the fit to all is damped
+        kept_out[np.random.default_rng(SEED).permutation(count)[: count // FIT_CHECK.check_every]] = True
+        check = best_fit((ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common)
+    damping = {} if check is None else {"ridge": check.ridge}
+    fit = fit_rpc(ground, image, **damping, common_denominator=common)
+    low, high = float(ground[:, 2].min()), float(ground[:, 2].max())
+    given = options.min_height, options.max_height
+    wanted = (low if given[0] is None else given[0], high if given[1] is None else given[1])
     warnings = [*table.warnings, *list_operation_warnings(table.operations), *fit.warnings]
     if check is None:
         warnings.append(f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}")
@@ -61,35 +64,16 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "output": str(Path(options.folder.output_dir) / name),
         "points": len(table.ground), "max_px": fit.max_px, "rms_px": fit.rms_px,
-        "check": None if check is None else {"points": check[0], "max_px": check[1].max_px, "rms_px": check[1].rms_px},
+        "check": None,
         "height_min_m": low, "height_max_m": high, "warnings": warnings,
         "crs_operations": [use.entry() for use in table.operations],
     }  # fmt: skip
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
+    if check is not None:
+        report["check"] = {"points": int(kept_out.sum()), "max_px": check.max_px, "rms_px": check.rms_px}
+    with stage_results(options.folder, report, context) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)
-        write_report_json(str(folder / "report.json"), report)
-    tell(warnings, context)
-    advance(context.progress, 1.0, "done")
     return report
-
-
-def fit_points(
-    ground: np.ndarray, image: np.ndarray, common_denominator: bool
-) -> tuple[RpcFit, tuple[int, RpcFit] | None]:
-    """Return the RPC of all points, and how one fitted without the check points agrees with them.
-
-    The check points also decide how much the fit is damped. Too few points leave no check.
-    """
-    if len(ground) < FIT_CHECK.fewest_points:
-        return fit_rpc(ground, image, common_denominator=common_denominator), None
-    kept_out = np.zeros(len(ground), dtype=bool)
-    kept_out[np.random.default_rng(SEED).permutation(len(ground))[: len(ground) // FIT_CHECK.check_every]] = True
-    checked = best_fit(
-        (ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common_denominator
-    )  # fmt: skip
-    whole = fit_rpc(ground, image, ridge=checked.ridge, common_denominator=common_denominator)
-    return whole, (int(kept_out.sum()), checked)
 
 
 def summarise(report: Report) -> str:

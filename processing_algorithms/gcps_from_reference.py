@@ -11,10 +11,9 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
-from .declarations.gcps_from_reference import LAYER, LAYERS_FILE, GcpsFromReferenceOptions
-from .files.image_files import open_input_images
+from .declarations.image_points import GCPS_FILE, GCPS_LAYER, GcpsFromReferenceOptions
+from .files.opening import dem_surface, open_images
 from .files.result_folder import check_folder, plan_folder, write_folder
-from .files.terrain import dem_surface
 from .interface.declare import Context, Report
 
 REJECTED = "rejected"
@@ -23,11 +22,11 @@ REJECTED = "rejected"
 def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
     check_folder(options.folder, context)
-    images = open_input_images(options.images, context)
+    images = open_images(options.images, context)
     if context.dry_run:
         reference_control.open_reference(options.reference.reference, options.reference.reference_band)
         _open_dem(options)
-        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
+        return plan_folder(options.folder, GCPS_FILE, {"images": len(images)}, [], context)
     matching = context.stage(0.0, 0.9)
     found = reference_control.find_reference_control(
         images, options.reference, _open_dem(options), options.sigma_dem, matching
@@ -43,7 +42,7 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     }  # fmt: skip
     sigma_m = tuple(ground.sigma_m[0])
     layers = [_make_layer(found, sigma_m, used=True), _make_layer(found, sigma_m, used=False)]
-    write_folder(options.folder, report, LAYERS_FILE, layers, context)
+    write_folder(options.folder, report, GCPS_FILE, layers, context)
     return report
 
 
@@ -80,7 +79,7 @@ def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) 
         survey_lon=ground[:, 0], survey_lat=ground[:, 1], survey_height=ground[:, 2],
         residual_sample_px=left[:, 0], residual_line_px=left[:, 1],
     )  # fmt: skip
-    return Layer(LAYER if used else REJECTED, "PointZ", WGS84_3D, ground, fields)
+    return Layer(GCPS_LAYER if used else REJECTED, "PointZ", WGS84_3D, ground, fields)
 
 
 def summarise(report: Report) -> str:

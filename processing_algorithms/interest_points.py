@@ -13,11 +13,9 @@ from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_
 from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
 from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
 from ..hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
-from .declarations.interest_points import LAYER, LAYERS_FILE, InterestPointsOptions
-from .files.image_files import require_ids
-from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
+from .declarations.image_points import INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER, InterestPointsOptions
+from .files.opening import ImagePixels, ground_of, ground_warnings, open_pixels, open_terrain, require_ids, window_area
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
-from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
 QUARTERS = ("upper left", "upper right", "lower left", "lower right")
@@ -31,7 +29,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     surface = open_terrain(options.terrain)
     region = window_area(options.window, "window")
     if context.dry_run:
-        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, [], context)
+        return plan_folder(options.folder, INTEREST_POINTS_FILE, {"images": len(images)}, [], context)
     names = DETECTOR_SETS[options.detector]
     tables = []
     steps = np.linspace(0.0, 0.9, len(images) * len(names) + 1).tolist()
@@ -63,7 +61,7 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
         "warnings": warnings,
     }  # fmt: skip
     layers = [_make_layer(images, tables, grounds, shadows)]
-    write_folder(options.folder, report, LAYERS_FILE, layers, context)
+    write_folder(options.folder, report, INTEREST_POINTS_FILE, layers, context)
     return report
 
 
@@ -97,7 +95,7 @@ def _make_layer(
         contrast=points.contrast, rmse_px=points.rmse_px, shadow=np.concatenate(shadows).astype(str),
     )  # fmt: skip
     everywhere = all(image.rpc is not None for image in images)
-    return Layer(LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)
+    return Layer(INTEREST_POINTS_LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)
 
 
 def summarise(report: Report) -> str:

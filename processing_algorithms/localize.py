@@ -9,11 +9,10 @@ from ..hrsi_engine.io.geopackage.declared_layers import LocalizedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files.find import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
-from .declarations.localize import LAYERS_FILE, LocalizeOptions
+from .declarations.rpcs import POINTS_FILE, LocalizeOptions
 from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
-from .files.image_files import is_on_image, open_input_images
+from .files.opening import is_on_image, open_images, open_terrain
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
-from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
 LOCALIZED_LINE = "sample line height"
@@ -22,13 +21,20 @@ LOCALIZED_LINE = "sample line height"
 def run(options: LocalizeOptions, context: Context) -> Report:
     """Read image points from a file or standard input and follow their rays to the ground."""
     check_folder(options.folder, context)
-    images = open_input_images(options.images, context, always=False)
+    images = open_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
     ids = [image.id for image in images]
-    points = read_image_positions(options.points, ids) if options.points else _from_lines(images)
+    if options.points:
+        points = read_image_positions(options.points, ids)
+    elif len(images) > 1:
+        raise InputError("lines on standard input do not say which image they belong to: give one image")
+    else:  # the text behind the coordinates is the id
+        numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
+        names = np.full(len(rest), ids[0])
+        points = ImagePositions(np.array(rest, dtype=str), names, numbers[:, :2], numbers[:, 2])
     if context.dry_run:
         counts = {"images": len(images), "image points": len(points.ids)}
-        return plan_folder(options.folder, LAYERS_FILE, counts, [], context)
+        return plan_folder(options.folder, POINTS_FILE, counts, [], context)
     columns, warnings = _localize_points(images, points, surface)
     tell(warnings, context)
     report: Report = {
@@ -39,16 +45,8 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         report["points"] = make_point_rows(columns, ("id", "image", "lon", "lat", "height", "status"))
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     layer = Layer("ground_points", "PointZ", WGS84_3D, place, LocalizedPointRows(**columns))
-    write_folder(options.folder, report, LAYERS_FILE, [layer], context)
+    write_folder(options.folder, report, POINTS_FILE, [layer], context)
     return report
-
-
-def _from_lines(images: list[Image]) -> ImagePositions:
-    """Return the lines of standard input, the text behind the coordinates as ids."""
-    if len(images) > 1:
-        raise InputError("lines on standard input do not say which image they belong to: give one image")
-    numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
-    return ImagePositions(np.array(rest, dtype=str), np.full(len(rest), images[0].id), numbers[:, :2], numbers[:, 2])
 
 
 def _localize_points(

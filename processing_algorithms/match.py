@@ -8,27 +8,24 @@ import numpy as np
 from ..hrsi_engine.block.points import ImagePoints
 from ..hrsi_engine.drawing.pair_pictures import PictureSide, draw_pair
 from ..hrsi_engine.foundation.errors import InputError
-from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.geopackage.declared_layers import CorrespondenceRows, MatchedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ..hrsi_engine.io.output_dir import stage_folder
 from ..hrsi_engine.io.pages.page import write_page
-from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.measurement.control_network.matching import ControlNetworkMatch, match_windows
 from ..hrsi_engine.measurement.control_network.super_points import FOUND
 from ..hrsi_engine.measurement.interest_points.detectors import clip_to_image
 from ..hrsi_engine.measurement.interest_points.windows import Area
-from .declarations.match import LAYER, LAYERS_FILE, MatchAlgorithmOptions
-from .files.image_pixels import ImagePixels, ground_of, ground_warnings, open_pixels, window_area
-from .files.result_folder import check_folder, plan_page, tell
-from .files.terrain import open_terrain
+from .declarations.image_points import MATCH_FILE, MATCH_LAYER, MatchAlgorithmOptions
+from .files.opening import ImagePixels, ground_of, ground_warnings, open_pixels, open_terrain, window_area
+from .files.result_folder import PAGE_FILE, check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
 
 POINTS_LAYER = "matched_points"
-TABLE_FILE, PAGE_FILE = "correspondences.csv", "report.html"
+TABLE_FILE = "correspondences.csv"
 
 
 def run(options: MatchAlgorithmOptions, context: Context) -> Report:
@@ -41,12 +38,13 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     images = [open_pixels(path, options.band) for path in options.images]
     if images[0].id == images[1].id:
         images = [image._replace(id=f"{image.id}_{number + 1}") for number, image in enumerate(images)]
+    windows = {"window_1": options.window_1, "window_2": options.window_2}
     areas = [
-        clip_to_image(window_area(options.window_1, "window_1"), images[0].raster),
-        clip_to_image(window_area(options.window_2, "window_2"), images[1].raster),
+        clip_to_image(window_area(text, name), image.raster)
+        for (name, text), image in zip(windows.items(), images, strict=True)
     ]
     if context.dry_run:
-        return plan_page(options.folder, LAYERS_FILE, options.report, {"images": 2}, [], context)
+        return plan_folder(options.folder, MATCH_FILE, {"images": 2}, [], context, options.report)
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )
@@ -54,10 +52,9 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     surface, made = open_terrain(options.terrain), found.positions
     ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
     report["warnings"] += ground_warnings(images, ground)
-    tell(report["warnings"], context)
     layers = _make_layers(images, found, ground)
-    with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), layers)
+    with stage_results(options.folder, report, context) as folder:
+        write_geopackage(str(folder / MATCH_FILE), layers)
         columns = layers[0].fields
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)
         write_csv(str(folder / TABLE_FILE), list(columns), rows)
@@ -67,8 +64,6 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
                 grey, valid = image.raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
                 sides.append(PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy))
             write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
-        write_report_json(str(folder / "report.json"), report)
-    advance(context.progress, 1.0, "done")
     return report
 
 
@@ -120,7 +115,7 @@ def _make_layers(images: list[ImagePixels], found: ControlNetworkMatch, ground: 
         sigma=points.sigma_px, kind=points.kind, quality=points.quality,
     )  # fmt: skip
     return [
-        Layer(LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),
+        Layer(MATCH_LAYER, "None" if images[0].rpc is None else "PointZ", WGS84_3D, ground[0], fields),
         Layer(
             POINTS_LAYER, "None" if any(image.rpc is None for image in images) else "PointZ", WGS84_3D,
             np.concatenate(ground), measured,

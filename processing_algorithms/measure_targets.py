@@ -15,10 +15,9 @@ from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.measurement.targets.measuring import TARGETS, TargetMeasurement, measure_edges, measure_target
 from ..hrsi_engine.plausibility.places import PLACEMENT
-from .declarations.measure_targets import AUTOMATIC_KIND, LAYER, LAYERS_FILE, MeasureTargetsOptions
-from .files.image_files import require_ids
-from .files.image_pixels import ImagePixels, ground_of, open_pixels
-from .files.result_folder import PAGE_LENGTH, check_folder, plan_page, tell, write_folder
+from .declarations.image_points import AUTOMATIC_KIND, TARGETS_FILE, TARGETS_LAYER, MeasureTargetsOptions
+from .files.opening import ImagePixels, ground_of, open_pixels, require_ids
+from .files.result_folder import LENGTH, check_folder, plan_folder, tell, write_folder
 from .files.target_chip import chip_of
 from .interface.declare import Context, Report
 
@@ -37,20 +36,28 @@ class Target(NamedTuple):
 def run(options: MeasureTargetsOptions, context: Context) -> Report:
     """Measure every target and write points, chips and report."""
     check_folder(options.folder, context)
-    images: list[ImagePixels] = []
-    warnings: list[str] = []
-    if context.dry_run and options.points is not None and options.edges is None:
-        points, warnings = _approximate_points(_open_images(options.images), options.points, options)
-        return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(points)}, warnings, context)
-    if options.points is not None and options.edges is None:
-        images = _open_images(options.images)
-        targets, warnings = _near_positions(images, options.points, options, context)
-    elif options.edges is not None and options.points is None:
-        targets, warnings = _of_edges(options.edges, _open_images(options.images), options)
-    else:
+    if (options.points is None) == (options.edges is None):
         raise InputError("give either `points` (approximate positions) or `edges` (hand-measured edge points)")
+    images = [open_pixels(path) for path in options.images]
+    require_ids(options.images, [image.id for image in images])
+    by_id = {image.id: image for image in images}
+    if options.points is not None:
+        points, warnings = _approximate_points(images, options.points, options)
+        if context.dry_run:
+            counts = {"targets": len(points)}
+            return plan_folder(options.folder, TARGETS_FILE, counts, warnings, context, options.report)
+        targets = []
+        listed = zip(points.ids.tolist(), points.image_ids.tolist(), points.xy, points.kind.tolist(), strict=True)
+        for number, (name, image, xy, kind) in enumerate(listed):
+            found = measure_target(by_id[image].raster, xy, _choose_kind(options.kind, kind, name), options.target)
+            targets.append(Target(name, image, found, xy))
+            advance(context.progress, 0.9 * (number + 1) / len(points), f"target {name}")
+    else:
+        targets, warnings = _of_edges(str(options.edges), images, options)
+        by_id = {}  # edge points are evaluated without pixels
     if context.dry_run:
-        return plan_page(options.folder, LAYERS_FILE, options.report, {"targets": len(targets)}, warnings, context)
+        counts = {"targets": len(targets)}
+        return plan_folder(options.folder, TARGETS_FILE, counts, warnings, context, options.report)
     made = [target for target in targets if not target.measurement.refusal]
     # A word on each image on which no target could be measured
     paths = {image_id(path): path for path in options.images}
@@ -68,41 +75,16 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     report: Report = {
         **context.record, "measured": len(made),
         "refused": len(targets) - len(made), "targets": rows,
-        "chips_left_out": max(len(targets) - PAGE_LENGTH.most_chips, 0), "warnings": warnings,
+        "chips_left_out": max(len(targets) - LENGTH.most_chips, 0), "warnings": warnings,
     }  # fmt: skip
-    by_id = {image.id: image for image in images}
-    rasters = {image.id: image.raster for image in images}
+    rasters = {image.id: image.raster for image in by_id.values()}
     chips = [
         (one.id, one.image, draw_target_chip(chip_of(one.measurement, one.approximate, rasters.get(one.image))))
-        for one in targets[: PAGE_LENGTH.most_chips if options.report else 0]
+        for one in targets[: LENGTH.most_chips if options.report else 0]
     ]
     page = "targets.html.j2" if options.report else ""
-    write_folder(options.folder, report, LAYERS_FILE, _make_layers(targets, by_id), context, page, chips=chips)
+    write_folder(options.folder, report, TARGETS_FILE, _make_layers(targets, by_id), context, page, chips=chips)
     return report
-
-
-def _open_images(paths: Sequence[str]) -> list[ImagePixels]:
-    images = [open_pixels(path) for path in paths]
-    require_ids(paths, [image.id for image in images])
-    return images
-
-
-# ---- approximate positions -------------------------------------------------------------------------------------
-
-
-def _near_positions(
-    images: list[ImagePixels], file: str, options: MeasureTargetsOptions, context: Context
-) -> tuple[list[Target], list[str]]:
-    """Return the targets near the positions of a point file, and warnings."""
-    by_id = {image.id: image for image in images}
-    points, warnings = _approximate_points(images, file, options)
-    targets = []
-    rows = zip(points.ids.tolist(), points.image_ids.tolist(), points.xy, points.kind.tolist(), strict=True)
-    for number, (name, image, xy, kind) in enumerate(rows):
-        made = measure_target(by_id[image].raster, xy, _choose_kind(options.kind, kind, name), options.target)
-        targets.append(Target(name, image, made, xy))
-        advance(context.progress, 0.9 * (number + 1) / len(points), f"target {name}")
-    return targets, warnings
 
 
 def _choose_kind(wanted: str, stated: str, name: str) -> str:
@@ -215,7 +197,7 @@ def _make_layers(targets: list[Target], images: Mapping[str, ImagePixels]) -> li
         if located
         else np.empty((len(made), 3))
     )
-    return [Layer(LAYER, "PointZ" if located else "None", 4326, ground, fields)]
+    return [Layer(TARGETS_LAYER, "PointZ" if located else "None", 4326, ground, fields)]
 
 
 def summarise(report: Report) -> str:

@@ -1,27 +1,70 @@
 """`ortho-check`: how well orthoimages fit one another, or a reference, before and after."""
 
-from dataclasses import replace
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from ..hrsi_engine.block.block import Role
+from ..hrsi_engine.drawing.block_map import BlockMap, draw_block_map
+from ..hrsi_engine.foundation.errors import InputError, SolveError
+from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.ground.geodesy import WGS84
+from ..hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
+from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
+from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.output_dir import check_output_dir
-from .declarations.ortho_check import OrthoCheckOptions
-from .files.result_folder import plan_page
+from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
+from ..hrsi_engine.ortho.misregistration import (
+    MisregistrationOptions,
+    Read,
+    WindowOutcome,
+    WindowShifts,
+    find_common_shift,
+    measure_shifts,
+    shift_statistics,
+    window_centres,
+)
+from .declarations.orthoimages import SHIFTS_FILE, SHIFTS_LAYERS, OrthoCheckOptions
+from .files.result_folder import LENGTH, plan_folder, tell, write_folder
 from .interface.declare import Context, Report
-from .ortho_steps import pairs as ortho_pairs
 
 
 def run(options: OrthoCheckOptions, context: Context) -> Report:
     """Match windows of every overlapping pair and write figures, arrows and maps."""
     check_output_dir(options.folder.output_dir, options.folder.overwrite, inputs=context.inputs)
-    pairs, warnings = ortho_pairs.open_pairs(options)
+    pairs, warnings = open_pairs(options)
     if context.dry_run:
         counts = {"orthoimages": len(options.images), "overlapping pairs": len(pairs)}
-        return plan_page(options.folder, ortho_pairs.LAYERS_FILE, options.report, counts, warnings, context)
+        return plan_folder(options.folder, SHIFTS_FILE, counts, warnings, context, options.report)
     part = context.stage(0.0, 0.9)
     window_px = options.matching.window_px + options.matching.window_px % 2  # windows have an even side
     how = replace(options.matching, window_px=window_px)
-    found = ortho_pairs.match_pairs(pairs, how, thread_count(options.common.threads), part)
-    return ortho_pairs.write_pair_results(found, options, warnings, context)
+    found = match_pairs(pairs, how, thread_count(options.common.threads), part)
+    pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
+    pooled = {
+        state: shift_statistics(np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m)
+        for state in found[0].matches
+    }
+    warnings += [
+        f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
+        for pair in found
+        if pair.good.sum() < 10
+    ]
+    report: Report = {
+        **context.record, "states": list(found[0].matches),
+        "pairs": [_pair_entry(pair) for pair in found], "all": pooled, "warnings": warnings,
+    }  # fmt: skip
+    tell(warnings, context)
+    page, maps = ("misregistration.html.j2", _draw_maps(found)) if options.report else ("", [])
+    write_folder(options.folder, report, SHIFTS_FILE, _make_layers(found), context, page, maps=maps)
+    return report
 
 
 def summarise(report: Report) -> str:
@@ -41,3 +84,179 @@ def summarise(report: Report) -> str:
         )
         lines.append(f"{name:<{width}}{entry['after']['windows']:>9}{cells}")
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
+
+
+BEFORE, AFTER = "before", "after"
+
+
+class PlacedOrtho(NamedTuple):
+    """An orthoimage, and column and row of its corner in the first one, on whose pixels it lies."""
+
+    ortho: OrthoRaster
+    offset: tuple[int, int]
+
+    def reader(self, area: tuple[int, int, int, int], shift: Sequence[int] | np.ndarray = (0, 0)) -> Read:
+        """Return a function that reads windows, moved by a shift, counted from the corner of an area."""
+        column, row = (np.subtract(area[:2], self.offset) + shift).tolist()
+        return lambda x, y, columns, rows: self.ortho.raster.read(x + column, y + row, columns, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two orthoimages by state; ``area`` is first column, first row, columns, rows of the common ground in ``base``."""
+
+    names: tuple[str, str]
+    area: tuple[int, int, int, int]
+    states: Mapping[str, tuple[PlacedOrtho, PlacedOrtho]]
+    base: OrthoRaster
+
+
+@dataclass(frozen=True, eq=False)
+class PairMatches:
+    """A pair with its windows by state, and the shift around which they were searched."""
+
+    pair: Pair
+    matches: Mapping[str, WindowShifts]
+    common_px: Mapping[str, np.ndarray]
+
+    @property
+    def good(self) -> np.ndarray:
+        """Windows that were matched in every state."""
+        return np.asarray(np.all([found.good for found in self.matches.values()], axis=0))
+
+
+def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
+    """Return the pairs of orthoimages that overlap, and what the user should know."""
+    paths = list(options.images)
+    if options.reference is None and len(paths) < 2:
+        raise InputError("one orthoimage has nothing to be compared with: name two or more, or `reference`")
+    warnings: list[str] = []
+    base = open_ortho(paths[0])
+    sets = {AFTER: [_on_base(path, base, warnings) for path in paths]}
+    if options.before is not None:
+        originals = [os.path.join(options.before, os.path.basename(path)) for path in paths]
+        for path in originals:
+            if not os.path.exists(path):
+                raise InputError(f"{path} does not exist: `before` needs a folder with orthoimages of the same names")
+        sets = {BEFORE: [_on_base(path, base, warnings) for path in originals], **sets}
+    names = [Path(path).stem for path in paths]
+    if options.reference is not None:
+        reference = _on_base(options.reference, base, warnings)
+        names.append(Path(options.reference).stem)
+        sets = {state: [*placed, reference] for state, placed in sets.items()}
+        chosen = [(len(paths), k) for k in range(len(paths))]
+    else:
+        chosen = list(itertools.combinations(range(len(paths)), 2))
+    pairs = []
+    for i, j in chosen:
+        states = {state: (placed[i], placed[j]) for state, placed in sets.items()}
+        corners = [(one.offset, np.add(one.offset, one.ortho.raster.size)) for both in states.values() for one in both]
+        low, high = np.max([first for first, _ in corners], axis=0), np.min([last for _, last in corners], axis=0)
+        if (high > low).all():  # they overlap in every state
+            pairs.append(Pair((names[i], names[j]), (*low.tolist(), *(high - low).tolist()), states, base))
+    if not pairs:
+        raise InputError("no two of the orthoimages overlap: check their extents")
+    return pairs, warnings
+
+
+def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
+    """Return an orthoimage on the pixels of the first one, resampled to them where it has others."""
+    ortho = open_ortho(path)
+    offset = offset_of(base, ortho)
+    if offset is not None:
+        return PlacedOrtho(ortho, offset)
+    warnings.append(
+        f"{path} has other pixels than {base.path} and is resampled to them; that smooths it and may shift it by some "
+        "hundredths of a pixel"
+    )
+    return PlacedOrtho(regrid(ortho, base), (0, 0))
+
+
+def match_pairs(
+    pairs: Sequence[Pair], options: MisregistrationOptions, threads: int, context: Context
+) -> list[PairMatches]:
+    """Match the windows of all pairs, in every state at the same places, around the shift that most of them share."""
+    found = []
+    for number, pair in enumerate(pairs):
+        part = stage(context.progress, number / len(pairs), (number + 1) / len(pairs))
+        centres = window_centres(pair.area[2], pair.area[3], options)
+        matches, common_px = {}, {}
+        for k, (state, both) in enumerate(pair.states.items()):
+            here = stage(part, k / len(pair.states), (k + 1) / len(pair.states))
+            first, second = both[0].reader(pair.area), both[1].reader(pair.area)
+            progress = partial(advance, here, message=" - ".join(pair.names))
+            progress(0.0)
+            common = find_common_shift(first, second, *pair.area[2:])
+            moved = both[1].reader(pair.area, common)
+            found_here = measure_shifts(first, moved, centres, options, progress, threads)
+            matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
+        found.append(PairMatches(pair, matches, common_px))
+    if not any(pair.good.any() for pair in found):
+        files = " and ".join(one.ortho.path for one in pairs[0].states[AFTER])
+        others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
+        raise SolveError(
+            f"{files}: no window could be matched{others}: the orthoimages show different things, or their shifts "
+            "differ by more than `search` from place to place; raise `search`, or lower `min_correlation`"
+        )
+    return found
+
+
+# ---- results ---------------------------------------------------------------------------------------------------------
+
+
+def _pair_entry(found: PairMatches) -> Report:
+    """Return figures of a pair, before and after in the windows matched in both."""
+    pixel_m = float(np.mean(found.pair.base.pixel_m()))
+    entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
+    for state, matches in found.matches.items():
+        entry[state] = shift_statistics(matches.shift_px[found.good], pixel_m) | {
+            "tried": len(matches.centre), "matched": int(matches.good.sum()),
+            "searched_around_px": found.common_px[state].tolist(),
+            "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in WindowOutcome},
+        }  # fmt: skip
+    return entry
+
+
+def _window_positions(found: PairMatches) -> tuple[np.ndarray, np.ndarray]:
+    """Return lon, lat of all windows and metres per pixel east and down."""
+    pixels = found.matches[AFTER].centre + np.array(found.pair.area[:2])
+    return found.pair.base.lonlat(pixels.astype(float)), np.array(found.pair.base.pixel_m())
+
+
+def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
+    """Return the windows with their shifts, in UTM and in WGS84."""
+    parts: list[MisregistrationRows] = []
+    places = []
+    for pair in found:
+        lonlat, pixel_m = _window_positions(pair)
+        for state, matches in pair.matches.items():
+            count, shift = len(matches.centre), matches.shift_px
+            part = MisregistrationRows(
+                first=np.full(count, pair.pair.names[0]), second=np.full(count, pair.pair.names[1]),
+                state=np.full(count, state), outcome=np.array([WindowOutcome(o).label for o in matches.outcome]),
+                dx_px=shift[:, 0], dy_px=shift[:, 1], shift_px=np.hypot(*shift.T),
+                east_m=shift[:, 0] * pixel_m[0], north_m=-shift[:, 1] * pixel_m[1],
+                correlation=matches.correlation, sigma_px=matches.sigma_px,
+            )  # fmt: skip
+            parts.append(part)
+            places.append(lonlat)
+    fields = MisregistrationRows(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    lonlat = np.concatenate(places)
+    epsg = map_epsg_of(lonlat)
+    return [
+        Layer(SHIFTS_LAYERS[0], "Point", epsg, project_to_map(lonlat, epsg), fields),
+        Layer(SHIFTS_LAYERS[1], "Point", WGS84, lonlat, fields),
+    ]
+
+
+def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
+    """Return titles and arrow maps of the first pairs."""
+    maps = []
+    for pair in found[: LENGTH.most_maps]:
+        lonlat, pixel_m = _window_positions(pair)
+        for state, matches in pair.matches.items():
+            metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]
+            count = len(metres)
+            data = BlockMap({}, lonlat[pair.good], np.full(count, Role.CHECK), metres, np.full(count, ""))
+            maps.append((f"{' - '.join(pair.pair.names)}, {state}", draw_block_map(data)))
+    return maps

@@ -1,27 +1,69 @@
 """`orthorectify`: orthoimages of a whole block on one map grid, through GDAL's warper."""
 
+import os
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
-from .declarations.orthorectify import OrthorectifyOptions
-from .files.image_files import open_input_images
+import numpy as np
+import pyproj
+
+from ..hrsi_engine.foundation.errors import Cancelled, InputError
+from ..hrsi_engine.foundation.progress import stage
+from ..hrsi_engine.foundation.workers.streams import open_calls
+from ..hrsi_engine.foundation.workers.threads import thread_count
+from ..hrsi_engine.io.catalogue.lineage import rpc_history
+from ..hrsi_engine.io.opening.json_files import read_json
+from ..hrsi_engine.io.opening.virtual_files import VIRTUAL
+from ..hrsi_engine.io.output_dir import require_no_input
+from ..hrsi_engine.io.pages.page import write_page
+from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
+from .declarations.orthoimages import OrthorectifyOptions
+from .files.opening import open_images
+from .files.result_folder import PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
-from .ortho_steps import inputs as ortho_inputs
-from .ortho_steps import jobs as ortho_jobs
-from .ortho_steps import outputs as ortho_outputs
+from .ortho_steps.inputs import open_ortho_terrain, plan_block
+from .ortho_steps.jobs import OrthoJob, chunks_of, jobs_of
 
 
 def run(options: OrthorectifyOptions, context: Context) -> Report:
     """Plan the grids, make the orthoimages that are not there yet, write the report."""
     start = time.monotonic()
-    images = open_input_images(options.images, context)
-    terrain = ortho_inputs.open_ortho_terrain(options)
-    plan = ortho_inputs.plan_block(images, terrain, options)
-    jobs = ortho_jobs.jobs_of(plan, options)
-    ortho_outputs.check_ortho_folder(options, jobs, context.inputs)
+    planned = plan_block(open_images(options.images, context), open_ortho_terrain(options), options)
+    jobs, folder = jobs_of(planned, options), options.folder.output_dir
+    check_ortho_folder(options, jobs, context.inputs)
     if context.dry_run:
-        return ortho_outputs.plan_orthoimages(plan, jobs, options, context)
-    entries = ortho_outputs.make_all(jobs, options, context)
-    return ortho_outputs.write_report(plan, entries, options, time.monotonic() - start, context)
+        missing = [job for job in jobs if not _is_finished(job)]
+        counts = {"images": len(jobs), "orthoimages that are finished and kept": len(jobs) - len(missing)}
+        counts["pixels to be computed"] = sum(job.grid.columns * job.grid.rows for job in missing)
+        names = [REPORT_FILE, *([PAGE_FILE] if options.report else [])]
+        names += [os.path.basename(job.path) for job in missing]
+        return plan(context, folder, names, counts, planned.warnings)
+    entries = make_all(jobs, options, context)
+    warnings = [
+        *planned.warnings,
+        *(f"{name}: the orthoimage shows nothing: check the image's pixels and its nodata value"
+          for name, entry in entries.items() if not entry["shown_pixels"]),
+        *(f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
+          "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
+          for name, entry in entries.items() if entry["unknown_pixels"]),
+    ]  # fmt: skip
+    crs = pyproj.CRS.from_wkt(planned.crs)
+    code = crs.to_epsg()
+    name = f"EPSG:{code}" if code else str(crs.name)
+    report: Report = {
+        **context.record, "seconds": {"total": round(time.monotonic() - start, 3)},
+        "crs": {**context.record["crs"], "map": name},
+        "crs_operations": [use.entry() for use in planned.operations],
+        "grid": {"crs": name, "wkt": planned.crs, "resolution": planned.resolution},
+        "resampling": options.resampling, "error_px": options.error_px,
+        "images": {key: {"gsd_m": planned.gsd_m[key], **entry} for key, entry in entries.items()},
+        "warnings": warnings,
+    }  # fmt: skip
+    with stage_results(options.folder, report, context) as staged:
+        if options.report:
+            write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report)
+    return report
 
 
 def summarise(report: Report) -> str:
@@ -35,3 +77,83 @@ def summarise(report: Report) -> str:
             + ("" if error is None else f", position error at most {error:.3f} px of {entry['checked']} checked")
         )
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
+
+
+def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], inputs: Sequence[str]) -> None:
+    """Raise `InputError` where the output directory holds something that may not be replaced."""
+    if options.folder.output_dir.startswith(VIRTUAL):
+        raise InputError(
+            f"{options.folder.output_dir}: orthoimages are put together tile by tile, which no object store takes: "
+            "name a local or mounted `output_dir`, and upload what is finished"
+        )
+    folder = Path(options.folder.output_dir)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: give `output_dir` a directory")
+    require_no_input([job.path for job in jobs], inputs)
+    if options.folder.overwrite:
+        return
+    others = [job.path for job in jobs if os.path.exists(job.path) and not _is_finished(job)]
+    if others:
+        raise InputError(
+            f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
+        )
+    try:  # the report of something else?
+        is_foreign = read_json(str(folder / "report.json"), "report")["algorithm"] != "orthorectify"
+    except (InputError, KeyError, TypeError):
+        is_foreign = os.path.exists(folder / "report.json")
+    if is_foreign:
+        raise InputError(f"{folder} already holds another result: add `overwrite` or choose another directory")
+
+
+def _is_finished(job: OrthoJob) -> bool:
+    return stamp_of(job.path) == job.key
+
+
+def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
+    """Make the orthoimages that are not there; return an entry for each image."""
+    Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
+    threads = thread_count(options.common.threads)
+    sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
+    share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
+    entries: dict[str, Report] = {}
+    terrain, height, record = options.terrain, options.terrain.height, context.record
+    missing = {job.key for job in jobs if not _is_finished(job)}
+    workers = options.workers
+    with open_calls(workers.scheduler if missing else None, threads, workers.certificates) as calls:
+        chunks = chunks_of([job for job in jobs if job.key in missing], options, calls)
+        for number, job in enumerate(jobs):
+            part = stage(context.progress, float(share[number]), float(share[number + 1]))
+            if job.key not in missing:
+                entries[job.image.id] = _image_entry(job, "kept", None, 0.0)
+                context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
+                continue
+            begin = time.monotonic()
+            # What the orthoimage tells of itself; not when: made again from the same files it has the same bytes
+            lineage = {
+                "HRSI_VERSION": record["version"], "HRSI_ALGORITHM": record["algorithm"],
+                "HRSI_SOURCE": os.path.basename(job.image.path), "HRSI_RPC": rpc_history(job.image.path),
+                "HRSI_RPC_SHA256": str(job.made_from["rpc"]),
+                "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {height:g} m"),
+            }  # fmt: skip
+            try:
+                figures = write_orthoimage(
+                    job.path, job.source, job.grid, chunks, job.warp, job.form, job.made_from, threads, part,
+                    lineage,
+                )  # fmt: skip
+            except Cancelled:
+                raise Cancelled(
+                    f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the "
+                    "rest"
+                ) from None
+            entries[job.image.id] = _image_entry(job, "made", figures, time.monotonic() - begin)
+    return entries
+
+
+def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, seconds: float) -> Report:
+    """Return what the report says of an orthoimage; figures of one that was kept are those of its making."""
+    found = figures.summary() if figures is not None else read_figures(job.path)
+    return {
+        "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,
+        "rows": job.grid.rows, "bounds": list(job.grid.bounds), "nodata": job.warp.nodata,
+        "source_pixels_per_pixel": job.warp.scale, "seconds": round(seconds, 3), **found,
+    }  # fmt: skip

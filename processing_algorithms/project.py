@@ -1,5 +1,7 @@
 """`project`: ground points into images."""
 
+from functools import partial
+
 import numpy as np
 
 from ..hrsi_engine.block.block import GroundPoints, Image
@@ -10,11 +12,10 @@ from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
-from .declarations.project import LAYERS_FILE, ProjectOptions
+from .declarations.rpcs import POINTS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
-from .files.image_files import is_on_image, open_input_images
+from .files.opening import is_on_image, open_images, open_terrain
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
-from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
 PROJECTED_LINE = "lon lat height"
@@ -23,13 +24,22 @@ PROJECTED_LINE = "lon lat height"
 def run(options: ProjectOptions, context: Context) -> Report:
     """Read ground points from a file or standard input and project them into every image."""
     check_folder(options.folder, context)
-    images = open_input_images(options.images, context, always=False)
+    images = open_images(options.images, context, always=False)
     surface = open_terrain(options.terrain)
-    points, warnings = _from_file(options.points, options, surface) if options.points else _from_lines(surface)
+    if options.points:
+        heights = None if surface is None else partial(surface_heights, surface)
+        datum = options.terrain.height_datum
+        tables = read_points(options.points, ground_crs=options.ground_crs, height_datum=datum, surface=heights)
+        if tables.ground is None:
+            raise InputError(f"{options.points}: has no ground positions (geometry, lon and lat, x and y): add them")
+        points, warnings = tables.ground, [*tables.warnings, *list_operation_warnings(tables.ground.operations)]
+        require_strict_datums(points.operations, options.terrain.strict_datum)
+    else:
+        points, warnings = _from_lines(surface)
     ids, ground = points.ids, points.ground
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
-        return plan_folder(options.folder, LAYERS_FILE, counts, warnings, context)
+        return plan_folder(options.folder, POINTS_FILE, counts, warnings, context)
     columns = _project_points(images, ids, ground)
     if options.points:
         seen = set(columns["image"][columns["inside"]].tolist())
@@ -45,20 +55,8 @@ def run(options: ProjectOptions, context: Context) -> Report:
         report["points"] = make_point_rows(columns, ("id", "image", "sample", "line"))
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
-    write_folder(options.folder, report, LAYERS_FILE, [layer], context)
+    write_folder(options.folder, report, POINTS_FILE, [layer], context)
     return report
-
-
-def _from_file(file: str, options: ProjectOptions, surface: HeightSurface | None) -> tuple[GroundPoints, list[str]]:
-    heights = None if surface is None else lambda lonlat: surface_heights(surface, lonlat)
-    tables = read_points(
-        file, ground_crs=options.ground_crs, height_datum=options.terrain.height_datum, surface=heights
-    )
-    if tables.ground is None:
-        raise InputError(f"{file}: has no ground positions (geometry, lon and lat, x and y): add them")
-    operations = tables.ground.operations
-    require_strict_datums(operations, options.terrain.strict_datum)
-    return tables.ground, [*tables.warnings, *list_operation_warnings(operations)]
 
 
 def _from_lines(surface: HeightSurface | None) -> tuple[GroundPoints, list[str]]:

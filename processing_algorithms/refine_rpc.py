@@ -17,11 +17,10 @@ from ..hrsi_engine.results.separate_images import separate_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
-from .block_steps.model_choice import choice_entry
-from .block_steps.summary import COLUMN_WIDTHS, format_digits
+from .block_steps.summary import COLUMN_WIDTHS, choice_entries, format_digits
 from .block_steps.summary import summarise as summarise_block
-from .declarations.refine_rpc import RefineAlgorithmOptions
-from .files.image_files import open_input_images
+from .declarations.triangulation import RefineAlgorithmOptions
+from .files.opening import open_images
 from .interface.declare import Context, Report
 from .laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
@@ -33,7 +32,7 @@ ANY_ORIENTATION = (1e5, 0.1)
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
     clock = block_outputs.Clock()
-    images = open_input_images(options.images, context)
+    images = open_images(options.images, context)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
@@ -59,7 +58,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
             found.image.id: {
                 "model": found.model.name,
                 "sigma0": found.estimate.sigma0,
-                "choice": None if found.choice is None else choice_entry(rule, found.choice),
+                "choice": choice_entries(rule, found.choice).get("model_choice"),
                 "left_out": [suspect.id for suspect in found.left_out],
                 "parameters": dict(zip(found.model.parameters, found.estimate.values.tolist(), strict=True)),
             }

@@ -17,17 +17,16 @@ from ..hrsi_engine.io.rasters.images import resampling_doubt
 from ..hrsi_engine.io.rasters.sun_angles import read_sun
 from ..hrsi_engine.io.rpc_files import FoundRpc, read_rpc
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
-from .declarations.rpc_info import LAYERS_FILE, RpcInfoOptions
-from .files.image_files import open_input_images
+from .declarations.rpcs import RPC_INFO_FILE, RpcInfoOptions
+from .files.opening import open_images, open_terrain
 from .files.result_folder import check_folder, plan_folder, tell, write_folder
-from .files.terrain import open_terrain
 from .interface.declare import Context, Report
 
 
 def run(options: RpcInfoOptions, context: Context) -> Report:
     """Open the images, look at each and at every pair."""
     check_folder(options.folder, context)
-    images = open_input_images(options.images, context)
+    images = open_images(options.images, context)
     surface, warnings = open_terrain(options.terrain), list[str]()
     if surface is None:
         surface = ConstantHeight(sum(image.middle_height_m for image in images) / len(images))
@@ -39,7 +38,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
     warnings += [f"{image.id}: {ignored}" for image in images if (ignored := resampling_doubt(image))]  # told already
     views = [ViewDirection(image, surface) for image in images]
     if context.dry_run:
-        return plan_folder(options.folder, LAYERS_FILE, {"images": len(images)}, warnings, context)
+        return plan_folder(options.folder, RPC_INFO_FILE, {"images": len(images)}, warnings, context)
     geometries: list[ViewGeometry] = []
     for number, view in enumerate(views):
         advance(context.progress, 0.5 * number / len(views), f"image {view.image.id}")
@@ -67,7 +66,15 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
     }  # fmt: skip
-    write_folder(options.folder, report, LAYERS_FILE, _make_layers(report, views), context)
+    left_out = ("footprint", "rpc_ignored")
+    rows = [
+        {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
+        for key, entry in report["images"].items()
+    ]
+    layers = [Layer("images", "Polygon", WGS84, [view.footprint for view in views], ViewRows.of_entries(rows))]
+    if report["pairs"]:
+        layers.append(Layer("pairs", "None", WGS84, [], PairRows.of_entries(report["pairs"])))
+    write_folder(options.folder, report, RPC_INFO_FILE, layers, context)
     return report
 
 
@@ -124,17 +131,6 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
         "footprint": geometry.footprint.tolist(),
     }  # fmt: skip
-
-
-def _make_layers(report: Report, views: Sequence[ViewDirection]) -> list[Layer]:
-    left_out = ("footprint", "rpc_ignored")
-    rows = [
-        {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
-        for key, entry in report["images"].items()
-    ]
-    footprints = Layer("images", "Polygon", WGS84, [view.footprint for view in views], ViewRows.of_entries(rows))
-    pairs = report["pairs"]
-    return [footprints, *([Layer("pairs", "None", WGS84, [], PairRows.of_entries(pairs))] if pairs else [])]
 
 
 def summarise(report: Report) -> str:

@@ -9,28 +9,23 @@ import numpy as np
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.strips import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
-from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.csv_tables import write_csv
-from ..hrsi_engine.io.output_dir import require_plain_name, stage_folder
-from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.rasters.cropping import join_images, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
 from ..hrsi_engine.io.safety.transactions import Transaction
-from .block_steps.rpc_outputs import has_file
-from .declarations.crop import FORMAT_ENDINGS
-from .declarations.strip import StripOptions
-from .files.dry_run import REPORT_FILE, plan
-from .files.image_files import open_input_images
-from .files.result_folder import check_folder, tell
+from .declarations.rpcs import FORMAT_ENDINGS, StripOptions
+from .files.opening import has_file, open_images
+from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 
 
 def run(options: StripOptions, context: Context) -> Report:
     """Place the parts, fit the RPC of the whole, and write both."""
     check_folder(options.folder, context)
-    parts = open_input_images(options.images, context)
+    parts = open_images(options.images, context)
     if len(parts) < 2:
         raise InputError("a strip is made of two parts and more: name all of them")
     name = options.id or f"{parts[0].id}_strip"
@@ -45,13 +40,19 @@ def run(options: StripOptions, context: Context) -> Report:
     if context.dry_run:
         names = [REPORT_FILE, file, *filter(None, [grid_file])]
         return plan(context, folder, names, {"parts": len(parts)}, warnings)
+    rows = zip(parts, places.first.tolist(), places.off_px, strip.max_px, strip.rms_px, strict=True)
     entry: Report = {
         "path": None, "output": os.path.join(folder, file), "samples": places.size[0], "lines": places.size[1],
-        "rpc_fit_max_px": strip.max_px.max(), "parts": _describe_parts(parts, places, strip),
+        "rpc_fit_max_px": strip.max_px.max(),
+        "parts": {
+            part.id: {"path": part.path, "sample": x, "line": y, "off_whole_px": off, "fit_max_px": most,
+                      "fit_rms_px": rms}
+            for part, (x, y), off, most, rms in rows
+        },
     }  # fmt: skip
     report: Report = {**context.record, "images": {name: entry}, "warnings": warnings}
     changes = Transaction(folder)
-    with changes, stage_folder(folder, context.inputs, options.folder.overwrite, changes) as staged:
+    with changes, stage_results(options.folder, report, context, transaction=changes) as staged:
         target = str(staged / file)
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
@@ -65,9 +66,6 @@ def run(options: StripOptions, context: Context) -> Report:
         if grid_file:  # as `fit-rpc` reads it
             rows = np.column_stack([strip.ground, strip.image]).tolist()
             write_csv(str(staged / grid_file), ("lon", "lat", "height", "sample", "line"), rows)
-        write_report_json(str(staged / REPORT_FILE), report)
-    tell(warnings, context)
-    advance(context.progress, 1.0, "done")
     return report
 
 
@@ -97,14 +95,6 @@ def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:
         return Lineage(items)
     before = [replace(part, rpc=one.original or part.rpc) for part, one in zip(parts, told, strict=True)]
     return Lineage(items, fit_strip(before, places.first).rpc)
-
-
-def _describe_parts(parts: Sequence[Image], places: StripPlaces, strip: StripRpc) -> dict[str, Report]:
-    rows = zip(parts, places.first.tolist(), places.off_px, strip.max_px, strip.rms_px, strict=True)
-    return {
-        part.id: {"path": part.path, "sample": x, "line": y, "off_whole_px": off, "fit_max_px": most, "fit_rms_px": rms}
-        for part, (x, y), off, most, rms in rows
-    }
 
 
 def summarise(report: Report) -> str:

@@ -2,29 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.geopackage.declared_layers import MeasurementRows, TiePointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.opening.item_images import item_entry
-from ..hrsi_engine.io.output_dir import check_output_dir, stage_folder
-from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.output_dir import check_output_dir
 from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 from ..hrsi_engine.measurement.tie_points import TiePoints
-from .block_steps.earlier_ties import read_earlier_ties, with_earlier
 from .block_steps.outputs import Clock
-from .block_steps.tie_search import connection_entries, count_pairs, find_ties
-from .declarations.tie_points import LAYER, LAYERS_FILE, TiePointsOptions
-from .files.dry_run import plan
-from .files.image_files import open_input_images
-from .files.result_folder import tell
-from .files.terrain import open_terrain
+from .block_steps.tie_search import connection_entries, count_pairs, find_ties, read_earlier_ties
+from .declarations.image_points import TIES_FILE, TIES_LAYER, TiePointsOptions
+from .files.opening import open_images, open_terrain
+from .files.result_folder import plan, stage_results
 from .interface.declare import Context, Report
 
 TABLE_FILE, MEASUREMENTS_LAYER = "tie_points.csv", "image_points"
@@ -34,7 +28,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     """Find the tie points of the images and write them."""
     check_output_dir(options.folder.output_dir, options.folder.overwrite, inputs=context.inputs)
     clock = Clock()
-    new = open_input_images(options.images, context)
+    new = open_images(options.images, context)
     earlier = read_earlier_ties(options.add_to, new)
     images = [*earlier.images, *new]
     surface = open_terrain(options.terrain)
@@ -42,14 +36,16 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     if context.dry_run:
         pairs = count_pairs(images, options.search, surface, earlier.ids)
         counts = {"images": len(images), "overlapping pairs to be matched": pairs}
-        files = ["report.json", LAYERS_FILE, COLUMNS_FILE, *([TABLE_FILE] if options.csv else [])]
+        files = ["report.json", TIES_FILE, COLUMNS_FILE, *([TABLE_FILE] if options.csv else [])]
         return plan(context, options.folder.output_dir, files, counts)
     searching = context.stage(0.0, 0.95)
-    found, finished = find_ties(images, options.search, surface, options.folder.output_dir, searching, earlier.ids)
+    found, discarded = find_ties(images, options.search, surface, options.folder.output_dir, searching, earlier.ids)
     found = earlier.with_new(found)
     clock.lap("tie_points")
-    target = options.folder
-    with stage_folder(target.output_dir, context.inputs, target.overwrite, discarded=finished.discarded) as folder:
+    report = _make_report(images, found, context.record)
+    report["pairs"] = [*earlier.report.get("pairs", []), *report["pairs"]]
+    report["held"] |= earlier.report.get("held", {})
+    with stage_results(options.folder, report, context, discarded=discarded) as folder:
         # The layer of points and that of their measurements, both at approximate ground positions
         rows = found.image_points
         ids, track = np.unique(rows.ids, return_inverse=True)
@@ -65,22 +61,18 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             sigma=rows.sigma_px, kind=rows.kind, quality=rows.quality,
         )  # fmt: skip
         layers = [
-            Layer(LAYER, "PointZ", WGS84_3D, found.ground, points),
+            Layer(TIES_LAYER, "PointZ", WGS84_3D, found.ground, points),
             Layer(MEASUREMENTS_LAYER, "PointZ", WGS84_3D, found.ground[track], measured),
         ]
         styles = default_styles(layers[:1])
-        write_geopackage(str(folder / LAYERS_FILE), layers, styles)
+        write_geopackage(str(folder / TIES_FILE), layers, styles)
         write_columns(str(folder), rows)
-        names = {"layers": LAYERS_FILE, "columns": COLUMNS_FILE}
+        names = {"layers": TIES_FILE, "columns": COLUMNS_FILE}
         if options.csv:
             names["csv"] = TABLE_FILE
             write_measurements(str(folder / TABLE_FILE), found.image_points)
         outputs = {what: f"{options.folder.output_dir.rstrip('/')}/{name}" for what, name in names.items()}
-        report = with_earlier(_make_report(images, found, context.record), earlier.report)
         report |= {"seconds": clock.total(), "outputs": outputs}
-        write_report_json(str(folder / "report.json"), report)
-    tell(found.warnings, context)
-    advance(context.progress, 1.0, "done")
     return report
 
 
@@ -90,12 +82,7 @@ def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> R
     views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)
     return {
         **record,
-        "images": {
-            image.id: {"path": image.path, **item_entry(image.path),
-                       "observations": int((rows.image_ids == image.id).sum()),
-                       "cells": _cells_with_points(image, rows.xy[rows.image_ids == image.id])}
-            for image in images
-        },
+        "images": {image.id: _image_entry(image, rows.xy[rows.image_ids == image.id]) for image in images},
         "pairs": [
             {"first": pair.first, "second": pair.second, "matches": pair.matches,
              "offset_px": None if math.isnan(pair.offset_px) else pair.offset_px}
@@ -107,11 +94,10 @@ def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> R
     }  # fmt: skip
 
 
-def _cells_with_points(image: Image, xy: Any, cells: int = 8) -> int:
-    """Return how many of an image's 8 x 8 parts hold a tie point."""
-    if image.size is None:
-        return 0
-    return len(np.unique(np.floor(cells * (xy + 0.5) / image.size), axis=0))
+def _image_entry(image: Image, xy: np.ndarray) -> Report:
+    """Return an image's number of measurements, and how many of its 8 x 8 parts hold one."""
+    cells = 0 if image.size is None else len(np.unique(np.floor(8 * (xy + 0.5) / image.size), axis=0))
+    return {"path": image.path, **item_entry(image.path), "observations": len(xy), "cells": cells}
 
 
 def summarise(report: Report) -> str:

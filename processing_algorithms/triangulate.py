@@ -3,31 +3,27 @@
 from collections.abc import Sequence
 
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
-from ..hrsi_engine.block.block import Block, Image, ImagePoints
+from ..hrsi_engine.block.block import Image, ImagePoints
 from ..hrsi_engine.block.exposures import join_exposures
-from ..hrsi_engine.block.orthoimage import ReferencePlaces
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.results.block_results import assemble_result
-from .block_steps import dem_offset, plausibility
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
+from .block_steps import plausibility
 from .block_steps.earlier_block import EarlierBlock, read_earlier
-from .block_steps.earlier_ties import join_ties
 from .block_steps.laser_points import (
     adjust_at_laser_points,
-    laser_entries,
-    laser_warnings,
+    describe_laser,
     name_operations,
     read_laser_points,
     with_free_control,
 )
-from .block_steps.model_choice import choice_entries, choice_warnings
 from .block_steps.reference_control import read_reference_block, reference_reasons
+from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
-from .block_steps.tie_search import connection_entries, count_pairs, find_ties
-from .declarations.triangulate import TriangulateOptions
-from .files.image_files import open_input_images
-from .files.terrain import dem_surface
+from .block_steps.tie_search import connection_entries, count_pairs, find_ties, join_ties
+from .declarations.triangulation import TriangulateOptions
+from .files.opening import dem_surface, open_images
 from .interface.declare import Context, Report
 from .interface.option_groups import AUTOMATIC_TIES
 
@@ -38,10 +34,11 @@ SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
 def run(options: TriangulateOptions, context: Context) -> Report:
     """Find or read tie points, adjust, write."""
     clock = block_outputs.Clock()
-    block_inputs.refuse_idle_matches(options.search, options.tie_points == AUTOMATIC_TIES, "tie_points")
-    images = open_input_images(options.images, context)
     automatic = options.tie_points == AUTOMATIC_TIES
-    earlier = read_earlier(options.growth, images, None if automatic else options.tie_points)
+    file = None if automatic else options.tie_points
+    block_inputs.refuse_idle_matches(options.search, automatic, "tie_points")
+    images = open_images(options.images, context)
+    earlier = read_earlier(options.growth, images, file)
     if options.reference.reference and earlier.images:
         raise InputError("`reference` takes no part where images join a block: leave out `reference` or `add_to`")
     if automatic and earlier.joint is not None:
@@ -56,11 +53,19 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     if context.dry_run:
         return _plan_run(images, earlier, options, context)
     # The share of the time that each step takes: where tie points are found in the images, that is most of it
-    found_at, read_at, adjusted_at = SHARES[options.tie_points == AUTOMATIC_TIES]
+    found_at, read_at, adjusted_at = SHARES[automatic]
     searching = context.stage(0.0, found_at)
     found, warnings, kept, held = _automatic_ties(images, earlier, options, searching)
     clock.lap("tie_points")
-    block, places, more, entries = _read_block(images, earlier, options, found, context.stage(found_at, read_at))
+    points, dem, ties = options.points, options.dem, [*earlier.ties, *found]
+    places, entries = None, Report()
+    if options.reference.reference:
+        part, sigma_dem_m = context.stage(found_at, read_at), options.adjustment.sigma_dem_m
+        block, places, more, entries = read_reference_block(
+            images, points, dem, file, ties, options.reference, sigma_dem_m, part
+        )
+    else:
+        block, more = block_inputs.read_block(images, points, dem, file, ties, earlier.known)
     block = hold_out_ties(block, options.hold_out)
     how = earlier.adjust_options(options.adjustment)
     reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
@@ -70,16 +75,16 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         laser = read_laser_points(images, options.laser, options.points, context)
         block, told = name_operations(block, laser, options.points.strict_datum)
         how = with_free_control(how, options.dem, options.points, laser, places)
-        how = block_inputs.with_dem(how, options.dem, options.points)
         part = context.stage(read_at, adjusted_at)
         result, few = adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
-    offset = dem_offset.offset_warning(result, surface, how.sigma_dem_m)
-    reasons += dem_offset.ground_reasons(result, surface, how.sigma_dem_m)
-    warnings += [*more, *told, *few, *choice_warnings(result.choice), *laser_warnings(result), *offset]
-    entries |= choice_entries(how.model, result.choice) | held | laser_entries(result, options.laser)
+    offset = plausibility.offset_warning(result, surface, how.sigma_dem_m)
+    reasons += plausibility.ground_reasons(result, surface, how.sigma_dem_m)
+    of_laser, useless = describe_laser(result, options.laser)
+    warnings += [*more, *told, *few, *choice_warnings(result.choice), *useless, *offset]
+    entries |= choice_entries(how.model, result.choice) | held | of_laser
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
     return block_outputs.write_results(options.output, assembled, clock, rest, kept)
@@ -110,22 +115,8 @@ def _automatic_ties(
         return [], [], (), {}
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     folder = options.output.folder.output_dir
-    found, finished = find_ties(images, options.search, surface, folder, context, earlier.image_ids)
+    found, discarded = find_ties(images, options.search, surface, folder, context, earlier.image_ids)
     points = found.image_points
     for table in earlier.ties:
-        points, _ = join_ties(points, table)
-    return [points], list(found.warnings), finished.discarded, connection_entries(found)
-
-
-def _read_block(
-    images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, found: Sequence[ImagePoints],
-    context: Context,
-) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
-    """Return the block, places of a reference where one is named, warnings and entries of the report."""
-    points, dem, ties = options.points, options.dem, [*earlier.ties, *found]
-    file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
-    if not options.reference.reference:
-        block, warnings = block_inputs.read_block(images, points, dem, file, ties, earlier.known)
-        return block, None, warnings, {}
-    sigma_dem_m = options.adjustment.sigma_dem_m
-    return read_reference_block(images, points, dem, file, ties, options.reference, sigma_dem_m, context)
+        points, *_ = join_ties(points, table)
+    return [points], list(found.warnings), discarded, connection_entries(found)

@@ -1,5 +1,6 @@
 """`write-rpc`: an RPC into a GeoTIFF, a sidecar or a VRT, and the original back."""
 
+import itertools
 import os
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -24,8 +25,8 @@ from ..hrsi_engine.io.rpc_files import (
     rpc_reader_of,
 )
 from ..hrsi_engine.io.safety.transactions import Transaction
-from .declarations.write_rpc import OUTPUT_ENDINGS, WriteRpcOptions
-from .files.dry_run import plan
+from .declarations.rpcs import OUTPUT_ENDINGS, WriteRpcOptions
+from .files.result_folder import plan
 from .interface.declare import Context, Report
 
 _NEEDS_FOLDER = ("copy", "vrt")
@@ -45,10 +46,18 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         return plan(context, None, [job.output for job in jobs] or options.images, {"images": len(options.images)})
     report: Report = {**context.record, "images": {}, "warnings": []}
     with Transaction(options.output_dir or os.path.dirname(options.images[0])) as changes:
-        if options.restore:
-            report["warnings"] += _prepare_restoring(options.images, changes, context.progress)
-        for index, job in enumerate(jobs):
-            part = stage(context.progress, index / len(jobs), (index + 1) / len(jobs))
+        count = len(jobs) or len(options.images)
+        parts = [stage(context.progress, index / count, (index + 1) / count) for index in range(count)]
+        # Where no image keeps an original, an earlier run may have brought all back, and nothing is to do
+        notices: dict[str, tuple[str, ...]] = {}
+        for path, part in zip(options.images, parts, strict=True) if options.restore else ():
+            advance(part, 0.0)
+            notices[path] = prepare_restoring(path, changes, part)
+        without = [path for path, told in notices.items() if not told]
+        if without and len(without) < len(notices):
+            raise InputError(f"{list_ids(without)}: {KEEPS_NONE}: leave it out; nothing was changed")
+        report["warnings"] += [*itertools.chain(*notices.values()), *(f"{path}: {KEEPS_NONE}" for path in without)]
+        for job, part in zip(jobs, parts, strict=False):
             advance(part, 0.0)
             if job.how in SIDECAR_KINDS:
                 report["warnings"] += prepare_sidecar(job.output, job.found.rpc, changes, SIDECAR_KINDS[job.how])
@@ -73,23 +82,6 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
     return report
 
 
-def _prepare_restoring(images: Sequence[str], changes: Transaction, progress: Progress) -> list[str]:
-    """Prepare the return of all originals; return notices.
-
-    Where no image keeps an original, an earlier run may have brought all back, and nothing is to do. Raises
-    `InputError` where some do and others do not.
-    """
-    notices: dict[str, tuple[str, ...]] = {}
-    for index, path in enumerate(images):
-        part = stage(progress, index / len(images), (index + 1) / len(images))
-        advance(part, 0.0)
-        notices[path] = prepare_restoring(path, changes, part)
-    without = [path for path in images if not notices[path]]
-    if without and len(without) < len(notices):
-        raise InputError(f"{list_ids(without)}: {KEEPS_NONE}: leave it out; nothing was changed")
-    return [text for texts in notices.values() for text in texts] + [f"{path}: {KEEPS_NONE}" for path in without]
-
-
 class WriteJob(NamedTuple):
     """One image: where it lies, where its RPC goes and how, and the RPC."""
 
@@ -109,7 +101,14 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
         how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
         suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
         output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
-        jobs.append(WriteJob(path, output, how, _choose_rpc(path, options)))
+        # The RPC to be written: that of `rpc`, else the image's own
+        given = options.rpc
+        if given and len(options.images) > 1 and not os.path.isdir(given):
+            raise InputError(
+                f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
+            )
+        file = rpc_in_folder(given, path) if given and os.path.isdir(given) else given
+        jobs.append(WriteJob(path, output, how, rpc_for_image(file, path) if file else read_rpc(path)))
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")
@@ -122,20 +121,6 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
                 f"{first} and {job.path} have the same id, so that one result would replace the other: rename one"
             )
     return jobs
-
-
-def _choose_rpc(path: str, options: WriteRpcOptions) -> FoundRpc:
-    """Return the RPC to be written: that of `rpc`, else the image's own."""
-    given = options.rpc
-    if not given:
-        return read_rpc(path)
-    if os.path.isdir(given):
-        return rpc_for_image(rpc_in_folder(given, path), path)
-    if len(options.images) > 1:
-        raise InputError(
-            f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
-        )
-    return rpc_for_image(given, path)
 
 
 def summarise(report: Report) -> str:

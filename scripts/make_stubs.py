@@ -17,7 +17,7 @@ from pathlib import Path
 
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.facade import opening
-from hrsi.processing_algorithms.facade.signatures import (
+from hrsi.processing_algorithms.facade.calls import (
     PROGRESS,
     describe_call,
     function_name,

@@ -75,7 +75,7 @@ LIMITS: dict[str, float] = {
     "names that are participles, adverbs or letters, %": 100 * MOST_LISTED,
 }
 #: Names that a contract asks of every module of its kind: algorithms, and formats of files.
-CONTRACT_NAMES = {"ALGORITHM", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}
+CONTRACT_NAMES = {"ALGORITHM", "ALGORITHMS", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}
 #: … and what an algorithm calls its files and layers.
 CONTRACT_NAMES |= {"LAYERS_FILE", "LAYER", "POINTS_LAYER", "TABLE_FILE", "PAGE_FILE"}
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)

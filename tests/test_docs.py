@@ -14,8 +14,7 @@ import pytest
 
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind
-from hrsi.processing_algorithms.interface.naming import spell_arguments
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, spell_arguments
 from hrsi.processing_algorithms.interface.options import check_options
 
 ROOT = Path(__file__).resolve().parents[1]

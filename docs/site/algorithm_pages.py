@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.facade.signatures import function_name
+from hrsi.processing_algorithms.facade.calls import function_name
 from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param
-from hrsi.processing_algorithms.interface.naming import option_label, spell_arguments
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, option_label, spell_arguments
 
 sys.path.insert(0, str(Path(__file__).parent))
 from examples import COMMANDS, example_of  # beside this file

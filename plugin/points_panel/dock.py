@@ -20,15 +20,14 @@ from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ...processing_algorithms.point_session.rows import TIE
 from ..dependencies import missing_package_message
-from ..layer_or_file import LayerOrFile
+from ..dialog_fields import LayerOrFile
 from ..translation import tr
 from .adjust_task import AdjustTask
+from .dialogs import NewBlockDialog, NewPointDialog
 from .image_view import ImageView
 from .layout import PanelLayout
 from .map_link import MapLink
 from .markers import Marker
-from .new_block import NewBlockDialog
-from .new_point import NewPointDialog
 from .project_state import PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel
 
@@ -93,10 +92,12 @@ class PointsDock(QDockWidget):
         actions = {
             ui.new: self.new, ui.open: self.open, ui.add: self.add_points, ui.remove: self.remove_point,
             ui.save: self.save, ui.save_as: self.save_as, ui.adjust: self.adjust, ui.cancel: self.cancel,
-            ui.undo: self.undo, ui.redo: self.redo, ui.next: self.next_point, ui.previous: self.previous_point,
-            ui.take: self.take_prediction, ui.forget: self.forget_measurement, ui.pick: self.pick_point,
-            ui.go_to: self.go_to_place, ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
-            ui.accept: self.accept_transfer, ui.accept_all: self.accept_transfers, ui.reject: self.reject_transfer,
+            ui.undo: self.undo, ui.redo: lambda: self.undo(again=True), ui.next: lambda: self.step_to_gap(1),
+            ui.previous: lambda: self.step_to_gap(-1), ui.take: self.take_prediction,
+            ui.forget: self.forget_measurement, ui.pick: self.pick_point, ui.go_to: self.go_to_place,
+            ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
+            ui.accept: lambda: self.accept_transfers(self._active_image()), ui.accept_all: self.accept_transfers,
+            ui.reject: self.reject_transfer,
         }  # fmt: skip
         for action, slot in actions.items():
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
@@ -135,7 +136,10 @@ class PointsDock(QDockWidget):
         self.cancel()
         self._task = None
         self.session = session
-        self._keep(session)
+        if self.keeper is None and session.images:
+            self.keeper = point_session.EditKeeper(self.unsaved_root)
+        if self.keeper is not None:  # what is edited outlives the program
+            self.keeper.follow(session)
         self.points_model, self.measurements_model = PointsModel(session), MeasurementsModel(session)
         for model in (self.points_model, self.measurements_model):
             model.refused.connect(lambda message: self.tell(message, is_error=True))
@@ -147,14 +151,6 @@ class PointsDock(QDockWidget):
         self.choose(point or next(iter(session.points), ""))
         self.refresh()
         self.ui.fit_columns()
-
-    def _keep(self, session: PointSession) -> None:
-        """Let what is edited in a session outlive the program."""
-        if self.keeper is None and not session.images:
-            return
-        if self.keeper is None:
-            self.keeper = point_session.EditKeeper(self.unsaved_root)
-        self.keeper.follow(session)
 
     def _show_views(self) -> None:
         """Show as many images as the user wants."""
@@ -361,22 +357,14 @@ class PointsDock(QDockWidget):
         if waiting and self._active not in waiting:
             self.activate(waiting[0])
 
-    def accept_transfer(self) -> None:
-        """Take what was found in the active view."""
-        image = self._active.image() if self._active is not None else ""
-        if image in self.proposals:
-            self._accept({image: self.proposals[image]})
-
-    def accept_transfers(self) -> None:
-        """Take what was found in all images."""
-        self._accept(dict(self.proposals))
-
     @show_errors
-    def _accept(self, found: dict[str, Any]) -> None:
+    def accept_transfers(self, image: str | None = None) -> None:
+        """Take what was found in all images, or in one."""
+        found = {name: one for name, one in self.proposals.items() if image in (None, name)}
         if not found:
             return
         self.session.accept_transfers(self.point(), found)
-        self.proposals = {image: one for image, one in self.proposals.items() if image not in found}
+        self.proposals = {name: one for name, one in self.proposals.items() if name not in found}
         self._place_tie()
         self._on_edit()
         self._activate_proposal()
@@ -384,7 +372,7 @@ class PointsDock(QDockWidget):
 
     def reject_transfer(self) -> None:
         """Refuse what was found in the active view."""
-        image = self._active.image() if self._active is not None else ""
+        image = self._active_image()
         if self.proposals.pop(image, None) is not None:
             self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
             self.refresh()
@@ -393,40 +381,32 @@ class PointsDock(QDockWidget):
     @show_errors
     def take_prediction(self) -> None:
         """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
-        if self._active is not None and self._active.image() in self.session.images:
-            self.measure(self._active.image(), *self.session.predict_place(self.point(), self._active.image()))
+        if (image := self._active_image()) in self.session.images:
+            self.measure(image, *self.session.predict_place(self.point(), image))
 
     @show_errors
     def forget_measurement(self) -> None:
         """Take the chosen point's measurement in the active view away."""
-        if self._active is not None:
-            self.session.remove_measurement(self.point(), self._active.image())
+        if image := self._active_image():
+            self.session.remove_measurement(self.point(), image)
             self._place_tie()
             self._on_edit()
 
-    def undo(self) -> None:
-        """Take the last edit back."""
-        self._after_history(self.session.undo(), tr("taken back"))
+    def _active_image(self) -> str:
+        """Return the image of the view that the keyboard acts on, empty without."""
+        return self._active.image() if self._active is not None else ""
 
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self._after_history(self.session.redo(), tr("done again"))
+    def undo(self, again: bool = False) -> None:
+        """Take the last edit back, or do ``again`` what was taken back."""
+        if title := self.session.redo() if again else self.session.undo():
+            if self.point() not in self.session.points:
+                self.measurements_model.show_point("")
+            self.tell(f"{title}: {tr('done again') if again else tr('taken back')}")
+            self._on_edit()
 
-    def _after_history(self, title: str, what: str) -> None:
-        if not title:
-            return
-        if self.point() not in self.session.points:
-            self.measurements_model.show_point("")
-        self.tell(f"{title}: {what}")
-        self._on_edit()
-
-    def next_point(self) -> None:
-        """Choose the next point that is not measured on all images which show it."""
-        self.choose(self.session.find_next_gap(self.point(), 1))
-
-    def previous_point(self) -> None:
-        """Choose the point before that is not measured on all images which show it."""
-        self.choose(self.session.find_next_gap(self.point(), -1))
+    def step_to_gap(self, step: int) -> None:
+        """Choose the next point (``step`` -1: the one before) that is not measured on all images which show it."""
+        self.choose(self.session.find_next_gap(self.point(), step))
 
     def pick_point(self) -> None:
         """Ask for a place in the map, and make a ground point of it."""
@@ -497,24 +477,18 @@ class PointsDock(QDockWidget):
         names = list(self.session.points)
         self.choose(names[min(row, len(names) - 1)] if names else "")
 
-    @show_errors
     def save(self) -> bool:
         """Save the block; True where that was done."""
-        if not self.session.path:
-            return bool(self.save_as())
-        point_session.save(self.session)
-        self._after_save()
-        return True
+        return bool(self.save_as(self.session.path))
 
     @show_errors
     def save_as(self, path: str = "") -> bool:
-        """Save the block under a name."""
+        """Save the block under a name, asked for where none is given; True where that was done."""
         path = path or QFileDialog.getSaveFileName(self, tr("Save block"), "block.gpkg", BLOCK_FILTER)[0]
-        if not path:
-            return False
-        point_session.save(self.session, path)
-        self._after_save()
-        return True
+        if path:
+            point_session.save(self.session, path)
+            self._after_save()
+        return bool(path)
 
     def _after_save(self) -> None:
         self.tell(tr("saved: {}").format(self.session.path))
@@ -583,16 +557,13 @@ class PointsDock(QDockWidget):
         """Show the block that the project names, if there is one."""
         self._show_state(restore_state(QgsProject.instance()))
 
+    @show_errors
     def _show_state(self, state: PanelState) -> None:
         self.ui.model.setCurrentText(state.model)
         self.ui.kind.setCurrentText(state.kind)
         if state.path and state.path != self.session.path:
-            self._restore_block(state)
-
-    @show_errors
-    def _restore_block(self, state: PanelState) -> None:
-        self._open(state.path, state.point)
-        self.ui.model.setCurrentText(state.model)
+            self._open(state.path, state.point)
+            self.ui.model.setCurrentText(state.model)
 
     def _open(self, path: str, point: str = "") -> None:
         self.show_session(point_session.open_block(path), point)
@@ -623,6 +594,7 @@ class PointsDock(QDockWidget):
     @show_errors
     def recover(self, unsaved: Any) -> None:
         """Go on with what another program left unsaved."""
+        self.show()
         if self.may_leave():
             self.show_session(point_session.recover(unsaved))  # from here on a journal of its own keeps it
             point_session.forget(unsaved)

@@ -1,7 +1,6 @@
 """What keeps measurements when QGIS is closed, or was killed."""
 
 from datetime import datetime
-from typing import Any
 
 from qgis.core import Qgis
 from qgis.gui import QgsApplicationExitBlockerInterface, QgsMessageBar
@@ -33,17 +32,8 @@ def offer_recovery(dock: PointsDock, bar: QgsMessageBar) -> None:
         block = unsaved.path or tr("a block that was never saved")
         text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)
         item = bar.createMessage(tr("HRSI Points"), text)
-        for label, action in ((tr("Recover"), _recover), (tr("Discard"), _discard)):
+        for label, action in ((tr("Recover"), dock.recover), (tr("Discard"), point_session.forget)):
             button = QPushButton(label, item)
-            button.clicked.connect(lambda _=False, do=action, of=unsaved, item=item: (do(dock, of), item.dismiss()))
+            button.clicked.connect(lambda _=False, do=action, of=unsaved, item=item: (do(of), item.dismiss()))
             item.layout().addWidget(button)
         bar.pushWidget(item, Qgis.MessageLevel.Warning)
-
-
-def _recover(dock: PointsDock, unsaved: Any) -> None:
-    dock.show()
-    dock.recover(unsaved)
-
-
-def _discard(dock: PointsDock, unsaved: Any) -> None:
-    point_session.forget(unsaved)

@@ -14,11 +14,12 @@ from qgis.core import (
     QgsSingleBandGrayRenderer,
 )
 from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint
-from qgis.PyQt.QtCore import Qt, pyqtSignal
+from qgis.PyQt.QtCore import QByteArray, Qt, pyqtSignal
+from qgis.PyQt.QtGui import QPainter, QPixmap
+from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QToolButton, QVBoxLayout, QWidget
 
 from ..translation import tr
-from .chip_label import ChipLabel
 from .markers import Marker, PointMarkers
 
 if TYPE_CHECKING:
@@ -154,3 +155,36 @@ class ImageView(QWidget):
     def _on_click(self, point: QgsPointXY, button: Qt.MouseButton) -> None:
         if button == Qt.MouseButton.LeftButton and self.image():
             self.clicked.emit(self.image(), point.x(), -point.y())
+
+
+LABEL_SIDE_PX = 96
+_NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+
+
+class ChipLabel(QLabel):
+    """Shows a chip (SVG) over a corner of its parent; nothing before the first fit."""
+
+    def show_chip(self, svg: str) -> None:
+        self.setPixmap(render_chip(svg))
+        self.adjustSize()
+        self.show()
+
+    def clear(self) -> None:
+        super().clear()
+        self.hide()
+
+
+def render_chip(svg: str) -> QPixmap:
+    """Return an SVG drawn at the label's size; a null pixmap where there is none."""
+    # An SVG made for web pages as Qt wants it: with name spaces, and the image in the older attribute
+    for_qt = svg.replace("<svg ", f"<svg {_NAMESPACES} ", 1).replace(' href="data:', ' xlink:href="data:')
+    renderer = QSvgRenderer(QByteArray(for_qt.encode("utf-8")))
+    if not svg or not renderer.isValid():
+        return QPixmap()
+    size = renderer.defaultSize().scaled(LABEL_SIDE_PX, LABEL_SIDE_PX, Qt.AspectRatioMode.KeepAspectRatio)
+    pixmap = QPixmap(size)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    renderer.render(painter)
+    painter.end()
+    return pixmap

@@ -74,6 +74,8 @@ class PanelLayout(QWidget):
         self.views: list[ImageView] = []
         self.empty, self.grid = QLabel(tr(EMPTY)), QWidget()
         self.bar, self.second_bar = self._tool_bar(), self._second_bar()
+        for toggle in (self.live, self.pick, self.go_to, self.tie):
+            toggle.setCheckable(True)
         self._arrange()
         self.show_progress(0.0)
 
@@ -91,7 +93,6 @@ class PanelLayout(QWidget):
         bar.addWidget(self.model)
         self.adjust = _action(bar, "Adjust", "Adjust the block with what is measured so far", "F5")
         self.live = _action(bar, "Live", "Adjust again after every change: the residuals follow at once")
-        self.live.setCheckable(True)
         self.cancel = _action(bar, "Cancel", "Stop the adjustment")
         bar.addSeparator()
         bar.addWidget(QLabel(f" {tr('Click on')}: "))
@@ -106,11 +107,8 @@ class PanelLayout(QWidget):
         self.pick = _action(
             bar, "Point from map", "Click in the map: a new ground point there, with the height of a DEM"
         )
-        self.pick.setCheckable(True)
         self.go_to = _action(bar, "Go to place", "Click in the map: the images show that place")
-        self.go_to.setCheckable(True)
         self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, looked for in the others", "T")
-        self.tie.setCheckable(True)
         self.remove = _action(bar, "Remove", "Remove the chosen point and its measurements")
         bar.addSeparator()
         self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")

@@ -11,7 +11,7 @@ from qgis.PyQt.QtGui import QColor
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ImageMeasurement
-from ..help_text import as_rich_text
+from ..help import as_rich_text
 from ..translation import tr
 
 SUSPICIOUS = QColor(215, 25, 28)

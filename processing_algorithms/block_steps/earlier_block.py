@@ -23,7 +23,7 @@ from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.results.block_record import read_joint_arrays
-from ..files.image_files import require_ids
+from ..files.opening import require_ids
 from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions
 
 

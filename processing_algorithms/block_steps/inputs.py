@@ -20,7 +20,7 @@ from ...hrsi_engine.io.point_files import measurements_of, read_image_points, re
 from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.block_matching.joining import build_tracks
 from ...hrsi_engine.surface.dem import surface_heights
-from ..files.terrain import dem_surface
+from ..files.opening import dem_surface
 from ..interface.declare import Log
 from ..interface.option_groups import NO_TIES, DemOptions, PointFiles, SearchOptions
 
@@ -201,21 +201,9 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
         raise InputError(f"{spec}: holds no positions in images: name matches of two images or points on several")
     if pairs and tracks:
         raise InputError(f"{spec}: holds both matches of pairs and points with ids: name files of one kind")
-    return join_image_points(pairs) if pairs else join_tracks(tracks)
-
-
-def join_tracks(tables: Sequence[ImagePoints]) -> ImagePoints:
-    """Return tables of points that the same ids join, under each other."""
+    if pairs:
+        return join_image_points(pairs)
     return ImagePoints.create(
-        join_names([table.ids for table in tables]), join_names([table.image_ids for table in tables]),
-        np.concatenate([table.xy for table in tables]), source=tables[0].source,
+        join_names([table.ids for table in tracks]), join_names([table.image_ids for table in tracks]),
+        np.concatenate([table.xy for table in tracks]), source=tracks[0].source,
     )  # fmt: skip
-
-
-def with_dem(options: AdjustOptions, dem: DemOptions, points: PointFiles) -> AdjustOptions:
-    """Return options of an adjustment with the DEM opened that is to hold the heights of tie points."""
-    if options.sigma_dem_m is None:
-        return options
-    if not dem.dem:
-        raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
-    return replace(options, dem=dem_surface(dem, points.height_datum, points.gcp_epoch))

@@ -21,7 +21,7 @@ from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
-from ..files.terrain import dem_surface
+from ..files.opening import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, LaserFile, PointFiles
 from .inputs import tell_operations
@@ -97,18 +97,20 @@ def with_free_control(
     options: AdjustOptions, dem: DemOptions, files: PointFiles, laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
 ) -> AdjustOptions:  # fmt: skip
-    """Return options of an adjustment with laser points and places of a reference; a DEM then holds heights too.
+    """Return options of an adjustment with laser points, places of a reference, and the DEM that holds heights.
 
-    Its standard deviation is that of its cell size, where none is given.
+    A DEM holds them where its standard deviation is given, and with laser points or places: then that is, where none is
+    given, the one of its cell size.
     """
     places = [points.ground for points in (laser, reference) if points is not None]
-    if not places:
+    if options.sigma_dem_m is None and not places:
         return options
-    sigma_m = options.sigma_dem_m
-    surface = dem_surface(dem, files.height_datum, files.gcp_epoch)
+    if options.sigma_dem_m is not None and not dem.dem:
+        raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
+    surface, sigma_m = dem_surface(dem, files.height_datum, files.gcp_epoch), options.sigma_dem_m
     if surface is not None and sigma_m is None:
         sigma_m = dem_sigma_m(cell_size_m(surface, places[0][len(places[0]) // 2]))
-    return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m)
+    return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m, dem=surface)
 
 
 def adjust_at_laser_points(
@@ -159,29 +161,21 @@ def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
 
-def laser_entries(result: Adjustment, options: LaserFile) -> Report:
-    """Return what the report says of the laser points."""
+def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list[str]]:
+    """Return what the report says of the laser points, and a warning where few of them hold anything."""
     found = result.laser
     if found is None:
-        return {}
+        return {}, []
     holds = found.reason == ""
-    residual = found.residual_m[holds]
-    return {
-        "laser": {
-            "path": options.laser, "height_datum": options.laser_datum, "points": len(found.reason),
-            "used": int(holds.sum()), "ties": int(found.ties[holds].sum()),
-            "median_m": float(np.median(residual)) if residual.size else None,
-            "rmse_m": float(np.sqrt(np.mean(residual**2))) if residual.size else None,
-            "left_out": dict(Counter(found.reason[~holds].tolist()).most_common()),
-        }
+    used, residual, left_out = int(holds.sum()), found.residual_m[holds], Counter(found.reason[~holds].tolist())
+    entry = {
+        "path": options.laser, "height_datum": options.laser_datum, "points": len(found.reason), "used": used,
+        "ties": int(found.ties[holds].sum()), "median_m": float(np.median(residual)) if residual.size else None,
+        "rmse_m": float(np.sqrt(np.mean(residual**2))) if residual.size else None,
+        "left_out": dict(left_out.most_common()),
     }  # fmt: skip
-
-
-def laser_warnings(result: Adjustment) -> list[str]:
-    """Return what a user should know where few laser points hold anything."""
-    found = result.laser
-    if found is None or (used := int((found.reason == "").sum())) >= LASER_LOOK.few_points:
-        return []
-    most = Counter(found.reason[found.reason != ""].tolist()).most_common(1)
-    why = f"; most of the others: {most[0][0]}" if most else ""
-    return [f"only {used} of {len(found.reason)} laser points hold the block's height{why}"]
+    warnings = []
+    if used < LASER_LOOK.few_points:
+        why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
+        warnings.append(f"only {used} of {len(found.reason)} laser points hold the block's height{why}")
+    return {"laser": entry}, warnings

@@ -1,15 +1,19 @@
-"""From an adjustment to files: refined RPCs, layers, reports. Everything is staged and appears at once."""
+"""From an adjustment to files: refined RPCs, layers, reports. Everything is staged and appears at once.
+
+Refined RPCs go into copies of the images, virtual images, ``_RPC.TXT`` files, or the images themselves.
+"""
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ...hrsi_engine.block.block import Block, Image, Role
+from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError, list_ids
-from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.array_files import write_arrays
@@ -17,7 +21,15 @@ from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
-from ...hrsi_engine.io.rpc_files import require_in_place
+from ...hrsi_engine.io.rpc_files import (
+    Lineage,
+    free_the_way,
+    prepare_in_place,
+    require_in_place,
+    write_geotiff_copy,
+    write_rpc_text,
+    write_vrt,
+)
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_record import joint_arrays
@@ -25,26 +37,40 @@ from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.lineage import lineage_items
 from ...hrsi_engine.results.stac import DeliveryFiles, has_time, item_collection, item_of_image
 from ...hrsi_engine.results.verdict import Verdict
-from ..files.dry_run import PAGE_FILE, REPORT_FILE, plan
+from ..files.opening import has_file
+from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
-from .rpc_outputs import (
-    IN_PLACE,
-    WRITE_NOTHING,
-    clear_the_way,
-    images_with_pixels,
-    plan_file_names,
-    prepare_images,
-    write_new_files,
-)
 
+Writer = Callable[[str, str, RPC, Lineage, Progress], object]
+Pairs = Sequence[tuple[Image, RefitRPC]]
+
+
+#: By the choice of `write`: ending of the new file, and what writes it.
+NEW_FILES: dict[str, tuple[str, Writer]] = {
+    "copy": (".tif", lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage)),
+    "vrt": (".vrt", lambda source, target, rpc, lineage, part: write_vrt(source, target, rpc, lineage)),
+    "sidecar": ("_RPC.TXT", lambda source, target, rpc, lineage, part: write_rpc_text(target, rpc, lineage)),
+}
+IN_PLACE, WRITE_NOTHING = "in-place", "none"
+WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 HELD_OUT_TIES = "held-out tie points"
 #: What a dry run counts, and the roles of the points.
 COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE, HELD_OUT_TIES: Role.HELD_OUT}
+
+
+def plan_file_names(images: Sequence[Image], how: str) -> dict[str, str]:
+    """Return the names of the new files with refined RPCs, by image id."""
+    choices = {image.id: how if has_file(image) or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
+    return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
+
+
+def _lineage_of(image: Image, items: Mapping[str, str]) -> Lineage:
+    return Lineage({**items, "HRSI_SOURCE": os.path.basename(image.path)}, image.rpc)
 
 
 class Clock:
@@ -119,13 +145,18 @@ def write_results(
 
     ``discarded`` are folders that are not needed any more when all is written.
     """
-    report, images, refined, target = result.report, result.images, result.refined, output.folder
+    report, images, target = result.report, result.images, output.folder
     how, stale = _choose_writing(output, result, context)
+    pairs = list(zip(images, result.refined, strict=True))
+    in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
-        # Refined RPCs in files of their own
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
-        names = write_new_files(folder, images, refined, how, items, stage(context.progress, 0.0, 0.5))
+        names = plan_file_names(images, how)
+        new_files = [(image, new) for image, new in pairs if image.id in names]
+        for part, (image, new) in _tell_writing(new_files, context.stage(0.0, 0.5)):
+            _, write = NEW_FILES[how if has_file(image) else WITHOUT_PIXELS]
+            write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
         _name_outputs(report, output, how, images, names, result.joint is not None)
         advance(context.progress, 0.5, "writing layers")
         layers = result.make_layers(output.residual_crs)
@@ -133,11 +164,14 @@ def write_results(
         # What earlier runs and other programs left, which would win over what is written now
         for file in stale:
             changes.remove(file)
-        report["warnings"] += clear_the_way(target.output_dir, names, images, refined, changes)
-        if how == IN_PLACE:
-            report["warnings"] += prepare_images(images, refined, changes, items, stage(context.progress, 0.7, 0.95))
+        for image, new in new_files:
+            if names[image.id].endswith(NEW_FILES["copy"][0]):
+                file = os.path.join(target.output_dir, names[image.id])
+                report["warnings"] += free_the_way(file, image.path, new.rpc, changes)
+        for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
+            report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, _lineage_of(image, items))
         if output.stac and how != WRITE_NOTHING:
-            _write_items(folder, report, images, refined, target.output_dir)
+            _write_items(folder, report, pairs, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
         # The report is complete
@@ -148,10 +182,17 @@ def write_results(
         if result.joint is not None:
             write_arrays(str(folder / CAMERAS_FILE), joint_arrays(result.joint))
         advance(context.progress, 1.0, "done")
-    if how == IN_PLACE:
-        for image, new in images_with_pixels(images, refined):
-            require_in_place(image.path, new.rpc)
+    for image, new in in_place:
+        require_in_place(image.path, new.rpc)
     return report
+
+
+def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tuple[Image, RefitRPC]]]:
+    """Yield images with refined RPCs, and the progress of the part of the work that writes each of them."""
+    for done, (image, new) in enumerate(pairs):
+        part = stage(context.progress, done / len(pairs), (done + 1) / len(pairs))
+        advance(part, 0.0, f"writing {image.id}")
+        yield part, (image, new)
 
 
 def _choose_writing(output: BlockOutput, result: BlockResult, context: Context) -> tuple[str, list[str]]:
@@ -177,20 +218,17 @@ def _name_outputs(
         if how == IN_PLACE and image.raster is not None and image.path:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
-    files = {"report": REPORT_FILE, "layers": LAYERS_FILE, "block": RECORD_FILE} | (
-        {"html": PAGE_FILE} if options.report else {}
-    )
+    files = {"report": REPORT_FILE, "layers": LAYERS_FILE, "block": RECORD_FILE}
+    files |= {"html": PAGE_FILE} if options.report else {}
     if together:
         files["cameras"] = CAMERAS_FILE
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 
-def _write_items(
-    folder: Path, report: Report, images: Sequence[Image], refined: Sequence[RefitRPC], output_dir: str
-) -> None:
+def _write_items(folder: Path, report: Report, pairs: Pairs, output_dir: str) -> None:
     """Write the STAC items of refined images whose files lie in a temporary ``folder``, or are the images."""
     items = []
-    for image, new in zip(images, refined, strict=True):
+    for image, new in pairs:
         entry = report["images"][image.id]
         written = entry["output"]
         staged = folder / os.path.basename(written)

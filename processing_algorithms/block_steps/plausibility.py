@@ -1,14 +1,23 @@
-"""Whether the inputs of a block can be what they claim, asked once for every algorithm that adjusts."""
+"""Whether the inputs of a block can be what they claim, and whether the adjusted block lies on the DEM."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from ...hrsi_engine.block.block import Block
+import numpy as np
+
+from ...hrsi_engine.adjustment.result import Adjustment
+from ...hrsi_engine.block.block import Block, Role
 from ...hrsi_engine.foundation.errors import InputError, SolveError
+from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Level, Reason
+from ...hrsi_engine.foundation.robust_scale import robust_sigma
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.rasters.images import pixel_doubt, resampling_doubt
 from ...hrsi_engine.plausibility import check_block
-from ..files.terrain import dem_surface
+from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
+from ...hrsi_engine.plausibility.relief import find_relief_reasons
+from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
+from ..files.opening import dem_surface
 from ..interface.option_groups import DemOptions, PointFiles
 
 
@@ -22,18 +31,15 @@ def input_reasons(
     """
     surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
-    for image in block.images:
-        if doubt := pixel_doubt(image):
-            advice = "name the image as it was taken"
-            return [*found, Reason("orthoimage-rpc", Level.DOUBTFUL, f"image {image.id}: {doubt}", advice, (image.id,))]
-    for image in block.images:
-        ignored = resampling_doubt(image)
-        if ignored and ignored.is_gross:
-            advice = "make the image again with 'crop', or put the RPC of its pixels into it"
-            return [
-                *found,
-                Reason("resampled-rpc", Level.DOUBTFUL, f"image {image.id}: {ignored}", advice, (image.id,)),
-            ]
+    for code, find_doubt, advice in (
+        ("orthoimage-rpc", pixel_doubt, "name the image as it was taken"),
+        ("resampled-rpc", resampling_doubt, "make the image again with 'crop', or put the RPC of its pixels into it"),
+    ):
+        for image in block.images:
+            doubt = find_doubt(image)
+            if doubt and getattr(doubt, "is_gross", True):
+                text = f"image {image.id}: {doubt}"
+                return [*found, Reason(code, Level.DOUBTFUL, text, advice, (image.id,))]
     return found
 
 
@@ -47,3 +53,54 @@ def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
         if worst is None:
             raise
         raise InputError(f"{worst.message}: {worst.advice} ({worst.code}; {error})") from error
+
+
+@thresholds
+class DEM_OFFSET:
+    """When a block lies off the DEM."""
+
+    fewest_points: int = threshold(10, "points", "points with a height of the DEM that the median needs")
+    least_m: float = threshold(1.0, "m", "offset that grass, interpolation and a DEM's own errors may cause")
+    sigmas: float = threshold(4.0, "sigma", "standard deviations of the median that an offset must exceed")
+
+
+def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
+    """Return a warning where the tie points of a block without GCPs lie clearly off the DEM, and it does not hold them.
+
+    Orthoimages made with this DEM are then displaced against one another by the offset times the difference of the
+    tangents of their view angles.
+    """
+    role = result.block.points.role
+    if surface is None or sigma_dem_m is not None or np.any(role == Role.GCP):
+        return []
+    ground = result.ground[(role == Role.TIE) & finite_rows(result.ground)]
+    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
+    above = above[np.isfinite(above)]
+    if len(above) < DEM_OFFSET.fewest_points:
+        return []
+    middle = float(np.median(above))
+    spread = float(robust_sigma(above - middle))
+    if abs(middle) <= max(DEM_OFFSET.least_m, DEM_OFFSET.sigmas * 1.2533 * spread / np.sqrt(len(above))):
+        return []
+    return [
+        f"the tie points lie {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "
+        f"{len(above)}), and without GCPs nothing holds the block to it: orthoimages made with this DEM will not "
+        "fit one another; give `sigma_dem_m`, the DEM's accuracy in metres"
+    ]
+
+
+def ground_reasons(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[Reason]:
+    """Return what says that the DEM does not show the ground that the adjusted tie points have."""
+    if surface is None:
+        return []
+    role = result.block.points.role
+    chosen = (role == Role.TIE) & finite_rows(result.ground) & (result.block.rays_per_point() > 1)
+    sigma = result.ground_sigma_m[chosen, 2]
+    of_points = float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else 0.0
+    in_place = bool((role == Role.GCP).any()) or result.plan is not None
+    holds = any(one.source == "DEM" and one.left_out < one.observations and one.share > 0.5 for one in result.heights)
+    return find_relief_reasons(
+        result.ground[chosen], surface,
+        0.0 if in_place else max(accuracy.sigma_m for accuracy in estimate_accuracies(result.block.images)),
+        float(np.hypot(of_points, sigma_dem_m or 0.0)), holds,
+    )  # fmt: skip

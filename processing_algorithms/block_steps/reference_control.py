@@ -24,7 +24,7 @@ from ...hrsi_engine.measurement.reference.checks import (
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from ...hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
-from ..files.terrain import dem_surface
+from ..files.opening import dem_surface
 from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
 from .inputs import read_block as read_files
@@ -91,7 +91,8 @@ def find_reference_control(
     if sigma_h_m is None:
         middle = control.ground[len(control.ground) // 2 :][:1]
         sigma_h_m = dem_sigma_m(cell_size_m(surface, middle[0])) if len(middle) else 1.0
-    sigma_xy_m = options.reference_sigma or usual_sigma_m(reference.gsd_m)
+    satellite_m = max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * reference.gsd_m)
+    sigma_xy_m = options.reference_sigma or min(REFERENCE_SIGMA.pixels * reference.gsd_m, satellite_m)
     # The errors of the coordinate operations that made the places count, too
     shared_m = largest_sigma_m(reference.operations)[0], largest_sigma_m(of_dem)[1]
     accuracy = ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())
@@ -114,13 +115,6 @@ def find_reference_control(
     }  # fmt: skip
     excessive = any(shift.is_excessive for shift in known)
     return FromReference(with_pixels, control, accuracy, entries, warnings, excessive, reference.operations + of_dem)
-
-
-def usual_sigma_m(gsd_m: float) -> float:
-    """Return the standard deviation of each horizontal coordinate of an orthoimage that states none, by its pixels."""
-    return min(
-        REFERENCE_SIGMA.pixels * gsd_m, max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * gsd_m)
-    )
 
 
 def _image_entry(found: Any, shift: Any) -> Report:
@@ -151,25 +145,6 @@ def reference_points(found: FromReference) -> tuple[GroundPoints, ImagePoints]:
         np.concatenate([part.score[used] for part, used in rows]), found.entries["path"],
     )  # fmt: skip
     return ground, image_points
-
-
-def describe_contradiction(found: FromReference, block: Block) -> str:
-    """Return what to say where the surveyed GCPs of a block contradict the reference; nothing where they do not."""
-    rows = block.measurements
-    surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != REFERENCE_KIND)
-    gcps = []
-    for index, image in enumerate(block.images):
-        here = surveyed & (rows.image == index)
-        point = rows.point[here]
-        if here.any():
-            gcps.append(ImageGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
-    differ = contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
-    if differ is not None:
-        found.entries["surveyed_gcps"] = {
-            "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,
-            "limit_m": differ.limit_m,
-        }  # fmt: skip
-    return differ.message if differ is not None and differ.is_excessive and np.isfinite(differ.limit_m) else ""
 
 
 def reference_reasons(entries: Report) -> list[Reason]:
@@ -215,12 +190,24 @@ def read_reference_block(
     if files.gcp_ids:
         control = replace(files, gcp_ids=(*files.gcp_ids, *ground.ids.tolist()))
     block, warnings = read_files(images, control, dem, tie_points, [*ties, measured], [ground])
-    contradiction = describe_contradiction(found, block)
+    rows, gcps = block.measurements, []
+    surveyed = (block.points.role == Role.GCP)[rows.point] & (rows.kind != REFERENCE_KIND)
+    for index, image in enumerate(block.images):
+        here = surveyed & (rows.image == index)
+        point = rows.point[here]
+        if here.any():
+            gcps.append(ImageGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
+    differ = contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
+    if differ is not None:
+        found.entries["surveyed_gcps"] = {
+            "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,
+            "limit_m": differ.limit_m,
+        }  # fmt: skip
     places: ReferencePlaces | None = None
-    if contradiction:
+    if differ is not None and differ.is_excessive and np.isfinite(differ.limit_m):
         found.entries["used"] = False
         block, warnings = read_files(images, files, dem, tie_points, ties)
-        found.warnings.append(contradiction)
+        found.warnings.append(differ.message)
     elif len(ground):
         places = ReferencePlaces(ground.ids, ground.ground, found.accuracy.sigma_xy_m, found.excessive)
     block = replace(block, operations=found.operations)

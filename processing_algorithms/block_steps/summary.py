@@ -1,28 +1,25 @@
-"""What a person reads on the terminal after a block was adjusted; the last line says what was reached."""
+"""What a person reads of an adjusted block: the lines on the terminal, and what is said of the choice of a model."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.refinement.selection import ModelChoice
+from ..files.result_folder import LENGTH
 from ..interface.declare import Report
 
 COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: by key of the report
 
 
-@thresholds
-class SUMMARY:
-    """How much the last lines on the terminal name."""
-
-    most_outliers: int = threshold(5, "outliers", "outliers named")
-    most_parts: int = threshold(3, "parts", "parts of a block named")
-
-
 def summarise(report: Report) -> str:
     """Return how it went, control and check points, what to be careful with, and where the results lie."""
+    redundancy, explained = report["redundancy"], list[str]()
+    if redundancy != round(redundancy):
+        share = "a parameter with a prior counts by the share that follows from observations"
+        explained.append(f"redundancy {redundancy:.1f}: {share}")
     lines = [
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
         f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
-        *_explain_redundancy(report["redundancy"]),
+        *explained,
         "",
         f"{'points':<16}{'number':>7}"
         + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
@@ -39,29 +36,30 @@ def summarise(report: Report) -> str:
             f"ties: {ties['points']} points, {ties['observations']} observations, "
             f"RMSE {format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
-    if report["held_out"]["points"]:
-        lines.append(_describe_held_out(report["held_out"]))
+    if (held := report["held_out"])["points"]:
+        rmse, epipolar = (
+            f"{format_digits(held[key])} px ({format_digits(held['ties'][key])} px)"
+            for key in ("rmse_px", "epipolar_rmse_px")
+        )
+        lines.append(
+            f"held-out ties: {held['points']} points, {held['observations']} observations, {held['wrong']} wrong "
+            f"matches apart, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: ties that adjusted)"
+        )
     lines += [
         f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
         f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
-        for part in report["parts"][: SUMMARY.most_parts]
+        for part in report["parts"][: LENGTH.most_parts]
         if not part["gcps"] and part["ce90_m"] is not None
     ]
     lines += [
         f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"
-        for row in outliers[: SUMMARY.most_outliers]
+        for row in outliers[: LENGTH.most_outliers]
     ]
-    if report["outlier_count"] > SUMMARY.most_outliers:
+    if report["outlier_count"] > LENGTH.most_outliers:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
     lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]
     return "\n".join([*lines, *verdict_lines(report["verdict"])])
-
-
-def _explain_redundancy(redundancy: float) -> list[str]:
-    if redundancy == round(redundancy):
-        return []
-    return [f"redundancy {redundancy:.1f}: a parameter with a prior counts by the share that follows from observations"]
 
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
@@ -72,18 +70,36 @@ def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:
     return [*lines, f"{verdict['sentence']}. Verdict: {verdict['level']}"]
 
 
-def _describe_held_out(entry: Report) -> str:
-    """Return how held-out ties fit, and in brackets the same figures of as many that adjusted."""
-    rmse, epipolar = (
-        f"{format_digits(entry[key])} px ({format_digits(entry['ties'][key])} px)"
-        for key in ("rmse_px", "epipolar_rmse_px")
-    )
-    return (
-        f"held-out ties: {entry['points']} points, {entry['observations']} observations, {entry['wrong']} wrong "
-        f"matches apart, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: ties that adjusted)"
-    )
-
-
 def format_digits(value: float | None) -> str:
     """Return a figure with three digits, a dash where there is none."""
     return "-" if value is None else f"{value:.3f}"
+
+
+def choice_warnings(choice: ModelChoice | None) -> list[str]:
+    """Return what is to be said of a choice: doubts about the GCPs, and those that had no say in it."""
+    if choice is None:
+        return []
+    suspects = [
+        f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px; the model was "
+        "chosen without it"
+        for suspect in choice.suspects
+    ]
+    return [*choice.warnings, *suspects]
+
+
+def choice_entries(rule: str, choice: ModelChoice | None) -> dict[str, Any]:
+    """Return the report's entry about a choice; none where the model was named."""
+    if choice is None:
+        return {}
+    entry = {
+        "rule": rule,
+        "model": choice.model,
+        "reason": choice.reason,
+        "prediction_rmse_px": dict(choice.scores),
+        "leave_one_out": {
+            name: {"block_px": choice.delivered.get(name), "single_images_px": choice.scores.get(name)}
+            for name in dict.fromkeys([*choice.delivered, *choice.scores])
+        },
+        "suspects": [suspect._asdict() for suspect in choice.suspects],
+    }
+    return {"model_choice": entry}

@@ -5,9 +5,11 @@ given may be in memory (`given`), messages name the parameters, and without ``ou
 that goes when the `Result` does.
 """
 
+import inspect
 import logging
 import os
 import re
+import textwrap
 from collections.abc import Callable
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,15 +22,14 @@ from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
-from ..files.terrain import open_terrain
-from ..interface.declare import Algorithm, Context, fill_options, params_of
-from ..interface.naming import spell_arguments
+from ..files.opening import open_terrain
+from ..interface.command_parser import value_facts
+from ..interface.declare import Algorithm, Context, Kind, Param, fill_options, params_of, spell_arguments
 from ..interface.option_groups import TerrainOptions
-from ..interface.options import Face, check_options, suggestion
-from .given import convert_options
+from ..interface.options import KINDS, Face, check_options, suggestion
+from .opening import convert_options
 from .opening import open as open_images
 from .result import Result
-from .signatures import describe_call, function_name, signature_of
 
 #: Algorithms whose results are files for later work: those need a folder of the caller's.
 MAKES_FILES = frozenset({"orthorectify", "simulate", "crop", "strip"})
@@ -118,9 +119,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
     """
     if not _is_array(points):
         return DECLARED["project"](images, points=points, **options)
-    image, given = _single_image(images), np.asarray(points, dtype=np.float64)
-    ground = _points_of_shape(given, "lon, lat and height")
-    surface = _choose_ground("project", options)
+    image, ground, surface = _read_array_call("project", images, points, options, "lon, lat and height")
     if ground.shape[1] == 2:
         ground = np.column_stack([ground, np.full(len(ground), np.nan)])
     without = np.isnan(ground[:, 2])
@@ -130,7 +129,7 @@ def project(images: Any, points: Any, **options: Any) -> Any:
         ground = ground.copy()
         ground[without, 2] = surface_heights(surface, ground[without, :2])
     found = image.rpc.project(ground)
-    return found[0] if given.ndim == 1 else found
+    return found[0] if np.ndim(points) == 1 else found
 
 
 def localize(images: Any, points: Any, **options: Any) -> Any:
@@ -159,16 +158,14 @@ def localize(images: Any, points: Any, **options: Any) -> Any:
     """
     if not _is_array(points):
         return DECLARED["localize"](images, points=points, **options)
-    image, given = _single_image(images), np.asarray(points, dtype=np.float64)
-    places = _points_of_shape(given, "sample, line and height")
-    surface = _choose_ground("localize", options)
+    image, places, surface = _read_array_call("localize", images, points, options, "sample, line and height")
     if places.shape[1] == 3:
         found = image.rpc.localize(places[:, :2], places[:, 2]).ground
     elif surface is None:
         raise InputError("points have no heights: give (n, 3), or height or dem")
     else:
         found = intersect_surface(image.rpc, places, surface).ground
-    return found[0] if given.ndim == 1 else found
+    return found[0] if np.ndim(points) == 1 else found
 
 
 def _is_array(points: Any) -> bool:
@@ -178,28 +175,107 @@ def _is_array(points: Any) -> bool:
     return isinstance(points, np.ndarray) and points.dtype.names is None
 
 
-def _single_image(images: Any) -> Image:
+def _read_array_call(
+    name: str, images: Any, points: Any, options: dict[str, Any], what: str
+) -> tuple[Image, np.ndarray, HeightSurface | None]:
+    """Return the image, the points ``(n, 2 or 3)`` (``what`` they are) and the ground that options name."""
     one = images[0] if isinstance(images, (list, tuple)) and len(images) == 1 else images
     if isinstance(one, (list, tuple)):
         raise InputError("an array of points belongs to one image: give one, or a table with the column image")
-    return Image("image", one) if isinstance(one, RPC) else open_images(one)
-
-
-def _points_of_shape(points: np.ndarray, what: str) -> np.ndarray:
-    rows = np.atleast_2d(points)
+    image = Image("image", one) if isinstance(one, RPC) else open_images(one)
+    given = np.asarray(points, dtype=np.float64)
+    rows = np.atleast_2d(given)
     if rows.ndim != 2 or rows.shape[1] not in (2, 3):
-        raise InputError(f"points has the shape {points.shape}: give (n, 2 or 3), {what}")
-    return rows
-
-
-def _choose_ground(name: str, options: dict[str, Any]) -> HeightSurface | None:
-    """Return the ground that the options of `project` and `localize` name."""
-    algorithm = REGISTRY[name]
+        raise InputError(f"points has the shape {given.shape}: give (n, 2 or 3), {what}")
     unknown = [key for key in options if key not in TERRAIN]
     if unknown:
         raise InputError(f"{name} of arrays has no parameter {unknown[0]}: it has {', '.join(TERRAIN)}")
+    algorithm = REGISTRY[name]
     checked = check_options(algorithm, convert_options(algorithm, {"images": "image", **options}), PYTHON)
-    return open_terrain(fill_options(TerrainOptions, checked))
+    return image, rows, open_terrain(fill_options(TerrainOptions, checked))
+
+
+#: Functions that are called otherwise than their algorithm.
+RENAMED = {"refine-rpc": "refine"}
+PROGRESS = "progress"
+
+
+def function_name(algorithm: str) -> str:
+    """Return what the function of an algorithm is called."""
+    return RENAMED.get(algorithm, algorithm.replace("-", "_"))
+
+
+def signature_of(algorithm: Algorithm) -> inspect.Signature:
+    """Return the signature: what is needed may stand without its name, all else is named."""
+    parameters = [
+        inspect.Parameter(
+            param.key,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD if _is_first(param) else inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if _is_needed(param) else param.default,
+        )
+        for param in sort_parameters(algorithm)
+    ]
+    progress = inspect.Parameter(PROGRESS, inspect.Parameter.KEYWORD_ONLY, default=None)
+    return inspect.Signature([*parameters, progress])
+
+
+def sort_parameters(algorithm: Algorithm) -> list[Param]:
+    """Return the options with those first that may stand without their names, the needed ones before the others."""
+    return sorted(
+        algorithm.params, key=lambda param: (not _is_first(param), not (_is_first(param) and _is_needed(param)))
+    )
+
+
+def _is_first(param: Param) -> bool:
+    return _is_needed(param) or param.kind is Kind.IMAGES
+
+
+def _is_needed(param: Param) -> bool:
+    return param.required and param.kind is not Kind.OUTPUT_DIR
+
+
+def describe_call(algorithm: Algorithm) -> str:
+    """Return the docstring of an algorithm's function, in NumPy's sections."""
+    told = spell_arguments(algorithm.help, algorithm.params, lambda param: f"``{param.key}``")
+    entries: list[str] = []
+    for param in sort_parameters(algorithm):
+        text = spell_arguments(param.help, algorithm.params, lambda other: f"``{other.key}``")
+        facts = [fact for fact in value_facts(param) if fact != "required"]
+        kind = " or ".join(KINDS[param.kind].described.split(" | "))
+        entries.append(f"{param.key} : {kind}{'' if _is_needed(param) else ', optional'}")
+        stated = f" ({'; '.join(facts)})" if facts else ""
+        entries += _wrap_text(f"{text}{stated}.", "    ")
+    given = any(param.key == "output_dir" for param in algorithm.params)
+    folder_note = "Without ``output_dir`` they go when the result does." if given else ""
+    return "\n".join([
+        f"{algorithm.summary}.",
+        "",
+        *_wrap_text(told, ""),
+        "",
+        "Parameters",
+        "----------",
+        *entries,
+        f"{PROGRESS} : callable, optional",
+        "    Called with a fraction and a message; False cancels.",
+        "",
+        "Returns",
+        "-------",
+        "Result",
+        "    The report, its tables and files. " + folder_note,
+        "",
+        "Raises",
+        "------",
+        "HrsiError",
+        "    What is wrong with the input, and what to do about it.",
+        "",
+    ])  # fmt: skip
+
+
+def _wrap_text(text: str, indent: str) -> list[str]:
+    lines: list[str] = []
+    for paragraph in text.split("\n\n"):
+        lines += ["", *textwrap.wrap(paragraph, 100, initial_indent=indent, subsequent_indent=indent)]
+    return lines[1:]
 
 
 DECLARED = {function_name(name): make_call(algorithm) for name, algorithm in REGISTRY.items()}

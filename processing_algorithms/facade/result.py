@@ -16,10 +16,8 @@ from ...hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_la
 from ...hrsi_engine.io.opening.json_files import read_json
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
-from ..interface.declare import Report
-from ..interface.naming import spell_arguments
+from ..interface.declare import Report, spell_arguments
 
-_PATTERN = "*.gpkg"
 #: Layers that hold what a short name means, the first one that is there.
 SHORT_NAMES = {
     "images": ("images",),
@@ -140,20 +138,17 @@ class Result:
         """The refined RPCs by image id. Raises `InputError` where none was written, with the reason of the verdict."""
         images = self.report.get("images", {})
         outputs = {name: entry.get("output") for name, entry in images.items()} if isinstance(images, Mapping) else {}
-        written = {name: self._locate_file(path) for name, path in outputs.items() if path}
-        if not written:
+        if not (written := {name: path for name, path in outputs.items() if path}):
             worst = next((reason["message"] for reason in self.reasons), "none was asked for")
             raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
+        if self.folder is not None:  # a result folder may have been moved
+            moved = {name: str(self.folder / os.path.basename(path)) for name, path in written.items()}
+            written |= {name: path for name, path in moved.items() if os.path.exists(path)}
         return {name: read_rpc(path).rpc for name, path in written.items()}
-
-    def _locate_file(self, path: str) -> str:
-        """Return where a file lies now: a result folder may have been moved."""
-        here = self.folder / os.path.basename(path) if self.folder is not None else Path(path)
-        return str(here) if here.exists() else path
 
     def _layers(self) -> dict[str, str]:
         """Return each layer's file by its name."""
-        files = sorted(self.folder.glob(_PATTERN)) if self.folder is not None else []
+        files = sorted(self.folder.glob("*.gpkg")) if self.folder is not None else []
         return {name: str(file) for file in files for name in geopackage_layers(str(file))}
 
     def _short(self, name: str) -> Any:
@@ -194,7 +189,7 @@ class Result:
             head = "".join(f"<th>{key.removeprefix('rmse_').replace('_', ' ')}</th>" for key in keys)
             body = "".join(
                 f"<tr><td>{role}</td><td>{figures['points']}</td>"
-                + "".join(f"<td>{_format_number(figures.get(key))}</td>" for key in keys)
+                + "".join(f"<td>{'–' if value is None else f'{value:.3f}'}</td>" for value in map(figures.get, keys))
                 + "</tr>"
                 for role, figures in rows
             )
@@ -225,10 +220,6 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
     if not isinstance(report, dict) or report.get("algorithm") not in REGISTRY:
         raise InputError(f"{path}: is no report of HRSI: name the output directory of a run")
     return Result(report, folder)
-
-
-def _format_number(value: Any) -> str:
-    return "–" if value is None else f"{value:.3f}"
 
 
 def _column(values: list[Any]) -> np.ndarray:

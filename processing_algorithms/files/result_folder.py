@@ -1,25 +1,57 @@
-"""Results of the algorithms on single images and points: a report and a GeoPackage, where a folder is asked for."""
+"""The output directory of an algorithm: what it will hold (a dry run tells that alone), and writing it."""
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from ...hrsi_engine.foundation.progress import advance, stage
+from ...hrsi_engine.foundation.reasons import Level
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
+from ...hrsi_engine.io.output_dir import check_output_dir, exists_anywhere, stage_folder
 from ...hrsi_engine.io.pages.page import write_page
 from ...hrsi_engine.io.pages.report import write_report_json
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
-from .dry_run import PAGE_FILE, REPORT_FILE, plan
+
+REPORT_FILE, PAGE_FILE = "report.json", "report.html"
 
 
 @thresholds
-class PAGE_LENGTH:
-    """How much pages show."""
+class LENGTH:
+    """How much logs, pages and the last lines on the terminal name."""
 
-    most_chips: int = threshold(200, "targets", "whose chips are shown")
-    most_maps: int = threshold(12, "maps", "of shifts between orthoimages")
+    most_images: int = threshold(20, "images", "of a larger block only images with several RPCs are logged")
+    most_chips: int = threshold(200, "targets", "whose chips a page shows")
+    most_maps: int = threshold(12, "maps", "of shifts between orthoimages on a page")
+    most_outliers: int = threshold(5, "outliers", "named on the terminal")
+    most_parts: int = threshold(3, "parts", "of a block named on the terminal")
+    most_pairs: int = threshold(10, "pairs", "in the summary of an evaluation")
+
+
+def plan(
+    context: Context, folder: str | None, names: Sequence[str], counts: Mapping[str, int], warnings: Sequence[str] = (),
+    verdict: Mapping[str, Any] | None = None,
+) -> Report:  # fmt: skip
+    """Return the report of a dry run: what would be written, how much there is, and what the checks found.
+
+    folder : the output directory; None where the result would be printed only
+    names : files that would be written, in the folder or with their own paths
+    counts : what was read, by its name in the plural; warnings : what the user should know
+    verdict : of the checks of the inputs; by default nothing was found
+    """
+    files = [os.path.join(folder or "", name) for name in names]
+    tell(warnings, context)
+    return {
+        **context.record,
+        "dry_run": True,
+        "files": [{"path": file, "replaces": exists_anywhere(file)} for file in files],
+        "counts": dict(counts),
+        "warnings": list(warnings),
+        "verdict": dict(verdict or {"level": Level.OK.label, "sentence": "nothing wrong was found", "reasons": []}),
+    }
 
 
 def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> None:
@@ -30,19 +62,24 @@ def check_folder(options: ResultFolder | OptionalFolder, context: Context) -> No
 
 def plan_folder(
     options: ResultFolder | OptionalFolder, file: str, counts: Mapping[str, int], warnings: Sequence[str],
-    context: Context,
+    context: Context, page: bool = False,
 ) -> Report:  # fmt: skip
-    """Return the report of a dry run of what `write_folder` writes."""
-    names = [REPORT_FILE, file] if options.output_dir else []
-    return plan(context, options.output_dir, names, counts, warnings)
-
-
-def plan_page(
-    options: ResultFolder, file: str, page: bool, counts: Mapping[str, int], warnings: Sequence[str], context: Context
-) -> Report:
     """Return the report of a dry run that would write a report, perhaps its page, and one more file."""
-    names = [REPORT_FILE, file, *([PAGE_FILE] if page else [])]
+    names = [REPORT_FILE, file, *([PAGE_FILE] if page else [])] if options.output_dir else []
     return plan(context, options.output_dir, names, counts, warnings)
+
+
+@contextmanager
+def stage_results(options: ResultFolder, report: Report, context: Context, **settings: Any) -> Iterator[Path]:
+    """Yield a temporary folder for files that move into the output directory together, with the report; tell warnings.
+
+    ``settings`` are further arguments of `stage_folder`.
+    """
+    with stage_folder(options.output_dir, context.inputs, options.overwrite, **settings) as folder:
+        yield folder
+        write_report_json(str(folder / REPORT_FILE), report)
+    tell(report["warnings"], context)
+    advance(context.progress, 1.0, "done")
 
 
 def write_folder(

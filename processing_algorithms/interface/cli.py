@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
@@ -16,12 +16,10 @@ from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
-from .declare import Algorithm, Context, Report, fill_options, is_unusable, unusable_text
-from .log_file import RunLog, require_own_file
-from .naming import spell_arguments
+from .declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
-from .terminal import TerminalProgress, terminal_of
+from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
@@ -84,19 +82,38 @@ def describe(error: BaseException) -> tuple[str, int]:
     if (signalled := ending()) is not None:
         code, message = signalled
         return message, code
-    for kind, description in DESCRIPTIONS.items():
-        if isinstance(error, kind):
-            message, code = description(error)
-            return " ".join(message.split()), code
-    raise error
+    code = 1
+    if isinstance(error, HrsiError):
+        message, code = str(error), getattr(error, "exit_code", 1)
+    elif isinstance(error, KeyboardInterrupt):
+        message, code = "interrupted; no half-written file is left", Cancelled.exit_code
+    elif isinstance(error, ImportError) and not (error.name or "").startswith(f"{_OWN_PACKAGE}."):
+        package = error.name or "needed"
+        message = f"the Python package {package} cannot be loaded ({error}); see README.md on how to install HRSI"
+    elif isinstance(error, MemoryError):
+        message = "out of memory; use fewer --threads or smaller images"
+    elif isinstance(error, OSError):
+        message = f"{error}; check the path, the permissions and the free space"
+    elif isinstance(error, Exception):
+        frames = traceback.extract_tb(error.__traceback__)
+        place = f" in {os.path.basename(frames[-1].filename)}:{frames[-1].lineno}" if frames else ""
+        message = (
+            f"unexpected {type(error).__name__}{place}: {error}; this is a fault of HRSI, please report it "
+            f"with the command and what it prints under {_DEBUG}=1"
+        )
+    else:
+        raise error
+    return " ".join(message.split()), code
 
 
 def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> int:
     if not words:
         raise InputError("no algorithm given; hrsi --help lists them")
     first, *rest = words
-    if first in PAGES:
-        print(PAGES[first](registry))
+    if first in HELP:
+        print(registry_help(registry))
+    elif first == "--version":
+        print(version_page())
     elif first == "help":
         print(_help_page(rest, registry), end="")
     elif first == "completion":
@@ -214,38 +231,7 @@ def failure_of(report: Report) -> tuple[int, str] | None:
     return None
 
 
-def _describe_missing_package(error: BaseException) -> tuple[str, int]:
-    package = getattr(error, "name", None) or "needed"
-    if package.startswith(f"{_OWN_PACKAGE}."):
-        return _describe_own_fault(error)
-    return f"the Python package {package} cannot be loaded ({error}); see README.md on how to install HRSI", 1
-
-
-def _describe_own_fault(error: BaseException) -> tuple[str, int]:
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" in {os.path.basename(frames[-1].filename)}:{frames[-1].lineno}" if frames else ""
-    return (
-        f"unexpected {type(error).__name__}{place}: {error}; this is a fault of HRSI, please report it "
-        f"with the command and what it prints under {_DEBUG}=1",
-        1,
-    )
-
-
-#: How errors are told, by class; the first that fits counts.
-DESCRIPTIONS: dict[type[BaseException], Callable[[BaseException], tuple[str, int]]] = {
-    HrsiError: lambda error: (str(error), getattr(error, "exit_code", 1)),
-    KeyboardInterrupt: lambda error: ("interrupted; no half-written file is left", Cancelled.exit_code),
-    ImportError: _describe_missing_package,
-    MemoryError: lambda error: ("out of memory; use fewer --threads or smaller images", 1),
-    OSError: lambda error: (f"{error}; check the path, the permissions and the free space", 1),
-    Exception: _describe_own_fault,
-}
 HELP = {"--help", "-h"}
-#: What is printed instead of running an algorithm.
-PAGES: dict[str, Callable[[Mapping[str, Algorithm]], str]] = {
-    **dict.fromkeys(HELP, registry_help),
-    "--version": lambda registry: version_page(),
-}
 #: Pages of the commands that are no algorithms.
 COMMAND_PAGES = {
     "completion": """\

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import Algorithm, Kind, Param, format_default, params_of
-from .naming import spell_arguments
+from .declare import Algorithm, Kind, Param, format_default, params_of, spell_arguments
 from .option_groups import Common, LineOptions, ResultFolder
 from .options import KINDS, suggestion
 

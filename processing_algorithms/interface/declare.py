@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
@@ -223,7 +224,7 @@ class Algorithm:
     module : that holds ``run(options, context)``, which returns the report as a dict for JSON (its key ``unsolved``
         says in a line why there is no solution, where that is written and no error), and ``summarise(report)``, which
         returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is
-        heavy. By default it has the name of the declaration's module, in the folder above
+        heavy. By default it has the algorithm's name, in the folder above the declarations
     examples : command lines that run on what ``hrsi simulate``'s own example makes
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
@@ -245,7 +246,8 @@ class Algorithm:
     @property
     def work_module(self) -> str:
         """The module that does the work."""
-        return self.module or self.options.__module__.replace(".declarations.", ".")
+        package = self.options.__module__.partition(".declarations.")[0]
+        return self.module or f"{package}.{self.name.replace('-', '_')}"
 
     @cached_property
     def params(self) -> tuple[Param, ...]:
@@ -325,10 +327,8 @@ class Algorithm:
             value = options.get(param.key)
             if param.kind is Kind.FOLDERS:
                 named[param.key] = tuple(word.partition("=")[2] for word in value or ())
-            elif param.kind in READ_KINDS:
+            else:
                 named[param.key] = self.inputs({param.key: value})
-            elif isinstance(value, str) and "FILE" in param.metavar.split("|"):  # a geoid grid; words are no files
-                named[param.key] = (value,)
         return {key: files for key, files in named.items() if files}
 
     def command(self, given: Mapping[str, Any]) -> str:
@@ -370,3 +370,23 @@ def unusable_text(report: Report) -> str:
     reason = f": {worst['message']}; {worst['advice']}" if worst else ""
     what = "the inputs are wrong" if report.get("dry_run") else "the result is unusable"
     return f"{what}{reason}"
+
+
+_ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")
+
+
+def option_label(param: Param) -> str:
+    """Return an option as it stands on the command line: ``--sigma-image``, ``IMAGE``."""
+    return (param.metavar or "IMAGE") if param.kind is Kind.IMAGES else f"--{param.name}"
+
+
+def spell_arguments(text: str, params: Iterable[Param], spelling: Callable[[Param], str] = option_label) -> str:
+    """Return a text with the arguments that it names as options: ```sigma_dem_m``` becomes ``--sigma-dem``.
+
+    An argument that is no option of the algorithm keeps its name, without the backticks.
+    """
+    listed = list(params)
+    known = {param.argument: param for param in listed} | {param.key: param for param in listed}
+    return _ARGUMENT.sub(
+        lambda found: spelling(known[found[1]]) if found[1] in known else found[1].replace("_", " "), text
+    )

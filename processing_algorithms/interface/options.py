@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import Algorithm, Kind, Param
-from .naming import option_label
+from .declare import Algorithm, Kind, Param, option_label
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from ...hrsi_engine.io.catalogue.lineage import HIDDEN, file_entry
 from ...hrsi_engine.io.catalogue.versions import versions
 from ...hrsi_engine.io.opening.json_files import read_json
 from .command_parser import algorithm_parser
-from .declare import READ_KINDS, Algorithm, Kind, Param
-from .naming import option_label
+from .declare import READ_KINDS, Algorithm, Kind, Param, option_label
 from .options import OptionSource, find_algorithm
 
 _REPORT = "report.json"

@@ -22,8 +22,8 @@ from ...hrsi_engine.io.rasters.images import image_id, open_image
 from ...hrsi_engine.laboratory.registration import MethodComparison, choose_group, compare_kinds
 from ...hrsi_engine.surface.dem import intersect_surface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight
-from ..files.result_folder import check_folder, plan_page
-from ..files.terrain import open_terrain
+from ..files.opening import open_terrain
+from ..files.result_folder import check_folder, plan_folder
 from ..interface.declare import Context, Report
 from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
 
@@ -44,7 +44,7 @@ def run(options: RegisterOptions, context: Context) -> Report:
         )
     start, points = start[known], {name: column[known] for name, column in points.items()}
     if context.dry_run:
-        return plan_page(options.folder, LAYERS_FILE, options.report, {"matched points": len(start)}, lost, context)
+        return plan_folder(options.folder, LAYERS_FILE, {"matched points": len(start)}, lost, context, options.report)
     unit = options.gsd or 1.0
     sigma = points["sigma"]
     result = compare_kinds(

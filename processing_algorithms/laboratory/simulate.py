@@ -9,7 +9,7 @@ from ...hrsi_engine.io.output_dir import check_output_dir, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_json
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.laboratory.simulation.synthesis import simulate_block
-from ..files.dry_run import plan
+from ..files.result_folder import plan
 from ..interface.declare import Context, Report
 from .declarations.simulate import SimulateOptions
 from .simulation_steps import inputs as simulation_inputs

@@ -30,8 +30,8 @@ from ...hrsi_engine.ortho.grid import (
 from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
-from ..declarations.orthorectify import OrthorectifyOptions
-from ..files.terrain import open_terrain
+from ..declarations.orthoimages import OrthorectifyOptions
+from ..files.opening import open_terrain
 
 
 @thresholds
@@ -123,30 +123,30 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         if not len(ground):
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
     gsd = {image.id: compute_ground_sample_m(image, below[image.id]) for image in images}
-    crs = _choose_crs(options.crs, np.concatenate(list(below.values())))
-    resolution = options.resolution or round_resolution(min(gsd.values()) / _metres_per_unit(crs))
-    _require_resolution(resolution, crs, min(gsd.values()))
-    operations = operations_to_map(crs, terrain, below)
+    ground, finest_m = np.concatenate(list(below.values())), min(gsd.values())
+    if options.crs is None:
+        crs = choose_map_crs(ground)
+    else:
+        named = _parse_crs(options.crs, "crs")
+        named = named.sub_crs_list[0] if named.sub_crs_list else named  # without a height part
+        if not (named.is_projected or named.is_geographic):
+            raise InputError(f"`crs` {options.crs!r} is neither projected nor geographic: choose another")
+        crs = str(named.to_wkt())
+    unit = pyproj.CRS.from_wkt(crs).axis_info[0]
+    unit_m = METRES_PER_DEGREE if pyproj.CRS.from_wkt(crs).is_geographic else float(unit.unit_conversion_factor)
+    fitting = round_resolution(finest_m / unit_m)
+    resolution = options.resolution or fitting
+    if not 1.0 / ORTHO_GRID.largest_ratio <= resolution * unit_m / finest_m <= ORTHO_GRID.largest_ratio:
+        raise InputError(  # another unit was meant
+            f"`resolution` {resolution:g} is in units of the CRS {pyproj.CRS.from_wkt(crs).name!r}, {unit.unit_name}, "
+            f"and makes pixels of {resolution * unit_m:.3g} m, where the images have {finest_m:.3g} m: give about "
+            f"{fitting:g}, or a `crs` in metres"
+        )
+    # How the terrain came to WGS84, and by what the orthoimages' map is reached from there
+    operations = (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
     warnings = [*terrain.warnings, *_terrain_warnings(images, terrain), *list_operation_warnings(operations)]
     grids = _make_grids(images, terrain.surface, crs, resolution, options.extent)
     return BlockPlan(images, terrain, crs, resolution, grids, gsd, warnings, operations)
-
-
-def operations_to_map(crs: str, terrain: Terrain, below: Mapping[str, np.ndarray]) -> tuple[OperationUse, ...]:
-    """Return how the terrain came to WGS84, and by what the orthoimages' map is reached from there."""
-    ground = np.concatenate(list(below.values()))
-    return (*getattr(terrain.surface, "operations", ()), *operations_of(crs).uses_at("orthoimages", ground))
-
-
-def _choose_crs(given: str | None, ground: np.ndarray) -> str:
-    """Return the WKT of the orthoimages' CRS, without a height part."""
-    if given is None:
-        return choose_map_crs(ground)
-    crs = _parse_crs(given, "crs")
-    crs = crs.sub_crs_list[0] if crs.sub_crs_list else crs
-    if not (crs.is_projected or crs.is_geographic):
-        raise InputError(f"`crs` {given!r} is neither projected nor geographic: choose another")
-    return str(crs.to_wkt())
 
 
 def _parse_crs(name: str, option: str) -> pyproj.CRS:
@@ -155,24 +155,6 @@ def _parse_crs(name: str, option: str) -> pyproj.CRS:
         return pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError:
         raise InputError(f"`{option}`: {name!r} is no coordinate reference system: give EPSG:code or WKT") from None
-
-
-def _metres_per_unit(wkt: str) -> float:
-    crs = pyproj.CRS.from_wkt(wkt)
-    return METRES_PER_DEGREE if crs.is_geographic else float(crs.axis_info[0].unit_conversion_factor)
-
-
-def _require_resolution(resolution: float, wkt: str, gsd_m: float) -> None:
-    """Raise `InputError` for pixels of quite another size than the images': then another unit was meant."""
-    metres = resolution * _metres_per_unit(wkt)
-    if 1.0 / ORTHO_GRID.largest_ratio <= metres / gsd_m <= ORTHO_GRID.largest_ratio:
-        return
-    crs = pyproj.CRS.from_wkt(wkt)
-    raise InputError(
-        f"`resolution` {resolution:g} is in units of the CRS {crs.name!r}, {crs.axis_info[0].unit_name}, and makes "
-        f"pixels of {metres:.3g} m, where the images have {gsd_m:.3g} m: give about "
-        f"{round_resolution(gsd_m / _metres_per_unit(wkt)):g}, or a `crs` in metres"
-    )
 
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:

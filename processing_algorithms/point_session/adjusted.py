@@ -1,7 +1,7 @@
-"""An adjustment of a session, as the panel shows it."""
+"""An adjustment of a session, and what it becomes with every edit, as the panel shows them."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -14,20 +14,12 @@ from ...hrsi_engine.refinement.model import RefinementModel
 from ...hrsi_engine.results.residuals import Residuals
 from ...hrsi_engine.results.verdict import Verdict
 from ..block_steps.summary import verdict_lines
-from .history import Key
+from .rows import Key
 
 
-def suspicion(image_id: str, statistic: float) -> str:
+def describe_outlier(image_id: str, statistic: float) -> str:
     """Return what a table says of a measurement that stands out."""
     return f"{image_id}: {statistic:.1f} sigma off"
-
-
-def reasons_by_point(image_suspicions: Mapping[Key, str]) -> dict[str, list[str]]:
-    """Return why measurements of a point are suspicious, by the point."""
-    found: dict[str, list[str]] = {}
-    for (point, _), reason in image_suspicions.items():
-        found.setdefault(point, []).append(reason)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,23 +46,55 @@ class ListedMeasurements:
         return typical
 
 
+class CurrentResiduals:
+    """Residuals (px) by point and image, by cameras that follow; those of edited points are given apart."""
+
+    def __init__(
+        self, watched: ListedMeasurements, left: np.ndarray, edited: Collection[str],
+        now: dict[Key, tuple[float, float]],
+    ) -> None:  # fmt: skip
+        self._watched, self._left, self._edited, self._now = watched, left, frozenset(edited), now
+
+    def get(self, key: Key, default: tuple[float, float]) -> tuple[float, float]:
+        """Return the residual of a measurement."""
+        row = None if key[0] in self._edited else self._watched.row_of.get(key)
+        return self._now.get(key, default) if row is None else (float(self._left[row, 0]), float(self._left[row, 1]))
+
+
 @dataclass(frozen=True, eq=False)
-class AdjustmentView:
-    """An adjustment as the panel shows it.
+class CurrentView:
+    """What the panel shows of a block with its measurements as they are now.
 
     corrections : parameters of the model by image id
-    residual_px : by (point, image), observed - computed at the surveyed position; residual_m : by point, survey -
-    computed; image_suspicions, point_suspicions : why, by the same keys; verdict : on the block; check : figures of the
-    check points as in the report; follower : goes on from it when points
-    are edited; listed : ids of the points of the list
+    residual_px : by (point, image), observed - computed at the surveyed position
+    residual_m : by point, survey - computed
+    image_suspicions, point_suspicions : why, by the same keys
     """
 
     model: RefinementModel
     corrections: Mapping[str, np.ndarray]
-    residual_px: Mapping[tuple[str, str], tuple[float, float]]
+    residual_px: CurrentResiduals | Mapping[Key, tuple[float, float]]
     residual_m: Mapping[str, tuple[float, float, float]]
-    image_suspicions: Mapping[tuple[str, str], str]
-    point_suspicions: Mapping[str, str]
+    image_suspicions: Mapping[Key, str]
+    point_suspicions: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def measurement_suspicions(self) -> dict[str, list[str]]:
+        """Why measurements of a point are suspicious, by the point."""
+        found: dict[str, list[str]] = {}
+        for (point, _), reason in self.image_suspicions.items():
+            found.setdefault(point, []).append(reason)
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdjustmentView(CurrentView):
+    """An adjustment as the panel shows it.
+
+    verdict : on the block; check : figures of the check points as in the report
+    follower : goes on from it when points are edited; listed : ids of the points of the list
+    """
+
     verdict: Verdict
     check: Mapping[str, Any]
     warnings: tuple[str, ...]
@@ -82,21 +106,20 @@ class AdjustmentView:
     @cached_property
     def watched(self) -> ListedMeasurements:
         """What is shown of the measurements when cameras follow an edit."""
-        block, ids = self.result.block, self.result.block.points.ids
-        rows = (block.known | np.isin(ids, list(self.listed)))[block.measurements.point]
+        block = self.result.block
+        rows = (block.known | np.isin(block.points.ids, list(self.listed)))[block.measurements.point]
         kept = block.with_measurements(rows)
-        names, images = ids[kept.measurements.point].tolist(), [image.id for image in block.images]
-        keys = list(zip(names, [images[index] for index in kept.measurements.image.tolist()], strict=True))
-        return ListedMeasurements(kept, keys, self.left.measured_sigma_px[rows])
-
-    @cached_property
-    def measurement_suspicions(self) -> dict[str, list[str]]:
-        """Why measurements of a point are suspicious, by the point."""
-        return reasons_by_point(self.image_suspicions)
+        return ListedMeasurements(kept, list_keys(kept), self.left.measured_sigma_px[rows])
 
     @property
     def told(self) -> str:
         """What the panel says: the verdict, its reasons with what to do, and warnings."""
-
         *reasons, last = verdict_lines(self.verdict.entry())
         return "\n".join([last, *reasons, *self.warnings])
+
+
+def list_keys(block: Block) -> list[Key]:
+    """Return point and image of each measurement."""
+    rows, images = block.measurements, [image.id for image in block.images]
+    names = block.points.ids[rows.point].tolist()
+    return list(zip(names, [images[index] for index in rows.image.tolist()], strict=True))

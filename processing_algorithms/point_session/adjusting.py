@@ -1,46 +1,34 @@
 """Adjusting what was measured so far: a snapshot in, cameras, residuals and suspicions out. Thread-safe.
 
-`adjust_block` does it from the beginning, with every test; `follow` goes on from there with what was edited since.
+`adjust_block` does it from the beginning, with every test; `follow` goes on from there with what was edited since: what
+the panel shows between two adjustments are residuals by cameras that follow every edit.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from ...hrsi_engine.adjustment.following import Follower
 from ...hrsi_engine.adjustment.options import AdjustOptions
-from ...hrsi_engine.adjustment.result import Adjustment, Decision
+from ...hrsi_engine.adjustment.result import Decision
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, silent, stage
-from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.workers.threads import one_thread_calls
 from ...hrsi_engine.plausibility import check_block
+from ...hrsi_engine.refinement.model import RefinementModel
 from ...hrsi_engine.results.figures import block_report
-from ...hrsi_engine.results.outliers import is_outlier, measurement_statistic
-from ...hrsi_engine.results.residuals import Residuals, compute_residuals
+from ...hrsi_engine.results.outliers import compute_statistic, is_outlier, measurement_statistic
+from ...hrsi_engine.results.residuals import compute_residuals, ground_residuals_m, residuals_at_px
 from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, summarise_accuracy
-from ..block_steps.model_choice import choice_warnings
 from ..block_steps.plausibility import explain_failures
-from .adjusted import AdjustmentView, suspicion
-from .followed import CurrentView, update_view
-from .history import Key
+from ..block_steps.summary import choice_warnings
+from .adjusted import AdjustmentView, CurrentResiduals, CurrentView, describe_outlier, list_keys
+from .rows import Key
 from .session import PointSession
 from .tables import ground_points, image_points
-
-
-def follow(session: PointSession) -> CurrentView:
-    """Return the block with the measurements of a session as they are now, at once; it must have been adjusted.
-
-    Raises `SolveError` where what was edited leaves cameras undetermined.
-    """
-    if session.adjusted is None:
-        raise InputError("the block is not adjusted yet: adjust it first")
-    edited = session.list_edits()
-    now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
-    with one_thread_calls():  # a camera system is small: threads of BLAS would wait for one another three times as long
-        return update_view(session.adjusted, edited, now)
 
 
 def block_of(session: PointSession) -> Block:
@@ -62,20 +50,12 @@ def adjust_block(
     reasons = check_block(block)
     with explain_failures(reasons):
         follower = Follower(block, AdjustOptions(model=model), stage(progress, 0.1, 0.9), listed)
-    result = follower.result
-    return show_adjustment(follower, compute_residuals(result), listed, tuple(choice_warnings(result.choice)), reasons)
-
-
-def show_adjustment(
-    follower: Follower, left: Residuals, listed: Collection[str] = frozenset(), warnings: tuple[str, ...] = (),
-    reasons: Sequence[Reason] = (),
-) -> AdjustmentView:  # fmt: skip
-    """Return an adjustment in the form that the panel shows; ``reasons`` are what was found before it."""
-    result, images = follower.result, follower.result.block.images
-    names = result.block.points.ids
-    rows = (result.block.known | np.isin(names, list(listed)))[result.block.measurements.point].nonzero()[0]
+    result, left = follower.result, compute_residuals(follower.result)
+    block, names = result.block, result.block.points.ids
+    rows = (block.known | np.isin(names, list(listed)))[block.measurements.point].nonzero()[0]
     refined = [
-        result.model.compute_refined_rpc(image, values) for image, values in zip(images, result.values, strict=True)
+        result.model.compute_refined_rpc(image, values)
+        for image, values in zip(block.images, result.values, strict=True)
     ]
     # GCPs that disagree with the others, by data snooping and by the choice of the model
     suspects = {name: finding.message for finding in result.findings for name in finding.concerned}
@@ -88,18 +68,61 @@ def show_adjustment(
     outlying = is_outlier(found[rows]) | left_out[rows]
     figures = block_report(result, left, refined)
     verdict = Verdict.create(summarise_accuracy(figures), find_reasons(Evidence(result, left, refined), reasons))
-    key_of = {row: _key(result, row) for row in rows.tolist()}
+    keys = list_keys(block)
     return AdjustmentView(
-        model=result.model, corrections={image.id: result.values[index] for index, image in enumerate(images)},
-        residual_px={key: (float(left.measured_px[row, 0]), float(left.measured_px[row, 1]))
-                     for row, key in key_of.items()},
-        residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in result.block.known.nonzero()[0]},
-        image_suspicions={key_of[row]: suspicion(key_of[row][1], found[row]) for row in rows[outlying].tolist()},
-        point_suspicions=suspects, verdict=verdict, check=figures["check"], warnings=(*warnings, *result.warnings),
-        result=result, left=left, follower=follower, listed=listed,
+        model=result.model, corrections={image.id: result.values[index] for index, image in enumerate(block.images)},
+        residual_px={keys[row]: (float(left.measured_px[row, 0]), float(left.measured_px[row, 1]))
+                     for row in rows.tolist()},
+        residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in block.known.nonzero()[0]},
+        image_suspicions={keys[row]: describe_outlier(keys[row][1], found[row]) for row in rows[outlying].tolist()},
+        point_suspicions=suspects, verdict=verdict, check=figures["check"],
+        warnings=(*choice_warnings(result.choice), *result.warnings), result=result, left=left, follower=follower,
+        listed=listed,
     )  # fmt: skip
 
 
-def _key(result: Adjustment, row: int) -> Key:
-    rows = result.block.measurements
-    return str(result.block.points.ids[rows.point[row]]), result.block.images[rows.image[row]].id
+def follow(session: PointSession) -> CurrentView:
+    """Return the block with the measurements of a session as they are now, at once; it must have been adjusted.
+
+    Raises `SolveError` where what was edited leaves cameras undetermined.
+    """
+    adjusted = session.adjusted
+    if adjusted is None:
+        raise InputError("the block is not adjusted yet: adjust it first")
+    edited = session.list_edits()
+    now = assemble(list(session.images.values()), [ground_points(session, edited)], [image_points(session, edited)])
+    with one_thread_calls():  # a camera system is small: threads of BLAS would wait for one another three times as long
+        new = adjusted.follower.follow(edited, now)
+        watched, model = adjusted.watched, adjusted.model
+        own = adjusted.result.unit_sigma * now.measurements.sigma_px
+        sigma_now = np.maximum(own[:, None], watched.typical_px[now.measurements.image])
+        left, left_now = (
+            residuals_at_px(block, model, new.values, np.where(block.known[:, None], block.points.ground, ground))
+            for block, ground in ((watched.block, new.ground), (now, new.edited_ground))
+        )
+        keys_now = list_keys(now)
+        others = ~np.isin(watched.block.points.ids, list(edited))[watched.block.measurements.point]
+        still = np.where(others[:, None], left, np.nan)
+        suspicions = dict(_find_suspicions(watched.keys, still, watched.sigma_px))
+        suspicions |= dict(_find_suspicions(keys_now, left_now, sigma_now))
+        residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
+        residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
+    return CurrentView(
+        model, {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
+        CurrentResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
+        residual_m, suspicions,
+    )  # fmt: skip
+
+
+def _ground_residuals(
+    block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray
+) -> Iterator[tuple[str, Any]]:
+    left_m = ground_residuals_m(block, model, values, ground)
+    shown = np.flatnonzero(block.known & (np.bincount(block.measurements.point, minlength=len(block.points)) > 0))
+    yield from zip(block.points.ids[shown].tolist(), map(tuple, left_m[shown].tolist()), strict=True)
+
+
+def _find_suspicions(keys: Sequence[Key], left: np.ndarray, sigma_px: np.ndarray) -> Iterator[tuple[Key, str]]:
+    found = compute_statistic(left, sigma_px)
+    for row in np.flatnonzero(is_outlier(found)).tolist():
+        yield keys[row], describe_outlier(keys[row][1], found[row])

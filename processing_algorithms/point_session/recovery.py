@@ -14,8 +14,7 @@ from typing import Any
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.safety.line_journals import LineJournal, OrphanJournal, find_orphan_journals, remove_journal
 from .files import new_session, open_block
-from .history import Change, Key
-from .rows import ImageMeasurement, SurveyPoint
+from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession
 
 
@@ -107,7 +106,6 @@ def recover(unsaved: JournalSession) -> PointSession:
             session = new_session(**unsaved.sources)
     session = session or new_session(list(unsaved.images))
     session.restore(unsaved.points, unsaved.measured)
-    session.note_change()
     return session
 
 

@@ -1,5 +1,6 @@
-"""What the tables of a point session show: one row a ground point, and one row an image for each point."""
+"""What a point session holds and shows: ground points, measurements, and every edit, so that it can be undone."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import nan
 
@@ -18,10 +19,16 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 
 @thresholds
 class PANEL:
-    """What the panel keeps and shows."""
+    """What the panel keeps and shows, and where it looks for a point on the other images."""
 
     longest_history: int = threshold(1000, "edits", "that can be undone")
     half_stretch_px: int = threshold(128, "px", "half the side of the window whose greys are shown from black to white")
+    hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
+    unknown_heights_m: float = threshold(300.0, "m", "heights to both sides where no point tells of any")
+    vendor_px: float = threshold(30.0, "px", "error of cameras before anything is adjusted")
+    adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
+    difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
+    newton_steps: int = threshold(4, "iterations", "steps of Newton's method from a place on an image to the ground")
 
 
 @dataclass(frozen=True)
@@ -72,3 +79,75 @@ class MeasurementRow:
     measured: ImageMeasurement | None
     residual_px: tuple[float, float]
     suspicion: str
+
+
+Key = tuple[str, str]  #: point and image
+
+
+@dataclass(frozen=True)
+class Change:
+    """New entries of a session.
+
+    measured : by point and image; None takes a measurement away. points : all known points in their order, or None
+    where they stay
+    """
+
+    measured: Mapping[Key, ImageMeasurement | None]
+    points: Mapping[str, SurveyPoint] | None = None
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One thing that the user did: its name for a menu, and how to take it back and do it again."""
+
+    title: str
+    back: Change
+    forth: Change
+
+
+class History:
+    """The edits of a session, and where in them it stands.
+
+    ``state`` is a number that every state has of its own: after undoing it is that of the state before.
+    """
+
+    def __init__(self, apply: Callable[[Change], None]) -> None:
+        self._apply = apply
+        self._done: list[tuple[int, Edit]] = []  # the state before each edit, and the edit
+        self._undone: list[tuple[int, Edit]] = []  # the state after each, the next to be done again last
+        self.state = self._states = 0
+
+    def do(self, edit: Edit) -> None:
+        """Make an edit; what was undone before it cannot be done again."""
+        self._undone.clear()
+        self._done = [*self._done[1 - PANEL.longest_history :], (self.state, edit)]
+        self._states += 1
+        self.state = self._states
+        self._apply(edit.forth)
+
+    def undo(self) -> str:
+        """Take the last edit back and return its title; empty without any."""
+        return self._step(self._done, self._undone, "back")
+
+    def redo(self) -> str:
+        """Do again what was taken back last and return its title; empty without any."""
+        return self._step(self._undone, self._done, "forth")
+
+    def _step(self, source: list[tuple[int, Edit]], target: list[tuple[int, Edit]], way: str) -> str:
+        if not source:
+            return ""
+        state, edit = source.pop()
+        target.append((self.state, edit))
+        self.state = state
+        self._apply(getattr(edit, way))
+        return edit.title
+
+    @property
+    def undo_title(self) -> str:
+        """What `undo` would take back, empty for nothing."""
+        return self._done[-1][1].title if self._done else ""
+
+    @property
+    def redo_title(self) -> str:
+        """What `redo` would do again, empty for nothing."""
+        return self._undone[-1][1].title if self._undone else ""

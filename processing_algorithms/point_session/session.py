@@ -12,15 +12,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
-from .history import Change, Edit, History, Key
-from .rows import CLICK_KINDS, ROLES, TIE, TRANSFERRED, ImageMeasurement, MeasurementRow, PointRow, SurveyPoint
+from .rows import (
+    CLICK_KINDS,
+    ROLES,
+    TIE,
+    TRANSFERRED,
+    Change,
+    Edit,
+    History,
+    ImageMeasurement,
+    Key,
+    MeasurementRow,
+    PointRow,
+    SurveyPoint,
+)
 
 if TYPE_CHECKING:
     from ...hrsi_engine.block.block import Image
     from ...hrsi_engine.block.points import ImagePoints
     from ...hrsi_engine.measurement.point_transfer import Transfer
-    from .adjusted import AdjustmentView
-    from .followed import CurrentView
+    from .adjusted import AdjustmentView, CurrentView
     from .targets import Fit
 
 TRANSFER_PX = 0.05  # relief within the window and the interpolation, of which the fit's own sigma knows nothing
@@ -52,7 +63,7 @@ class PointSession:
         self.adjusted: AdjustmentView | None = None
         self._adjusted_from = Snapshot(self)  # what the adjustment saw
         self._edited: set[Key] = set()  # measurements that are others than those adjusted
-        self.shown: AdjustmentView | CurrentView | None = None  # what tables show: the adjustment, or what followed it
+        self.shown: CurrentView | None = None  # what tables show: the adjustment, or what followed it
         self._shown_from = self._adjusted_from
         self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
@@ -71,10 +82,6 @@ class PointSession:
         """Remember that a file holds the session as it is now."""
         self.path, self._saved = path, self.history.state
         self.on_change(Change({}))
-
-    def note_change(self) -> None:
-        """Remember that no file holds the session as it is now."""
-        self._saved = None
 
     # ---- what the tables show ----------------------------------------------------------------------------------
 
@@ -283,22 +290,17 @@ class PointSession:
 
     def undo(self) -> str:
         """Take the last edit back; return what it was, empty without any."""
-        edit = self.history.undo()
-        if edit is not None:
-            self.on_change(edit.back)
-        return "" if edit is None else edit.title
+        return self.history.undo()
 
     def redo(self) -> str:
         """Do again what was taken back last; return what it was, empty without any."""
-        edit = self.history.redo()
-        if edit is not None:
-            self.on_change(edit.forth)
-        return "" if edit is None else edit.title
+        return self.history.redo()
 
     def restore(self, points: Mapping[str, SurveyPoint], measured: Mapping[Key, ImageMeasurement]) -> None:
-        """Take other points and measurements in one edit."""
+        """Take other points and measurements in one edit; no file holds them."""
         gone = {key: None for key in self.measured.keys() - measured.keys()}
         self._edit("recover", gone | dict(measured), points)
+        self._saved = None
 
     def accept(self, adjusted: AdjustmentView, seen: Snapshot | None = None) -> None:
         """Take over an adjustment of what was ``seen`` (as it is now): its cameras predict, its residuals are shown."""
@@ -313,7 +315,7 @@ class PointSession:
         """Show what an adjustment becomes with everything as it is now."""
         self._show(followed, Snapshot(self), set())
 
-    def _show(self, shown: AdjustmentView | CurrentView, seen: Snapshot, stale: set[Key]) -> None:
+    def _show(self, shown: CurrentView, seen: Snapshot, stale: set[Key]) -> None:
         self.shown, self._shown_from, self._stale = shown, seen, stale
         self._predicted.clear()
 
@@ -326,9 +328,7 @@ class PointSession:
     ) -> None:  # fmt: skip
         new = measured or {}
         back = Change({key: self.measured.get(key) for key in new}, None if points is None else self.points)
-        edit = Edit(title, back, Change(new, points))
-        self.history.do(edit)
-        self.on_change(edit.forth)
+        self.history.do(Edit(title, back, Change(new, points)))
 
     def _apply(self, change: Change) -> None:
         for key, measured in change.measured.items():
@@ -344,6 +344,7 @@ class PointSession:
         if change.points is not None:
             self.points = dict(change.points)
             self._predicted.clear()
+        self.on_change(change)
 
     def _point(self, name: str) -> SurveyPoint:
         if name not in self.points:

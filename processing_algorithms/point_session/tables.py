@@ -73,7 +73,10 @@ def point_layers(session: PointSession) -> list[Layer]:
     ground = GroundPointRows(
         id=known.ids, role=_role_labels(known.role), height=known.ground[:, 2],
         sigma_east_m=unknown, sigma_north_m=unknown, sigma_height_m=unknown,
-        rays=np.bincount(at[at >= 0], minlength=len(known)), **survey_columns(known),
+        rays=np.bincount(at[at >= 0], minlength=len(known)),
+        # The survey, whatever the geometry is
+        survey_lon=known.ground[:, 0], survey_lat=known.ground[:, 1], survey_height=known.ground[:, 2],
+        sigma_xy=known.sigma_m[:, 0], sigma_h=known.sigma_m[:, 1],
     )  # fmt: skip
     place = np.vstack([known.ground, np.full((1, 3), np.nan)])[at]
     roles = np.append(_role_labels(known.role), "tie")[at]
@@ -87,14 +90,6 @@ def point_layers(session: PointSession) -> list[Layer]:
     image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
     operations = name_point_operations(known)
     return [Layer("ground_points", "PointZ", WGS84, known.ground, ground, operations), image_points_layer]
-
-
-def survey_columns(known: GroundPoints) -> dict[str, np.ndarray]:
-    """Return the columns that keep the survey, whatever the geometry is."""
-    return {
-        "survey_lon": known.ground[:, 0], "survey_lat": known.ground[:, 1], "survey_height": known.ground[:, 2],
-        "sigma_xy": known.sigma_m[:, 0], "sigma_h": known.sigma_m[:, 1],
-    }  # fmt: skip
 
 
 def _role_labels(role: np.ndarray) -> np.ndarray:

@@ -33,20 +33,17 @@ def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
 
     Raises `InputError` for an image without pixels.
     """
+    xy = np.array(click, dtype=np.float64)
     try:
-        return _fit(image, click, kind)
+        if kind == BY_HAND:
+            shown = make_refusal(kind, BY_HAND)
+            chip = "" if image.raster is None else draw_target_chip(chip_of(shown, xy, image.raster))
+            return Fit(ImageMeasurement(float(xy[0]), float(xy[1]), kind=kind), "", chip)
+        if image.raster is None:
+            raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
+        made = measure_target(image.raster, xy, kind)
+        sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
+        measured = ImageMeasurement(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
+        return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))
     finally:
         close_images()  # a session lasts for hours, and files that are open cannot be replaced everywhere
-
-
-def _fit(image: Image, click: tuple[float, float], kind: str) -> Fit:
-    xy = np.array(click, dtype=np.float64)
-    if kind == BY_HAND:
-        chip = "" if image.raster is None else draw_target_chip(chip_of(make_refusal(kind, BY_HAND), xy, image.raster))
-        return Fit(ImageMeasurement(float(xy[0]), float(xy[1]), kind=kind), "", chip)
-    if image.raster is None:
-        raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
-    made = measure_target(image.raster, xy, kind)
-    sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
-    measured = ImageMeasurement(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
-    return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))

@@ -10,33 +10,20 @@ from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import Progress, advance, silent
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
-from .rows import TIE, SurveyPoint
+from .rows import PANEL, TIE, SurveyPoint
 from .session import PointSession
 from .tables import image_points
-
-
-@thresholds
-class PANEL_TRANSFER:
-    """Where a point is looked for on the other images."""
-
-    hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
-    unknown_heights_m: float = threshold(300.0, "m", "heights to both sides where no point tells of any")
-    vendor_px: float = threshold(30.0, "px", "error of cameras before anything is adjusted")
-    adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
-    difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
-    newton_steps: int = threshold(4, "iterations", "steps of Newton's method to the ground")
 
 
 def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
     """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
     target, image = np.array(xy, dtype=np.float64), session.images[image_id]
     ground = image.rpc.localize(target[None], np.array([height_m])).ground
-    for _ in range(PANEL_TRANSFER.newton_steps):
+    for _ in range(PANEL.newton_steps):
         seen = session.project(image_id, ground)[0]
         aside = [move_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
         by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
@@ -101,21 +88,20 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
     point, rays = session.points[name], sum(other == name for other, _ in session.measured)
     heights, middle = session.ground_heights_m(), session.middle_height_m()
     if point.role != TIE or rays > 1:
-        middle, margin = point.height, 2.0 * PANEL_TRANSFER.hills_m / 3.0
+        middle, margin = point.height, 2.0 * PANEL.hills_m / 3.0
         lowest, highest = middle - margin, middle + margin
     elif len(heights):
-        lowest, highest = float(heights.min()) - PANEL_TRANSFER.hills_m, float(heights.max()) + PANEL_TRANSFER.hills_m
+        lowest, highest = float(heights.min()) - PANEL.hills_m, float(heights.max()) + PANEL.hills_m
     else:
-        lowest, highest = middle - PANEL_TRANSFER.unknown_heights_m, middle + PANEL_TRANSFER.unknown_heights_m
+        lowest, highest = middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m
 
     def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
         return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
 
     line = np.array([second_by(xy, lowest), second_by(xy, highest)])
     sides = [
-        second_by((xy[0] + i, xy[1] + j), middle)
-        for i, j in ((PANEL_TRANSFER.difference_px, 0.0), (0.0, PANEL_TRANSFER.difference_px))
+        second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
     ]
-    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL_TRANSFER.difference_px
-    margin_px = PANEL_TRANSFER.vendor_px if session.shown is None else PANEL_TRANSFER.adjusted_px
+    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL.difference_px
+    margin_px = PANEL.vendor_px if session.shown is None else PANEL.adjusted_px
     return transfer_point(first, np.array(xy), second, line, by_first, margin_px)

@@ -11,8 +11,8 @@ import pytest
 from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.processing_algorithms.block_steps.dem_offset import offset_warning
-from hrsi.processing_algorithms.files.terrain import dem_surface
+from hrsi.processing_algorithms.block_steps.plausibility import offset_warning
+from hrsi.processing_algorithms.files.opening import dem_surface
 from hrsi.processing_algorithms.interface.option_groups import DemOptions
 
 

@@ -22,7 +22,7 @@ from shapely.geometry import Point
 import hrsi
 from hrsi import hrsi_engine
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.facade.signatures import function_name
+from hrsi.processing_algorithms.facade.calls import function_name
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"
 IMAGES = [str(HOBART / f"hobart_ikonos_{number}_RPC.TXT") for number in (1, 2, 3)]

@@ -17,7 +17,7 @@ from hrsi.hrsi_engine.laboratory.registration_options import REGISTRATION_MODELS
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.declarations.interest_points import ALGORITHM
+from hrsi.processing_algorithms.declarations.image_points import INTEREST_POINTS
 from hrsi.tests.measurement.test_targets import CENTRE, disc, image
 
 
@@ -40,7 +40,7 @@ def features(path: Path, layer: str) -> list[dict]:
 def test_choices_are_the_engine_s():
     assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
     assert {form for form, _ in REGISTRATION_MODELS.values()} == set(REGISTRATION_FORMS)
-    assert next(param.default for param in ALGORITHM.params if param.name == "quality") == STRONG_QUALITY
+    assert next(param.default for param in INTEREST_POINTS.params if param.name == "quality") == STRONG_QUALITY
 
 
 def test_interest_points_with_rpc_lie_on_the_ground(real_data: Path, tmp_path: Path):

@@ -17,7 +17,7 @@ from osgeo import ogr
 
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
-from hrsi.processing_algorithms.declarations.tie_points import LAYERS_FILE
+from hrsi.processing_algorithms.declarations.image_points import TIES_FILE
 
 pytest.importorskip("distributed")
 WAIT_S = 120.0
@@ -88,7 +88,7 @@ def kept(output: Path) -> int:
 
 def points_of(folder: Path) -> np.ndarray:
     """Return the measurements ``(n, 2)``, in their order."""
-    source = ogr.Open(str(folder / LAYERS_FILE))
+    source = ogr.Open(str(folder / TIES_FILE))
     layer = source.GetLayerByName("image_points")
     return np.array([[feature["sample"], feature["line"]] for feature in layer])
 

@@ -14,8 +14,7 @@ from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, fill_options, settings_of
-from hrsi.processing_algorithms.interface.naming import spell_arguments
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, fill_options, settings_of, spell_arguments
 from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.point_session import MODEL
 from hrsi.processing_algorithms.point_session import adjusting as panel

@@ -19,8 +19,8 @@ from hrsi.hrsi_engine.io.rasters.orthoimages import COMPRESSION, FORMATS
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.declarations import orthorectify as declared
-from hrsi.processing_algorithms.declarations.orthorectify import OrthorectifyOptions
+from hrsi.processing_algorithms.declarations import orthoimages as declared
+from hrsi.processing_algorithms.declarations.orthoimages import OrthorectifyOptions
 from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.interface.option_groups import COMPRESSION_NAMES
 from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain

@@ -12,7 +12,7 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
-from hrsi.processing_algorithms.declarations.write_rpc import ALGORITHM, OUTPUT_ENDINGS
+from hrsi.processing_algorithms.declarations.rpcs import OUTPUT_ENDINGS, WRITE_RPC
 from hrsi.processing_algorithms.interface.declare import Context, Report
 from hrsi.processing_algorithms.interface.options import check_options
 
@@ -23,7 +23,7 @@ def run(*images: Path, **options: Any) -> Report:
     given = {"images": [str(image) for image in images]} | {
         key: str(value) if isinstance(value, Path) else value for key, value in options.items()
     }
-    return ALGORITHM.execute(check_options(ALGORITHM, given), Context(silent, lambda message: None))
+    return WRITE_RPC.execute(check_options(WRITE_RPC, given), Context(silent, lambda message: None))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_each_way(how: str, folder_of_rpcs: bool, image: Path, new: Path, tmp_pa
     assert entry["max_difference_px"] <= 1e-7  # GDAL's 15 digits
     assert "image_RPC.TXT" in entry["source"]
     assert report["schema"] == 1
-    assert "image" in ALGORITHM.summarise(report)
+    assert "image" in WRITE_RPC.summarise(report)
     suffix = OUTPUT_ENDINGS[how]
     assert Path(entry["output"]) == (image if suffix is None else tmp_path / "out" / f"image{suffix}")
 

@@ -13,12 +13,10 @@ from qgis.core import (
 )
 
 from hrsi.plugin.algorithm import PluginAlgorithm
-from hrsi.plugin.enums import ADVANCED, OPTIONAL
-from hrsi.plugin.parameters import BINDINGS, Reading, label_of, option_value
+from hrsi.plugin.parameters import ADVANCED, BINDINGS, OPTIONAL, Reading, label_of, option_value
 from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, format_default
-from hrsi.processing_algorithms.interface.naming import spell_arguments
+from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, format_default, spell_arguments
 from hrsi.processing_algorithms.interface.options import KINDS
 from hrsi.tests.qgis.tiny import TINY
 

@@ -194,7 +194,7 @@ def test_verdict_is_seen_and_layers_are_loaded(
 ) -> None:
     """What cannot be used is red in the log and stays above the map, and its layers can be looked at."""
     desktop, listener = MessageBar(), Listener()
-    monkeypatch.setattr("hrsi.plugin.verdict.iface", desktop)
+    monkeypatch.setattr("hrsi.plugin.results.iface", desktop)
     given = {"IMAGES": ["a"], "OUTPUT_DIR": str(tmp_path / "out"), "TEXT": level}
     result = processing.runAndLoadResults("hrsi:tinytest", given, feedback=listener)
     assert result["VERDICT"] == level
@@ -221,11 +221,11 @@ def test_hostile_ids_are_text_in_the_message_bar_and_in_tips(monkeypatch) -> Non
     """Both take texts for HTML; Qt itself reads them back here."""
     from qgis.PyQt.QtGui import QTextDocument
 
-    from hrsi.plugin.help_text import as_rich_text
-    from hrsi.plugin.verdict import show_in_message_bar
+    from hrsi.plugin.help import as_rich_text
+    from hrsi.plugin.results import show_in_message_bar
 
     desktop, evil = MessageBar(), '<img src="http://x/y.png"><b>P1</b> & <a href="file:///etc">GCP</a>'
-    monkeypatch.setattr("hrsi.plugin.verdict.iface", desktop)
+    monkeypatch.setattr("hrsi.plugin.results.iface", desktop)
     show_in_message_bar({"level": "doubtful"}, "Adjust", evil)
     for shown in (desktop.shown[0][1], as_rich_text(evil)):
         document = QTextDocument()

@@ -30,11 +30,10 @@ from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPushButton
 
 from hrsi.hrsi_engine.block.block import Image
+from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.guards import ExitGuard, offer_recovery
 from hrsi.plugin.points_panel.markers import marker_label
-from hrsi.plugin.points_panel.new_block import NewBlockDialog
-from hrsi.plugin.points_panel.new_point import NewPointDialog
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint

@@ -140,7 +140,7 @@ def test_cells_are_edited_with_their_choices(hobart) -> None:
 def test_tour_by_its_buttons_and_a_click_on_the_image(dock, tmp_path: Path) -> None:
     """Images with pixels: a click is measured, its chip and the markers are drawn, the block is adjusted in a task."""
     from hrsi.plugin.first_steps import FirstSteps
-    from hrsi.plugin.points_panel.chip_label import render_chip
+    from hrsi.plugin.points_panel.image_view import render_chip
 
     tour = FirstSteps(dock, str(tmp_path / "example"))
     tour.show()
@@ -179,11 +179,8 @@ def test_proposed_markers_are_drawn(dock) -> None:
 def test_dialogs_and_fields(application) -> None:
     from unittest.mock import MagicMock
 
-    from hrsi.plugin.extent_widget import ExtentWrapper
-    from hrsi.plugin.images_widget import ImagesWrapper
-    from hrsi.plugin.points_panel.new_block import NewBlockDialog
-    from hrsi.plugin.points_panel.new_point import NewPointDialog
-    from hrsi.plugin.word_widget import WordWrapper
+    from hrsi.plugin.dialog_fields import ExtentWrapper, ImagesWrapper, WordWrapper
+    from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 
     block = NewBlockDialog()
     block.images.setFilePath('"a.tif" "b.tif"')

@@ -1,10 +1,11 @@
-"""Which image points made a set of RPCs: the folder of the run that refined them tells.
+"""Sets of RPCs in directories, and the image points that made them: the folder of the run that refined them tells.
 
 An RPC that was adjusted to a tie point fits it, whatever the camera is in truth. So points that made an RPC do not
 judge it; those that its run held out do.
 """
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,23 +13,29 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...hrsi_engine.block.assembly import stack_image_points
-from ...hrsi_engine.block.block import Block, ImagePoints, Role
+from ...hrsi_engine.block.block import Block, Image, ImagePoints, Role
+from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.catalogue.lineage import maker_of
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import PointTables, read_points
-from ..files.dry_run import REPORT_FILE
+from ...hrsi_engine.io.rasters.images import image_id
+from ...hrsi_engine.io.rpc_files import read_rpc_or_none, rpc_for_image, rpc_reader_of
+from ..files.result_folder import REPORT_FILE
+from ..interface.declare import Log
 from .outputs import LAYERS_FILE
 
 MAKERS = ("triangulate", "adjust", "refine-rpc")  #: algorithms that refine RPCs
 
 
 @thresholds
-class RPC_LINEAGE:
-    """When a measurement is one that made an RPC."""
+class RPC_SETS:
+    """When a measurement is one that made an RPC, and when the figures of a set of RPCs say little."""
 
     same_px: float = threshold(0.1, "px", "distance of two measurements that are the same one, read or found again")
+    few_predictions: int = threshold(30, "predictions", "predictions below which a warning is given")
+    denser: int = threshold(3, "", "times the tie points of a cell, where all that a run takes made the RPCs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,3 +108,48 @@ def find_points_near(block: Block, measured: ImagePoints, apart_px: float) -> np
             distance, _ = cKDTree(there).query(rows.xy[here], distance_upper_bound=apart_px * (1.0 + 1e-9))
             near[rows.point[here[distance <= apart_px]]] = True
     return near
+
+
+NEVER_RPC = (".gpkg", ".json", ".html", ".csv", ".aux.xml", ".png", ".jpg", ".log", ".gpkg-wal", ".gpkg-shm")
+
+
+def rpcs_of_folder(folder: str, images: Sequence[Image], log: Log) -> tuple[list[str], list[RPC]]:
+    """Return files and RPCs that a directory holds for images; raise `InputError` where one is missing.
+
+    For an image ``a.tif`` that is the RPC of ``a.tif``, of another file with the id ``a`` (``a.vrt``, ``a_RPC.TXT``),
+    or of a file whose name has ``a`` in it as a word (``run-a.adjusted_rpc.xml``). The RPC of a whole scene is moved to
+    the image's crop.
+    """
+    if not os.path.isdir(folder):
+        raise InputError(f"{folder}: no such directory: `rpcs` needs NAME=DIR")
+    names = sorted(name for name in os.listdir(folder) if not name.lower().endswith(NEVER_RPC))
+    found = [_rpc_of(folder, names, image) for image in images]
+    files = ", ".join(name for name, _ in found[:3]) + (", …" if len(found) > 3 else "")
+    log(f"{folder}: {len(found)} RPCs ({files})")
+    return [os.path.join(folder, name) for name, _ in found], [rpc for _, rpc in found]
+
+
+def _rpc_of(folder: str, names: Sequence[str], image: Image) -> tuple[str, RPC]:
+    """Return the file and the RPC of one image."""
+    same = [name for name in names if name == os.path.basename(image.path)]
+    of_id = [name for name in names if image_id(name).lower() == image.id.lower() and name not in same]
+    word = re.compile(rf"(?<![A-Za-z0-9]){re.escape(image.id)}(?![A-Za-z0-9])", re.IGNORECASE)
+    others = [name for name in names if word.search(name) and name not in same and name not in of_id]
+    for name in (*same, *of_id, *others):
+        path = os.path.join(folder, name)
+        if os.path.isdir(path):
+            continue
+        try:
+            if rpc_reader_of(path) is not None:
+                return name, rpc_for_image(path, image.path).rpc
+            reading = read_rpc_or_none(path)
+        except InputError:
+            if name not in others:
+                raise
+            continue  # something else that has the image's name in its own
+        if reading is not None:
+            return name, reading.rpc
+    raise InputError(
+        f"{folder}: holds no RPC for {image.id} ({image.id}.tif with RPC, {image.id}_RPC.TXT, {image.id}.RPB …): "
+        "check the directory"
+    )

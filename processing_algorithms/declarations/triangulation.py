@@ -1,0 +1,138 @@
+"""Triangulation: the algorithms that adjust the RPCs of images."""
+
+from __future__ import annotations
+
+from ...hrsi_engine.adjustment.options import AdjustOptions
+from ...hrsi_engine.foundation.options import nest_options, option, options
+from ...hrsi_engine.refinement.options import RefineOptions
+from ..interface.declare import Algorithm, Kind
+from ..interface.option_groups import (
+    AUTOMATIC_TIES,
+    NO_TIES,
+    BlockGrowthOptions,
+    BlockOutput,
+    DemOptions,
+    LaserFile,
+    PointFiles,
+    ReferenceImage,
+    SearchOptions,
+    hold_out_option,
+    images_option,
+)
+
+#: What a map should show of an adjusted block.
+BLOCK_LAYERS = tuple(f"block.gpkg|layername={name}" for name in ("images", "ground_points", "residuals_utm"))
+
+
+@options(kw_only=True)
+class TriangulateOptions:
+    """What `triangulate` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nest_options(PointFiles)
+    tie_points: str = option(
+        AUTOMATIC_TIES,
+        f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE or a result's folder has them",
+        kind=Kind.POINTS,
+        metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
+    )
+    dem: DemOptions = nest_options(DemOptions)
+    laser: LaserFile = nest_options(LaserFile)
+    reference: ReferenceImage = nest_options(ReferenceImage)
+    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
+    search: SearchOptions = nest_options(SearchOptions)
+    adjustment: AdjustOptions = nest_options(AdjustOptions)
+    hold_out: float = hold_out_option()
+    output: BlockOutput = nest_options(BlockOutput)
+
+
+TRIANGULATE = Algorithm(
+    name="triangulate", title="Triangulate block", group="Triangulation",
+    summary="Tie points and GCPs to refined RPCs, residual layers and a report",
+    help=(
+        "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
+        "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
+        "GCPs may also come from an orthoimage (`reference`, with `dem`). "
+        "Without any GCP the block is held where its RPCs put it, and the images fit one another. "
+        "The refined images are ready for gdalwarp -rpc."
+    ),
+    options=TriangulateOptions,
+    examples=(
+        "hrsi triangulate block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --dem block/dem.tif --height-datum ellipsoidal --output-dir result",
+        "hrsi triangulate block --dem block/dem.tif --height-datum ellipsoidal --sigma-dem 2 --output-dir relative",
+    ),
+    layers=BLOCK_LAYERS,
+    images_made="Refined images",
+)  # fmt: skip
+
+
+@options(kw_only=True)
+class AdjustAlgorithmOptions:
+    """What `adjust` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nest_options(PointFiles)
+    tie_points: str = option(
+        NO_TIES,
+        f"FILE of further image points, measured on two or more images, or folder of a result; {NO_TIES} does without",
+        kind=Kind.POINTS,
+        metavar=f"{NO_TIES}|FILE",
+    )
+    dem: DemOptions = nest_options(DemOptions)
+    laser: LaserFile = nest_options(LaserFile)
+    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
+    adjustment: AdjustOptions = nest_options(AdjustOptions)
+    hold_out: float = hold_out_option()
+    output: BlockOutput = nest_options(BlockOutput)
+
+
+ADJUST = Algorithm(
+    name="adjust", title="Adjust block", group="Triangulation",
+    summary="Bundle block adjustment from existing image points",
+    help=(
+        "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
+        "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
+    ),
+    options=AdjustAlgorithmOptions,
+    examples=(
+        "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --output-dir adjusted",
+        "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --dry-run --output-dir checked",
+    ),
+    layers=BLOCK_LAYERS,
+    images_made="Refined images",
+)  # fmt: skip
+
+
+@options(kw_only=True)
+class RefineAlgorithmOptions:
+    """What `refine-rpc` takes."""
+
+    images: tuple[str, ...] = images_option()
+    points: PointFiles = nest_options(PointFiles)
+    refinement: RefineOptions = nest_options(RefineOptions)
+    compare: bool = option(False, "Tabulate all models on the same control and check points")
+    output: BlockOutput = nest_options(BlockOutput)
+
+
+REFINE_RPC = Algorithm(
+    name="refine-rpc", title="Refine RPC", group="Triangulation",
+    summary="Refined RPCs of single images from ground control points",
+    help=(
+        "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "
+        "GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects position and "
+        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; `compare` adds a table of all "
+        "models with the same control and check points."
+    ),
+    options=RefineAlgorithmOptions,
+    examples=(
+        "hrsi refine-rpc block/image_1.tif --gcps block/ground_points.csv "
+        "--image-points block/image_points.csv --height-datum ellipsoidal --compare --write none --output-dir refined",
+    ),
+    layers=BLOCK_LAYERS,
+    images_made="Refined images",
+)  # fmt: skip
+
+ALGORITHMS = (TRIANGULATE, ADJUST, REFINE_RPC)

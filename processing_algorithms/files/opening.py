@@ -1,0 +1,123 @@
+"""What algorithms open in the same way: images, with their pixels where these are needed, and the terrain."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...hrsi_engine.block.block import Image, Raster
+from ...hrsi_engine.block.exposures import join_exposures
+from ...hrsi_engine.camera.rpc import RPC
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.ground.operation_uses import require_strict_datums
+from ...hrsi_engine.io.rasters.dems import open_dem
+from ...hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image_and_source, pixel_doubt, resampling_doubt
+from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
+from ...hrsi_engine.measurement.interest_points.windows import Area
+from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface
+from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
+from ..interface.declare import Context
+from ..interface.option_groups import DemOptions, TerrainOptions
+from .result_folder import LENGTH, tell
+
+
+def open_images(paths: Sequence[str], context: Context, always: bool = True) -> list[Image]:
+    """Open the images of an algorithm, or RPC files alone; log where each RPC came from, others, and doubts about it.
+
+    A filter stays silent (not ``always``) unless there was a choice between several RPCs.
+    """
+    require_ids(paths, [image_id(path) for path in paths])
+    images = []
+    for path in paths:
+        image, found = open_image_and_source(path)
+        if found.ignored or (always and len(paths) <= LENGTH.most_images):
+            context.log(f"{image.id}: {found.summary}")
+        images.append(image)
+    images = join_exposures(images)
+    for image in images:
+        tell([f"{image.id}: {doubt}" for doubt in (pixel_doubt(image), resampling_doubt(image)) if doubt], context)
+    return images
+
+
+def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
+    """Raise `InputError` where two images have the same id."""
+    named: dict[str, str] = {}
+    for path, name in zip(paths, ids, strict=True):
+        if name in named:
+            raise InputError(f"{named[name]} and {path} have the same id {name!r}: rename one")
+        named[name] = path
+
+
+def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:
+    """Tell of image points ``(n, 2)`` whether they lie on the image's pixels, or where its RPC is meant for."""
+    first_sample, last_sample, first_line, last_line = image.domain_px
+    low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
+    return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
+
+
+def has_file(image: Image) -> bool:
+    """Tell whether an image has pixels in a file: not one that is an RPC alone, or comes from arrays."""
+    return image.raster is not None and bool(image.path)
+
+
+class ImagePixels(NamedTuple):
+    """An image opened for its pixels; ``rpc`` is None where it has none."""
+
+    id: str
+    path: str
+    raster: Raster
+    rpc: RPC | None
+
+
+def open_pixels(path: str, band: int = 1) -> ImagePixels:
+    """Open an image; raises `InputError` where it has no pixels, or an RPC that is damaged."""
+    raster = GdalRaster(path, band)
+    found = read_rpc_or_none(path)
+    return ImagePixels(image_id(path), path, raster, None if found is None else found.rpc)
+
+
+def ground_of(image: ImagePixels, xy: np.ndarray, surface: HeightSurface | None) -> np.ndarray:
+    """Return lon, lat, height ``(n, 3)`` of image points on a surface, else at the RPC's mean height.
+
+    NaN without RPC.
+    """
+    if image.rpc is None or not len(xy):
+        return np.full((len(xy), 3), np.nan)
+    if surface is None:
+        return image.rpc.localize(xy, image.rpc.height_off).ground
+    return intersect_surface(image.rpc, xy, surface)[0]
+
+
+def window_area(text: str | None, argument: str) -> Area | None:
+    """Return the window of ``sample,line,samples,lines``; `InputError` naming the argument for another text."""
+    if text is None:
+        return None
+    try:
+        sample, line, samples, lines = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"`{argument}` {text!r} is not SAMPLE,LINE,SAMPLES,LINES: give four whole numbers") from None
+    return Area(sample, line, sample + samples, line + lines)
+
+
+def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]) -> list[str]:
+    """Return a word on each image with an RPC whose points ``(n, 3)`` have no ground position, all or some."""
+    lost = {image.id: int(np.isnan(ground).any(axis=1).sum()) for image, ground in zip(images, grounds, strict=True)
+            if image.rpc is not None}  # fmt: skip
+    return [f"{name}: {count} points have no position on the terrain" for name, count in lost.items() if count]
+
+
+def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
+    """Return the DEM that options name, opened; None without. ``height_datum`` counts where it has no own."""
+    return open_dem(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
+
+
+def open_terrain(options: TerrainOptions) -> HeightSurface | None:
+    """Return the ground surface that the options name; None where they name none."""
+    if options.dem.dem is not None and options.height is not None:
+        raise InputError("`dem` and `height` both say how high the ground is: give one of them")
+    if options.height is not None:
+        return ConstantHeight(options.height)
+    surface = dem_surface(options.dem, options.height_datum)
+    if surface is not None:
+        require_strict_datums(surface.operations, options.strict_datum)
+    return surface
