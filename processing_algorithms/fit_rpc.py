@@ -1,5 +1,6 @@
 """`fit-rpc`: an RPC from a table or grid of correspondences between ground and image."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,8 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         # A fit without some of the points, checked there, also decides how much the fit to all is damped
         kept_out[np.random.default_rng(SEED).permutation(count)[: count // FIT_CHECK.check_every]] = True
         check = best_fit((ground[~kept_out], image[~kept_out]), (ground[kept_out], image[kept_out]), common)
-    damping = {} if check is None else {"ridge": check.ridge}
-    fit = fit_rpc(ground, image, **damping, common_denominator=common)
+    fit_all = partial(fit_rpc, ground, image, common_denominator=common)
+    fit = fit_all() if check is None else fit_all(ridge=check.ridge)
     low, high = float(ground[:, 2].min()), float(ground[:, 2].max())
     given = options.min_height, options.max_height
     wanted = (low if given[0] is None else given[0], high if given[1] is None else given[1])
