@@ -337,122 +337,6 @@ def triangulate(
     """
     ...
 
-def tie_points(
-    images: Images,
-    *,
-    add_to: str | None = None,
-    dem: RasterSource | None = None,
-    dem_datum: str | None = None,
-    height: float | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    search_margin: float = 128.0,
-    cells: int = 12,
-    per_cell: int = 0,
-    dense: bool = False,
-    partners: int = 8,
-    min_overlap: float = 0.02,
-    matches: Points | None = None,
-    scheduler: str | None = None,
-    scheduler_ca: Path | None = None,
-    scheduler_certificate: Path | None = None,
-    scheduler_key: Path | None = None,
-    work_dir: str | None = None,
-    threads: int = 0,
-    csv: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Result:
-    """Automatic tie points over a block.
-
-    Finds points that are on two or more images of a block. Overlaps are found at the true height of the
-    ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low
-    resolution; then windows of every image are matched with all images that show them, to a fraction of
-    a pixel, with the standard deviation of each position. Points are spread evenly. Images of any size
-    are read by windows; pairs and windows are independent parts, done by the threads of this machine or
-    the workers of a Dask scheduler. What is finished is kept: the same command continues a run that was
-    stopped.
-
-    The result goes into adjust and triangulate as their tie points. Sample 0, line 0 is the CENTRE of
-    the first pixel.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images with RPC.
-    add_to : str, optional
-        Output directory of an earlier search, whose images these join: its tie points are kept, and
-        only pairs with new images are matched.
-    dem : path or rasterio dataset, optional
-        DEM of the ground, in any CRS.
-    dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
-    height : float, optional
-        Ellipsoidal height of the ground, instead of a DEM (unit m).
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
-    search_margin : float, optional
-        How far the RPCs may be off when tie points are searched; the search widens where it finds
-        nothing (unit px; at least 0; default 128).
-    cells : int, optional
-        Every image is divided into N x N cells, which are filled evenly with tie points (at least 1; at
-        most 1000; default 12).
-    per_cell : int, optional
-        Tie points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2
-        from a small window in the cell (at least 0; default 0).
-    dense : bool, optional
-        Match all of every image, with small windows first, and keep all tie points: for terrain through
-        them (orthorectify's terrain points); some 15 s of one core for a pair's megapixel (default no).
-    partners : int, optional
-        Match each image with so many others on average: all that overlap where these are few, else
-        those that a probe says will match, in spanning trees of the block (at least 1; default 8).
-    min_overlap : float, optional
-        Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
-    matches : path or table or array or GroundPoints or ImagePoints, optional
-        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
-        each is measured anew by least-squares matching and judged as those found here.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
-        files under the same paths); by default threads of this machine do. A block is always adjusted
-        by this process.
-    scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
-    scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
-    scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
-    work_dir : str, optional
-        Directory that keeps what is finished, for later runs too; by default a folder in the output
-        directory, which a run that was stopped leaves behind, and a finished run removes.
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    csv : bool, optional
-        Write the measurements as CSV too (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
 def adjust(
     images: Images,
     *,
@@ -659,6 +543,654 @@ def adjust(
     """
     ...
 
+def refine(
+    images: Images,
+    *,
+    gcps: Points | None = None,
+    image_points: Points | None = None,
+    gcp_ids: str | Iterable[str] | None = None,
+    check_ids: str | Iterable[str] | None = None,
+    ground_crs: str | None = None,
+    height_datum: str = "layer",
+    gcp_epoch: float | None = None,
+    strict_datum: bool = False,
+    sigma_image: float = 0.5,
+    sigma_gcp_xy: float = 0.2,
+    sigma_gcp_h: float = 0.3,
+    model: Literal[
+        "auto",
+        "generic",
+        "none",
+        "shift",
+        "shift-drift",
+        "conformal",
+        "affine",
+        "quadratic",
+        "ground-linear",
+        "ground-quadratic",
+        "object-shift",
+        "object-scale-shift",
+        "object-affine",
+        "generic-position",
+        "generic-shift",
+        "generic-12",
+        "generic-affine",
+        "generic-full",
+        "direct",
+        "bils",
+        "idkf",
+        "pg",
+        "upoe",
+        "slss",
+    ] = "auto",
+    leave_out: bool = True,
+    compare: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
+    force_write: bool = False,
+    residual_crs: Literal["both", "wgs84", "utm"] = "both",
+    report: bool = True,
+    stac: bool = False,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Refined RPCs of single images from ground control points.
+
+    Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what
+    predicts GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects
+    position and attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report;
+    ``compare`` adds a table of all models with the same control and check points.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
+    gcps : path or table or array or GroundPoints or ImagePoints, optional
+        Ground points with known position: a vector layer or CSV.
+    image_points : path or table or array or GroundPoints or ImagePoints, optional
+        Where points were measured on the images; ground positions in it are not used.
+    gcp_ids : sequence of str, optional
+        These points are control, all other known points are check points.
+    check_ids : sequence of str, optional
+        These points are check points; with ``gcp_ids`` too, all other known points take no part.
+    ground_crs : str, optional
+        CRS of ground points whose file does not name one (EPSG:code or WKT).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    gcp_epoch : float, optional
+        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
+        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
+        the accuracy of that (at least 1957).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    sigma_image : float, optional
+        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
+    sigma_gcp_xy : float, optional
+        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
+        1e-06; default 0.2).
+    sigma_gcp_h : float, optional
+        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
+    model : str, optional
+        Correction of each image's RPC (one of auto, generic, none, shift, shift-drift, conformal,
+        affine, quadratic, ground-linear, ground-quadratic, object-shift, object-scale-shift, object-
+        affine, generic-position, generic-shift, generic-12, generic-affine, generic-full, direct, bils,
+        idkf, pg, upoe, slss; default auto).
+    leave_out : bool, optional
+        GCPs that disagree with the others are left out; they are named in any case (default yes).
+    compare : bool, optional
+        Tabulate all models on the same control and check points (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    write : str, optional
+        Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with
+        restore brings the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC
+        file without image gets a new _RPC.TXT (one of copy, in-place, vrt, sidecar, none; default
+        copy).
+    force_write : bool, optional
+        Write the refined RPCs although the verdict on the result is unusable (default no).
+    residual_crs : str, optional
+        Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
+    report : bool, optional
+        Write report.html (default yes).
+    stac : bool, optional
+        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        (stac.json) (default no).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def tie_points(
+    images: Images,
+    *,
+    add_to: str | None = None,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    search_margin: float = 128.0,
+    cells: int = 12,
+    per_cell: int = 0,
+    dense: bool = False,
+    partners: int = 8,
+    min_overlap: float = 0.02,
+    matches: Points | None = None,
+    scheduler: str | None = None,
+    scheduler_ca: Path | None = None,
+    scheduler_certificate: Path | None = None,
+    scheduler_key: Path | None = None,
+    work_dir: str | None = None,
+    threads: int = 0,
+    csv: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """Automatic tie points over a block.
+
+    Finds points that are on two or more images of a block. Overlaps are found at the true height of the
+    ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low
+    resolution; then windows of every image are matched with all images that show them, to a fraction of
+    a pixel, with the standard deviation of each position. Points are spread evenly. Images of any size
+    are read by windows; pairs and windows are independent parts, done by the threads of this machine or
+    the workers of a Dask scheduler. What is finished is kept: the same command continues a run that was
+    stopped.
+
+    The result goes into adjust and triangulate as their tie points. Sample 0, line 0 is the CENTRE of
+    the first pixel.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images with RPC.
+    add_to : str, optional
+        Output directory of an earlier search, whose images these join: its tie points are kept, and
+        only pairs with new images are matched.
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    search_margin : float, optional
+        How far the RPCs may be off when tie points are searched; the search widens where it finds
+        nothing (unit px; at least 0; default 128).
+    cells : int, optional
+        Every image is divided into N x N cells, which are filled evenly with tie points (at least 1; at
+        most 1000; default 12).
+    per_cell : int, optional
+        Tie points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2
+        from a small window in the cell (at least 0; default 0).
+    dense : bool, optional
+        Match all of every image, with small windows first, and keep all tie points: for terrain through
+        them (orthorectify's terrain points); some 15 s of one core for a pair's megapixel (default no).
+    partners : int, optional
+        Match each image with so many others on average: all that overlap where these are few, else
+        those that a probe says will match, in spanning trees of the block (at least 1; default 8).
+    min_overlap : float, optional
+        Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+    matches : path or table or array or GroundPoints or ImagePoints, optional
+        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
+        each is measured anew by least-squares matching and judged as those found here.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
+        files under the same paths); by default threads of this machine do. A block is always adjusted
+        by this process.
+    scheduler_ca : path, optional
+        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
+        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+    scheduler_certificate : path, optional
+        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+    scheduler_key : path, optional
+        Private key (PEM) of that certificate, where it is not in the same file.
+    work_dir : str, optional
+        Directory that keeps what is finished, for later runs too; by default a folder in the output
+        directory, which a run that was stopped leaves behind, and a finished run removes.
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    csv : bool, optional
+        Write the measurements as CSV too (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def gcps_from_reference(
+    images: Images,
+    reference: RasterSource,
+    dem: RasterSource,
+    *,
+    reference_sigma: float | None = None,
+    reference_band: int | None = None,
+    reference_points: int = 300,
+    reference_search: float = 1024.0,
+    threads: int = 0,
+    dem_datum: str | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    sigma_dem: float | None = None,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """GCPs by matching raw images to a reference orthoimage and DEM.
+
+    Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict
+    what each image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the
+    orthoimage may be of another season or sensor and coarser than the images. Matches that do not
+    follow one bias of the image are left out. The GCPs have their position from the orthoimage, their
+    height from the DEM (above the ellipsoid), and sigmas such that all points of the reference together
+    count as what they share: 0.8 of its sigma and a little more, because errors of an orthoimage are
+    alike over wide areas. A reference that lies farther beside the RPCs than ERR_BIAS and its own sigma
+    explain is named.
+
+    The layer gcps is ready for adjust and triangulate; triangulate with its ``reference`` does both in
+    one go.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images with RPC and pixels.
+    reference : path or rasterio dataset
+        Orthoimage in which GCPs are found by matching, in any CRS.
+    dem : path or rasterio dataset
+        DEM of the ground, in any CRS.
+    reference_sigma : float, optional
+        Standard deviation of each horizontal coordinate of the reference; by default twice its pixel
+        size, at most 5 m or half a pixel (unit m; at least 1e-06).
+    reference_band : int, optional
+        Band of the reference; by default the mean of all (at least 1).
+    reference_points : int, optional
+        Places of the reference looked for in each image (at least 12; default 300).
+    reference_search : float, optional
+        How far the RPCs may be off against the reference (unit px; at least 16; default 1024).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    sigma_dem : float, optional
+        Standard deviation of the DEM's heights; by default from the size of its cells (unit m; at least
+        1e-06).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def interest_points(
+    images: Images,
+    *,
+    detector: Literal["harris", "foerstner", "centres", "all"] = "all",
+    window: str | None = None,
+    band: int = 1,
+    sun_azimuth: float | None = None,
+    kappa: float = 0.04,
+    radius: float = 4.0,
+    threshold: float | None = None,
+    super_threshold: float | None = None,
+    share: float = 0.5,
+    super_share: float = 0.07,
+    smallest: float = 5.0,
+    largest: float = 160.0,
+    contrast: float = 0.8,
+    quality: float = 0.5,
+    per_cell: int = 0,
+    cell: float = 256.0,
+    mask_saturated: bool = True,
+    threads: int = 0,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """Corners, super points and gravity centres of images as a point layer.
+
+    Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
+    roundabouts, tanks, roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed
+    outline (blobs). The quality of a centre is its chance to be found again in another view, measured
+    on real pairs of one date: of those of the default 56 to 76 in 100 were. Positions are to a fraction
+    of a pixel and come with their standard deviation, size, orientation and quality. Thresholds follow
+    from each image's own statistics, relative to the surroundings of every pixel, so that forest, field
+    and city all deliver points. Images of any size are read in overlapping windows; the result does not
+    depend on them. Nodata and saturated areas are left out.
+
+    Where the sun stood is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), else
+    follows from the time and place of the acquisition. Then the field shadow says of dark centres
+    whether they are the shadow side of something (yes, no; unknown without an RPC or the sun). On real
+    images half to nine in ten of those flagged owe it to the sun; they are found again as often as
+    others, so their quality is not lower. Across dates with another sun they move, and are the first to
+    leave out.
+
+    The layer lies at the points' ground positions where the image has an RPC (at its mean height, a
+    given height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of
+    the first pixel.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images, with or without RPC.
+    detector : str, optional
+        What to find (one of harris, foerstner, centres, all; default all).
+    window : str, optional
+        Only this window of the image.
+    band : int, optional
+        Band of the image (at least 1; default 1).
+    sun_azimuth : float, optional
+        Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell
+        neither that nor the time: flags dark centres that are shadows (unit deg; at least 0; at most
+        360).
+    kappa : float, optional
+        Weight of the trace in Harris's strength (at least 0; at most 0.25; default 0.04).
+    radius : float, optional
+        Corners are the strongest within this radius (unit px; at least 1; at most 50; default 4).
+    threshold : float, optional
+        The threshold TB itself.
+    super_threshold : float, optional
+        The threshold TA itself.
+    share : float, optional
+        Share of all local maxima that become interest points (sets the threshold TB) (at least 0; at
+        most 1; default 0.5).
+    super_share : float, optional
+        Share of all local maxima that become super points (sets the threshold TA) (at least 0; at most
+        1; default 0.07).
+    smallest : float, optional
+        Smallest diameter of an object with a gravity centre (unit px; at least 4; default 5).
+    largest : float, optional
+        Largest diameter (unit px; at least 8; at most 512; default 160).
+    contrast : float, optional
+        Smallest contrast of an object, in standard deviations of its surroundings (at least 0; default
+        0.8).
+    quality : float, optional
+        Smallest quality of a gravity centre: its chance to be found again in a second view, as measured
+        on real pairs of one date. Of those from 0.5 two in three have been; 0.33 adds dark spots, of
+        which in towns one in three has (at least 0; at most 1; default 0.5).
+    per_cell : int, optional
+        Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all (at
+        least 0; default 0).
+    cell : float, optional
+        Side of the cells (unit px; at least 8; default 256).
+    mask_saturated : bool, optional
+        Leave out areas of the largest grey value, where many pixels have it (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def match(
+    images: Images,
+    *,
+    window_1: str | None = None,
+    window_2: str | None = None,
+    band: int = 1,
+    scale: str | float | tuple[float, float] | None = None,
+    detector: Literal["harris", "foerstner", "centres", "all"] = "harris",
+    radius: float = 3.0,
+    share: float = 0.9,
+    max_slope: float = 5.0,
+    incidence: float = 10.0,
+    reach: float = 200.0,
+    correlation: float = 0.6,
+    consistency: float = 1.5,
+    least: int = 12,
+    mask_saturated: bool = True,
+    threads: int = 0,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    report: bool = True,
+    progress: Progress | None = None,
+) -> Result:
+    """Corresponding points of two images or windows without RPC, by control networks.
+
+    Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their
+    rotation: the strongest interest points form a network whose shape is looked for in the other image;
+    all others are found from its nodes, compared by their grey values and measured to a fraction of a
+    pixel. No RPC is needed. Where the texture repeats, so that the network fits in several places, the
+    status is 'ambiguous'; where it fits nowhere, 'no match'; then there are no correspondences, the
+    report says why, and the command ends with exit code 1.
+
+    Windows are read as a whole: choose them with ``window_1`` and ``window_2`` in large images. Sample
+    0, line 0 is the CENTRE of the first pixel.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images, with or without RPC.
+    window_1 : str, optional
+        Only this window of the first image.
+    window_2 : str, optional
+        Only this window of the second image.
+    band : int, optional
+        Band of the images (at least 1; default 1).
+    scale : (float, float), optional
+        Pixels of the second image for one of the first, or the range to search; by default what
+        features tell, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
+    detector : str, optional
+        Interest points to match (one of harris, foerstner, centres, all; default harris).
+    radius : float, optional
+        Corners are the strongest within this radius; it sets the tolerance too (unit px; at least 1; at
+        most 50; default 3).
+    share : float, optional
+        Share of all local maxima that become interest points (at least 0; at most 1; default 0.9).
+    max_slope : float, optional
+        Slope of the ground that the tolerance of the networks allows for (unit °; at least 0; at most
+        60; default 5).
+    incidence : float, optional
+        Incidence angle of both images that it allows for (unit °; at least 0; at most 60; default 10).
+    reach : float, optional
+        Longest distance of a super point from its root (unit px; at least 20; default 200).
+    correlation : float, optional
+        Smallest correlation of two interest points' surroundings (at least 0; at most 1; default 0.6).
+    consistency : float, optional
+        Largest difference from the neighbours, beyond their own spread (unit px; at least 0.1; default
+        1.5).
+    least : int, optional
+        Fewer correspondences than these are no match (at least 6; default 12).
+    mask_saturated : bool, optional
+        Leave out areas of the largest grey value, where many pixels have it (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    strict_datum : bool, optional
+        Stop where the geoid that is meant or the grid of a better coordinate operation is not
+        installed, instead of going on with the next best one (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    report : bool, optional
+        Write report.html with a picture of both windows (default yes).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def measure_targets(
+    images: Images = (),
+    *,
+    points: Points | None = None,
+    edges: Points | None = None,
+    kind: Literal["auto", "center", "corner"] = "auto",
+    search: float = 15.0,
+    smallest: float = 5.0,
+    largest: float = 80.0,
+    ground_crs: str | None = None,
+    height_datum: str = "layer",
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    report: bool = True,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Sub-pixel centre or corner near given positions, or from hand-measured edge points.
+
+    Measures points that were clicked roughly: the centre of a round or otherwise closed object (an
+    ellipse or rectangle through its sub-pixel edge points), or the corner where two straight edges meet
+    (a line through three edge points or more each). Stray edge points are left out, every point gets
+    its standard deviation, and a point is refused where the feature is not there; an object that does
+    not cover the position must be a clear one. Positions come from a point file with sample and line,
+    or from ground points that the images' RPCs project.
+
+    With ``edges`` no pixels are needed: the edge points of a file (id, image, sample, line) are
+    evaluated, six or more around an ellipse, or three or more on each of two lines. The report shows a
+    chip of every target.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them, optional
+        Images; not needed with ``edges``.
+    points : path or table or array or GroundPoints or ImagePoints, optional
+        Approximate positions, on images or on the ground.
+    edges : path or table or array or GroundPoints or ImagePoints, optional
+        Hand-measured edge points, those of a target under one id.
+    kind : str, optional
+        What the targets are; auto takes the field kind, and centres where there is none (one of auto,
+        center, corner; default auto).
+    search : float, optional
+        The target lies within this distance (unit px; at least 1; default 15).
+    smallest : float, optional
+        Smallest diameter of a centre's object (unit px; at least 4; default 5).
+    largest : float, optional
+        Largest diameter (unit px; at least 8; at most 512; default 80).
+    ground_crs : str, optional
+        CRS of ground points whose file does not name one (EPSG:code or WKT).
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    report : bool, optional
+        Write report.html with a chip of every target (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def evaluate(
     images: Images,
     *,
@@ -806,140 +1338,6 @@ def evaluate(
         Replace the results of an earlier run in the output directory (default no).
     report : bool, optional
         Write report.html (default yes).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def refine(
-    images: Images,
-    *,
-    gcps: Points | None = None,
-    image_points: Points | None = None,
-    gcp_ids: str | Iterable[str] | None = None,
-    check_ids: str | Iterable[str] | None = None,
-    ground_crs: str | None = None,
-    height_datum: str = "layer",
-    gcp_epoch: float | None = None,
-    strict_datum: bool = False,
-    sigma_image: float = 0.5,
-    sigma_gcp_xy: float = 0.2,
-    sigma_gcp_h: float = 0.3,
-    model: Literal[
-        "auto",
-        "generic",
-        "none",
-        "shift",
-        "shift-drift",
-        "conformal",
-        "affine",
-        "quadratic",
-        "ground-linear",
-        "ground-quadratic",
-        "object-shift",
-        "object-scale-shift",
-        "object-affine",
-        "generic-position",
-        "generic-shift",
-        "generic-12",
-        "generic-affine",
-        "generic-full",
-        "direct",
-        "bils",
-        "idkf",
-        "pg",
-        "upoe",
-        "slss",
-    ] = "auto",
-    leave_out: bool = True,
-    compare: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
-    force_write: bool = False,
-    residual_crs: Literal["both", "wgs84", "utm"] = "both",
-    report: bool = True,
-    stac: bool = False,
-    threads: int = 0,
-    progress: Progress | None = None,
-) -> Result:
-    """Refined RPCs of single images from ground control points.
-
-    Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what
-    predicts GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects
-    position and attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report;
-    ``compare`` adds a table of all models with the same control and check points.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
-    gcps : path or table or array or GroundPoints or ImagePoints, optional
-        Ground points with known position: a vector layer or CSV.
-    image_points : path or table or array or GroundPoints or ImagePoints, optional
-        Where points were measured on the images; ground positions in it are not used.
-    gcp_ids : sequence of str, optional
-        These points are control, all other known points are check points.
-    check_ids : sequence of str, optional
-        These points are check points; with ``gcp_ids`` too, all other known points take no part.
-    ground_crs : str, optional
-        CRS of ground points whose file does not name one (EPSG:code or WKT).
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    gcp_epoch : float, optional
-        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
-        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
-        the accuracy of that (at least 1957).
-    strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
-    sigma_image : float, optional
-        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
-    sigma_gcp_xy : float, optional
-        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
-        1e-06; default 0.2).
-    sigma_gcp_h : float, optional
-        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
-    model : str, optional
-        Correction of each image's RPC (one of auto, generic, none, shift, shift-drift, conformal,
-        affine, quadratic, ground-linear, ground-quadratic, object-shift, object-scale-shift, object-
-        affine, generic-position, generic-shift, generic-12, generic-affine, generic-full, direct, bils,
-        idkf, pg, upoe, slss; default auto).
-    leave_out : bool, optional
-        GCPs that disagree with the others are left out; they are named in any case (default yes).
-    compare : bool, optional
-        Tabulate all models on the same control and check points (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    write : str, optional
-        Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with
-        restore brings the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC
-        file without image gets a new _RPC.TXT (one of copy, in-place, vrt, sidecar, none; default
-        copy).
-    force_write : bool, optional
-        Write the refined RPCs although the verdict on the result is unusable (default no).
-    residual_crs : str, optional
-        Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
-    report : bool, optional
-        Write report.html (default yes).
-    stac : bool, optional
-        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
-        (stac.json) (default no).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
 
@@ -1408,404 +1806,6 @@ def fit_rpc(
         Directory for the results; created where missing.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def gcps_from_reference(
-    images: Images,
-    reference: RasterSource,
-    dem: RasterSource,
-    *,
-    reference_sigma: float | None = None,
-    reference_band: int | None = None,
-    reference_points: int = 300,
-    reference_search: float = 1024.0,
-    threads: int = 0,
-    dem_datum: str | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    sigma_dem: float | None = None,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Result:
-    """GCPs by matching raw images to a reference orthoimage and DEM.
-
-    Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict
-    what each image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the
-    orthoimage may be of another season or sensor and coarser than the images. Matches that do not
-    follow one bias of the image are left out. The GCPs have their position from the orthoimage, their
-    height from the DEM (above the ellipsoid), and sigmas such that all points of the reference together
-    count as what they share: 0.8 of its sigma and a little more, because errors of an orthoimage are
-    alike over wide areas. A reference that lies farther beside the RPCs than ERR_BIAS and its own sigma
-    explain is named.
-
-    The layer gcps is ready for adjust and triangulate; triangulate with its ``reference`` does both in
-    one go.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images with RPC and pixels.
-    reference : path or rasterio dataset
-        Orthoimage in which GCPs are found by matching, in any CRS.
-    dem : path or rasterio dataset
-        DEM of the ground, in any CRS.
-    reference_sigma : float, optional
-        Standard deviation of each horizontal coordinate of the reference; by default twice its pixel
-        size, at most 5 m or half a pixel (unit m; at least 1e-06).
-    reference_band : int, optional
-        Band of the reference; by default the mean of all (at least 1).
-    reference_points : int, optional
-        Places of the reference looked for in each image (at least 12; default 300).
-    reference_search : float, optional
-        How far the RPCs may be off against the reference (unit px; at least 16; default 1024).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
-    sigma_dem : float, optional
-        Standard deviation of the DEM's heights; by default from the size of its cells (unit m; at least
-        1e-06).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def interest_points(
-    images: Images,
-    *,
-    detector: Literal["harris", "foerstner", "centres", "all"] = "all",
-    window: str | None = None,
-    band: int = 1,
-    sun_azimuth: float | None = None,
-    kappa: float = 0.04,
-    radius: float = 4.0,
-    threshold: float | None = None,
-    super_threshold: float | None = None,
-    share: float = 0.5,
-    super_share: float = 0.07,
-    smallest: float = 5.0,
-    largest: float = 160.0,
-    contrast: float = 0.8,
-    quality: float = 0.5,
-    per_cell: int = 0,
-    cell: float = 256.0,
-    mask_saturated: bool = True,
-    threads: int = 0,
-    dem: RasterSource | None = None,
-    dem_datum: str | None = None,
-    height: float | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Result:
-    """Corners, super points and gravity centres of images as a point layer.
-
-    Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
-    roundabouts, tanks, roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed
-    outline (blobs). The quality of a centre is its chance to be found again in another view, measured
-    on real pairs of one date: of those of the default 56 to 76 in 100 were. Positions are to a fraction
-    of a pixel and come with their standard deviation, size, orientation and quality. Thresholds follow
-    from each image's own statistics, relative to the surroundings of every pixel, so that forest, field
-    and city all deliver points. Images of any size are read in overlapping windows; the result does not
-    depend on them. Nodata and saturated areas are left out.
-
-    Where the sun stood is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), else
-    follows from the time and place of the acquisition. Then the field shadow says of dark centres
-    whether they are the shadow side of something (yes, no; unknown without an RPC or the sun). On real
-    images half to nine in ten of those flagged owe it to the sun; they are found again as often as
-    others, so their quality is not lower. Across dates with another sun they move, and are the first to
-    leave out.
-
-    The layer lies at the points' ground positions where the image has an RPC (at its mean height, a
-    given height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of
-    the first pixel.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images, with or without RPC.
-    detector : str, optional
-        What to find (one of harris, foerstner, centres, all; default all).
-    window : str, optional
-        Only this window of the image.
-    band : int, optional
-        Band of the image (at least 1; default 1).
-    sun_azimuth : float, optional
-        Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell
-        neither that nor the time: flags dark centres that are shadows (unit deg; at least 0; at most
-        360).
-    kappa : float, optional
-        Weight of the trace in Harris's strength (at least 0; at most 0.25; default 0.04).
-    radius : float, optional
-        Corners are the strongest within this radius (unit px; at least 1; at most 50; default 4).
-    threshold : float, optional
-        The threshold TB itself.
-    super_threshold : float, optional
-        The threshold TA itself.
-    share : float, optional
-        Share of all local maxima that become interest points (sets the threshold TB) (at least 0; at
-        most 1; default 0.5).
-    super_share : float, optional
-        Share of all local maxima that become super points (sets the threshold TA) (at least 0; at most
-        1; default 0.07).
-    smallest : float, optional
-        Smallest diameter of an object with a gravity centre (unit px; at least 4; default 5).
-    largest : float, optional
-        Largest diameter (unit px; at least 8; at most 512; default 160).
-    contrast : float, optional
-        Smallest contrast of an object, in standard deviations of its surroundings (at least 0; default
-        0.8).
-    quality : float, optional
-        Smallest quality of a gravity centre: its chance to be found again in a second view, as measured
-        on real pairs of one date. Of those from 0.5 two in three have been; 0.33 adds dark spots, of
-        which in towns one in three has (at least 0; at most 1; default 0.5).
-    per_cell : int, optional
-        Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all (at
-        least 0; default 0).
-    cell : float, optional
-        Side of the cells (unit px; at least 8; default 256).
-    mask_saturated : bool, optional
-        Leave out areas of the largest grey value, where many pixels have it (default yes).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    dem : path or rasterio dataset, optional
-        DEM of the ground, in any CRS.
-    dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
-    height : float, optional
-        Ellipsoidal height of the ground, instead of a DEM (unit m).
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def match(
-    images: Images,
-    *,
-    window_1: str | None = None,
-    window_2: str | None = None,
-    band: int = 1,
-    scale: str | float | tuple[float, float] | None = None,
-    detector: Literal["harris", "foerstner", "centres", "all"] = "harris",
-    radius: float = 3.0,
-    share: float = 0.9,
-    max_slope: float = 5.0,
-    incidence: float = 10.0,
-    reach: float = 200.0,
-    correlation: float = 0.6,
-    consistency: float = 1.5,
-    least: int = 12,
-    mask_saturated: bool = True,
-    threads: int = 0,
-    dem: RasterSource | None = None,
-    dem_datum: str | None = None,
-    height: float | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    report: bool = True,
-    progress: Progress | None = None,
-) -> Result:
-    """Corresponding points of two images or windows without RPC, by control networks.
-
-    Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their
-    rotation: the strongest interest points form a network whose shape is looked for in the other image;
-    all others are found from its nodes, compared by their grey values and measured to a fraction of a
-    pixel. No RPC is needed. Where the texture repeats, so that the network fits in several places, the
-    status is 'ambiguous'; where it fits nowhere, 'no match'; then there are no correspondences, the
-    report says why, and the command ends with exit code 1.
-
-    Windows are read as a whole: choose them with ``window_1`` and ``window_2`` in large images. Sample
-    0, line 0 is the CENTRE of the first pixel.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images, with or without RPC.
-    window_1 : str, optional
-        Only this window of the first image.
-    window_2 : str, optional
-        Only this window of the second image.
-    band : int, optional
-        Band of the images (at least 1; default 1).
-    scale : (float, float), optional
-        Pixels of the second image for one of the first, or the range to search; by default what
-        features tell, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
-    detector : str, optional
-        Interest points to match (one of harris, foerstner, centres, all; default harris).
-    radius : float, optional
-        Corners are the strongest within this radius; it sets the tolerance too (unit px; at least 1; at
-        most 50; default 3).
-    share : float, optional
-        Share of all local maxima that become interest points (at least 0; at most 1; default 0.9).
-    max_slope : float, optional
-        Slope of the ground that the tolerance of the networks allows for (unit °; at least 0; at most
-        60; default 5).
-    incidence : float, optional
-        Incidence angle of both images that it allows for (unit °; at least 0; at most 60; default 10).
-    reach : float, optional
-        Longest distance of a super point from its root (unit px; at least 20; default 200).
-    correlation : float, optional
-        Smallest correlation of two interest points' surroundings (at least 0; at most 1; default 0.6).
-    consistency : float, optional
-        Largest difference from the neighbours, beyond their own spread (unit px; at least 0.1; default
-        1.5).
-    least : int, optional
-        Fewer correspondences than these are no match (at least 6; default 12).
-    mask_saturated : bool, optional
-        Leave out areas of the largest grey value, where many pixels have it (default yes).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    dem : path or rasterio dataset, optional
-        DEM of the ground, in any CRS.
-    dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
-    height : float, optional
-        Ellipsoidal height of the ground, instead of a DEM (unit m).
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    report : bool, optional
-        Write report.html with a picture of both windows (default yes).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def measure_targets(
-    images: Images = (),
-    *,
-    points: Points | None = None,
-    edges: Points | None = None,
-    kind: Literal["auto", "center", "corner"] = "auto",
-    search: float = 15.0,
-    smallest: float = 5.0,
-    largest: float = 80.0,
-    ground_crs: str | None = None,
-    height_datum: str = "layer",
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    report: bool = True,
-    threads: int = 0,
-    progress: Progress | None = None,
-) -> Result:
-    """Sub-pixel centre or corner near given positions, or from hand-measured edge points.
-
-    Measures points that were clicked roughly: the centre of a round or otherwise closed object (an
-    ellipse or rectangle through its sub-pixel edge points), or the corner where two straight edges meet
-    (a line through three edge points or more each). Stray edge points are left out, every point gets
-    its standard deviation, and a point is refused where the feature is not there; an object that does
-    not cover the position must be a clear one. Positions come from a point file with sample and line,
-    or from ground points that the images' RPCs project.
-
-    With ``edges`` no pixels are needed: the edge points of a file (id, image, sample, line) are
-    evaluated, six or more around an ellipse, or three or more on each of two lines. The report shows a
-    chip of every target.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them, optional
-        Images; not needed with ``edges``.
-    points : path or table or array or GroundPoints or ImagePoints, optional
-        Approximate positions, on images or on the ground.
-    edges : path or table or array or GroundPoints or ImagePoints, optional
-        Hand-measured edge points, those of a target under one id.
-    kind : str, optional
-        What the targets are; auto takes the field kind, and centres where there is none (one of auto,
-        center, corner; default auto).
-    search : float, optional
-        The target lies within this distance (unit px; at least 1; default 15).
-    smallest : float, optional
-        Smallest diameter of a centre's object (unit px; at least 4; default 5).
-    largest : float, optional
-        Largest diameter (unit px; at least 8; at most 512; default 80).
-    ground_crs : str, optional
-        CRS of ground points whose file does not name one (EPSG:code or WKT).
-    height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    report : bool, optional
-        Write report.html with a chip of every target (default yes).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     progress : callable, optional
