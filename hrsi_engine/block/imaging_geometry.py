@@ -304,13 +304,11 @@ def _check_size(image: Image, ground: np.ndarray) -> list[str]:
     return warnings
 
 
-def is_crop(image: Image) -> bool:
-    """Return whether an image is much smaller than its RPC's extent, which begins at the first pixel."""
+def is_crop(image: Image, share: float = GEOMETRY.crop_share) -> bool:
+    """Return whether an image is smaller than a share of its RPC's extent, which begins at the first pixel."""
     rpc = image.rpc
     if image.size is None:
         return False
     start = np.array([-rpc.samp_off / rpc.samp_scale, -rpc.line_off / rpc.line_scale])
     extent = 2.0 * np.abs([rpc.samp_scale, rpc.line_scale])
-    return bool(
-        np.abs(start + 1.0).max() < GEOMETRY.crop_origin and (np.array(image.size) < GEOMETRY.crop_share * extent).any()
-    )
+    return bool(np.abs(start + 1.0).max() < GEOMETRY.crop_origin and (np.array(image.size) < share * extent).any())

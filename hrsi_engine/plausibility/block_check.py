@@ -7,7 +7,14 @@ from .accuracy import estimate_accuracies
 from .control import collect_control
 from .control_reasons import HEIGHT_CODES, find_control_reasons
 from .identities import find_spelling_reasons
-from .places import find_crops, find_dem_reasons, find_duplicate_images, find_height_reasons, find_points_outside
+from .places import (
+    find_crops,
+    find_dem_reasons,
+    find_duplicate_images,
+    find_height_reasons,
+    find_points_outside,
+    find_reordered_rpcs,
+)  # fmt: skip
 from .survey import find_dependent_check_points, find_rounding_reasons
 from .ties import find_tie_reasons
 
@@ -45,7 +52,7 @@ def check_block(
     reasons += find_height_reasons(block, contradicted=bool(reasons))
     reasons += find_tie_reasons(block, accuracies)
     reasons += [] if surface is None else find_dem_reasons(block, surface)
-    reasons += find_points_outside(block) + find_crops(block)
+    reasons += find_points_outside(block) + find_crops(block) + find_reordered_rpcs(block)
     reasons += find_duplicate_images(block)
     return sorted(_drop_consequences(reasons), key=lambda reason: -reason.level)
 

@@ -31,6 +31,8 @@ class GroundTruthThresholds:
     doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
     unusable_misfit: float = threshold(7.0, "", "the same that makes a block unusable", SOUND_BLOCKS)
     unusable_error: float = threshold(10.0, "", "RMS check point error over prediction: block unusable", SOUND_BLOCKS)
+    few_laser: int = threshold(10, "points", "fewer laser points that alone hold the height are reported", SOUND_BLOCKS)
+    few_laser_share: float = threshold(0.1, "", "and are less than this share of their file", SOUND_BLOCKS)
     height_scatter: float = threshold(2.0, "", "scatter of heights over stated, beyond the next too", SOUND_BLOCKS)
     height_scatter_m: float = threshold(5.0, "m", "the same in metres", SOUND_BLOCKS)
     outvoted_share: float = threshold(0.5, "", "share of the GCPs against other heights that makes a block unusable")
@@ -422,17 +424,27 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
 
 
 def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
-    """Yield the reason for a file of laser points none of which is used."""
+    """Yield the reason for a file of laser points none of which is used, or so few that none of them checks another."""
     found = evidence.result.laser
-    if found is None or (found.reason == "").any():
+    if found is None:
         return
-    reasons, count = np.unique(found.reason, return_counts=True)
+    used, advice = int((found.reason == "").sum()), "the layer laser_points has the reason of each; "
+    reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
     most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
-    yield Reason(
-        "laser-holds-nothing", Level.DOUBTFUL,
-        f"none of the {len(found.reason)} laser points is used for the block's height: {most}",
-        "the layer laser_points has the reason of each; name a file with more passes over the images, or leave it out",
-    )  # fmt: skip
+    if not used:
+        yield Reason(
+            "laser-holds-nothing", Level.DOUBTFUL,
+            f"none of the {len(found.reason)} laser points is used for the block's height: {most}",
+            f"{advice}name a file with more passes over the images, or leave it out",
+        )  # fmt: skip
+    elif used < min(GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * len(found.reason)) and not any(
+        part.gcps for part in evidence.result.parts
+    ):
+        yield Reason(
+            "laser-few", Level.DOUBTFUL,
+            f"only {used} of {len(found.reason)} laser points hold the block's height, and no GCP checks them: {most}",
+            f"{advice}most of a file that belongs to these images is used: check its coordinates and datum",
+        )  # fmt: skip
 
 
 ON_GROUND_TRUTH = (
