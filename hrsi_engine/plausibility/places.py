@@ -44,7 +44,7 @@ class PLACEMENT:
 #: Where each term of RPC00B stands in the order of RPC00A.
 A_TO_B = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 7, 11, 14, 17, 12, 15, 18, 13, 16, 19])
 #: Where rays are looked at, in half extents from the middle of the RPC's image.
-RAYS = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]])
+RAY_PLACES = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]])
 
 
 def find_points_outside(block: Block) -> list[Reason]:
@@ -132,7 +132,7 @@ def _reorder(rpc: RPC, order: np.ndarray) -> RPC:
 
 def _compute_bend_px(rpc: RPC) -> float:
     """Return how far the middle of rays lies from the line between their ends, in pixels: light goes straight."""
-    xy = np.array([rpc.samp_off, rpc.line_off]) + RAYS * [rpc.samp_scale, rpc.line_scale]
+    xy = np.array([rpc.samp_off, rpc.line_off]) + RAY_PLACES * [rpc.samp_scale, rpc.line_scale]
     heights_m = np.repeat(rpc.height_off + rpc.height_scale * np.array([-0.9, 0.0, 0.9, 0.0]), len(xy))
     ground = rpc.localize(np.concatenate([xy, xy, xy, xy + [1.0, 0.0]]), heights_m).ground
     low, middle, high, beside = to_ecef(ground).reshape(4, -1, 3)
