@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..foundation.options import option, options, threads_option
 from ..foundation.thresholds import threshold, thresholds
@@ -21,6 +21,26 @@ MODEL_NAMES = (*RULE_NAMES, *BLOCK_MODEL_NAMES)
 WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
 #: What tells image points apart (`variance_components.GROUPINGS`).
 GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
+
+
+#: Whether a surface is that of the ground with what stands on it, or of the ground alone.
+SURFACE_KINDS = ("dsm", "dtm")
+
+
+def surface_search_option() -> Any:
+    """Return the field of how far the relief of a surface is looked for."""
+    return option(
+        100.0, "Largest displacement in plan in which the relief of a surface is looked for that holds a block without "
+        "GCPs; 0: it holds heights only", name="surface-search", minimum=0.0, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+
+
+def surface_kind_option() -> Any:
+    """Return the field of what a surface is that of."""
+    return option(
+        SURFACE_KINDS[0], "Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm)",
+        choices=SURFACE_KINDS, advanced=True,
+    )  # fmt: skip
 
 
 @thresholds
@@ -97,6 +117,8 @@ class AdjustOptions:
         None, "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
         name="sigma-dem", minimum=1e-6, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
+    surface_search_m: float = surface_search_option()
+    surface_kind: str = surface_kind_option()
     laser: LaserPoints | None = None
     laser_reach_m: float = option(
         25.0, "How far from a laser point tie points tell the ground's shape, and are held by its height",

@@ -77,8 +77,7 @@ def assemble_adjustment(
     problem: Problem, loop: GaussNewton, found: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
     """Return the result of an adjustment."""
-    observations, block = problem.observations, problem.block
-    sums = _count_sums(problem, loop, solution, precise)
+    observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
     sigma0 = sums["sigma0"]
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
@@ -124,6 +123,7 @@ def assemble_adjustment(
         warnings=warnings,
         heights=heights,
         plan=plan,
+        surfaces=tuple(one.summarise(observations.points) for one in problem.held_surfaces),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None,
         laser=laser,

@@ -18,15 +18,17 @@ from ..block.imaging_geometry import compute_view_directions
 from ..block.pointing import estimate_pointing
 from ..foundation.errors import IDS_NAMED, InputError, SolveError, list_ids
 from ..foundation.large_arrays import any_of_rows, finite_rows
+from ..ground.geodesy import move_ground
 from ..refinement.image_space import ImagePolynomial, add_drift_parameters
 from ..refinement.model import Priors, RefinementModel, estimate_priors, select_priors
 from ..refinement.models import MODELS
 from ..refinement.selection import RULES, ModelChoice, choose_model
 from .common_drift import CommonDrift, find_common_drift
 from .equations import FREE_POINT_SIGMA_M, NormalEquations, Pattern, PointPriors, State, find_pattern
-from .gauss_newton import GaussNewton, Weighting
+from .gauss_newton import GaussNewton, PositionObservations, Weighting
 from .held.held_heights import DemHeights, HeightObservations, HeightSource, RpcHeights
 from .held.held_plan import PlanObservations
+from .held.held_surface import SurfacePlan
 from .held.laser_heights import LaserHeights
 from .image_alignment import align_images, bound_heights
 from .intersection import estimate_start_positions, form_point_equations
@@ -59,6 +61,7 @@ class Problem:
     choice : why the model is what it is, where a rule chose it
     earlier : what an earlier adjustment says of cameras
     common : the drifts that move all images of a part alike, of parts without GCPs that show them
+    held_surfaces : the relief that holds parts without GCPs in plan
     """
 
     block: Block
@@ -78,6 +81,7 @@ class Problem:
     choice: ModelChoice | None = None
     earlier: JointPrior | None = None
     common: tuple[CommonDrift, ...] = ()
+    held_surfaces: tuple[SurfacePlan, ...] = ()
 
     def loop(self) -> GaussNewton:
         """Return a Gauss-Newton loop over the problem."""
@@ -87,9 +91,10 @@ class Problem:
         )  # fmt: skip
 
     @property
-    def held(self) -> tuple[HeightObservations | PlanObservations, ...]:
+    def held(self) -> tuple[PositionObservations, ...]:
         """What holds points beside surveys, and is judged anew in every round."""
-        return tuple(held for held in (self.held_heights, self.held_plan) if held is not None)
+        others = tuple(held for held in (self.held_heights, self.held_plan) if held is not None)
+        return (*others, *self.held_surfaces)
 
     @cached_property
     def held_plan(self) -> PlanObservations | None:
@@ -163,7 +168,8 @@ class Problem:
         fresh = PointPriors.from_surveys(self.observations, self.start.ground, survey)
         priors = PointPriors(
             np.where(surveyed, fresh.target, points.target), np.where(surveyed, fresh.weight, points.weight),
-            np.where(surveyed, fresh.observed, points.observed), fresh.mixed,
+            np.where(surveyed, fresh.observed, points.observed),
+            np.where(surveyed.any(axis=1)[:, None], fresh.mixed, points.mixed) if points.correlated else fresh.mixed,
         )  # fmt: skip
         return Weighting(
             image,
@@ -205,9 +211,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         guessed |= camera.drifts
     prior_weight, usual_drift = _weigh_priors(observations, model, guessed, parts, options)
     if values is None and earlier is None and model.parameters:
-        shift_weight, _ = _weigh_priors(observations, MODELS["shift"], np.zeros(2, dtype=bool), parts, options)
-        weight = prior_weight[:, : len(model.parameters)]
-        start = align_images(observations, model, shift_weight, weight, options.threads)
+        start = _align_start(observations, model, parts, prior_weight, options)
     else:
         start = _set_start_values(observations, model, values, earlier)
     fixed = form_point_equations(observations, model, options.threads)
@@ -220,22 +224,27 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         earlier.require_parameters(tuple(camera.parameters))
         earlier.enter_start(start, prior_weight)
     _require_solvable(observations, model, prior_weight, earlier)
+    is_cold = values is None or not model.parameters or not _holds_plan(options)
+    by_rpcs = ground if is_cold else _locate_as_given(observations, model, parts, prior_weight, options, ground)
+    surfaces = _match_surfaces(observations, parts, by_rpcs, options)
+    lifted = _displace_start(observations, surfaces, by_rpcs, camera, options, prior_weight)
     common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
     joint: list[CommonDrift | JointPrior] = [*common, *([] if earlier is None else [earlier])]
     pattern = find_pattern(observations, len(camera.parameters), [prior.pairs for prior in joint])
     equations = NormalEquations(
         observations, camera, pattern, options.threads, fixed.cameras if camera is model and not len(lost) else None
     )
-    priors, weak = set_point_priors(observations, ground, options.dem, options.sigma_dem_m)
+    priors, weak = set_point_priors(observations, lifted, options.dem, options.sigma_dem_m)
+    for one in surfaces:
+        priors = one.enter_start(priors, by_rpcs)
     image_weight = 1.0 / observations.sigma_px**2
-    contributes = observations.contributing_points & find_determinable_points(
-        observations, image_weight, observations.survey_weight
-    )
+    contributes = find_determinable_points(observations, image_weight, observations.survey_weight)
+    contributes &= observations.contributing_points
     problem = Problem(
         block, observations, model, camera, options, pattern, equations, prior_weight, guessed,
-        usual_drift, parts, State(start, ground),
-        Weighting(image_weight, priors, contributes),
-        (*_collect_warnings(observations, parts, options, block.points.ids[lost], weak),), choice, earlier, common,
+        usual_drift, parts, State(start, ground), Weighting(image_weight, priors, contributes),
+        (*_collect_warnings(observations, parts, options, block.points.ids[lost], weak, surfaces),),
+        choice, earlier, common, surfaces,
     )  # fmt: skip
     if problem.held_plan is not None:
         problem.held_plan.enter_start(priors)
@@ -303,20 +312,23 @@ def _find_parts(observations: Observations, earlier: JointPrior | None) -> tuple
 
 
 def _collect_warnings(
-    observations: Observations, parts: Sequence[Part], options: AdjustOptions, lost: np.ndarray, weak: Sequence[str]
-) -> list[str]:
+    observations: Observations, parts: Sequence[Part], options: AdjustOptions, lost: np.ndarray, weak: Sequence[str],
+    surfaces: Sequence[SurfacePlan],
+) -> list[str]:  # fmt: skip
     """Return what is said of the block before it is adjusted, the warnings of ``weak`` geometry among it.
 
     Named are points that were ``lost`` (ids), images without a point in common with others, and parts of the block
-    that only their RPCs hold.
+    that only their RPCs hold in plan.
     """
     located = [part.gcps or part.ties or part.places for part in parts]
     rest = [part for part, any_ in zip(parts, located, strict=True) if any_]
+    in_place = {name for one in surfaces if not one.why_open for name in one.images}
     free = [part for part in rest if not part.gcps and not part.places]
+    free = [part for part in free if observations.images[part.images[0]].id not in in_place]
     reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
     names = [image.id for image in observations.images]
     warnings = [f"{len(lost)} points could not be intersected and are left out: {list_ids(lost)}"] if len(lost) else []
-    warnings += weak
+    warnings += [*weak, *_warn_of_open_plan(surfaces)]
     alone = [names[part.images[0]] for part, ok in zip(parts, located, strict=True) if len(part.images) == 1 and not ok]
     if alone:
         warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
@@ -332,6 +344,27 @@ def _collect_warnings(
             f"no GCP holds {listed}: its {what} follows from the RPCs' own accuracy (priors; believed: {believed})"
         )
     return warnings
+
+
+def _align_start(
+    observations: Observations, model: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
+    options: AdjustOptions,
+) -> np.ndarray:  # fmt: skip
+    """Return the parameters ``(cameras, p)`` with which the images meet, near their RPCs as given."""
+    shift_weight, _ = _weigh_priors(observations, MODELS["shift"], np.zeros(2, dtype=bool), parts, options)
+    weight = prior_weight[:, : len(model.parameters)]
+    return align_images(observations, model, shift_weight, weight, options.threads)
+
+
+def _locate_as_given(
+    observations: Observations, model: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
+    options: AdjustOptions, ground: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the points ``(m, 3)`` as the RPCs as given see them; those that cannot be computed stay at ``ground``."""
+    state = State(_align_start(observations, model, parts, prior_weight, options), ground)
+    equations = form_point_equations(observations, model, options.threads)
+    seen = equations.intersect(state, 1.0 / observations.sigma_px**2, bound_heights(observations, ground))
+    return np.where(np.isfinite(seen), seen, ground)
 
 
 def _set_start_values(
@@ -427,6 +460,59 @@ def _find_common_drifts(
         if part.ties and not part.gcps and not part.places and not held:
             found.append(find_common_drift(observations, camera, part.images, free, sigma, only_ties))
     return tuple(one for one in found if one is not None)
+
+
+def _holds_plan(options: AdjustOptions) -> bool:
+    """Return whether the relief of a surface may hold parts of the block in plan."""
+    if options.dem is None or options.sigma_dem_m is None or options.fixed_images or options.earlier is not None:
+        return False
+    return options.surface_search_m > 0.0
+
+
+def _match_surfaces(
+    observations: Observations, parts: Sequence[Part], ground: np.ndarray, options: AdjustOptions
+) -> tuple[SurfacePlan, ...]:
+    """Return the surface's relief under each part of the block that neither GCPs nor an earlier adjustment hold."""
+    if not _holds_plan(options):
+        return ()
+    first_image, rays = observations.image[observations.first[:-1]], np.diff(observations.first)
+    ties = observations.contributing_points & ~observations.located & (rays > 1)
+    found = []
+    for part in parts:
+        points = np.flatnonzero(ties & np.isin(first_image, part.images))
+        if part.gcps or not len(points):
+            continue
+        images = [observations.images[index] for index in part.images]
+        pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
+        found.append(SurfacePlan.match_points(
+            tuple(image.id for image in images), options.dem, points, ground, options.sigma_dem_m,
+            options.surface_kind, options.surface_search_m, pointing_m,
+        ))  # fmt: skip
+    return tuple(one for one in found if one is not None)
+
+
+def _warn_of_open_plan(surfaces: Sequence[SurfacePlan]) -> list[str]:
+    """Name parts that the relief of a surface does not hold in plan."""
+    return [
+        f"the relief of the DEM does not hold {list_ids(one.images)} in plan: {one.why_open}; only the RPCs do"
+        for one in surfaces
+        if one.why_open
+    ]
+
+
+def _displace_start(
+    observations: Observations, surfaces: Sequence[SurfacePlan], ground: np.ndarray, camera: RefinementModel,
+    options: AdjustOptions, prior_weight: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the start ``(m, 3)`` where surfaces put it in plan; widen the priors ``(cameras, p)`` that refute that."""
+    displaced = ground.copy()
+    for one in surfaces:
+        cameras = observations.camera_of_image[[image.id in one.images for image in observations.images]]
+        if options.sigma_shift_px is None:
+            prior_weight[np.ix_(np.unique(cameras), ~camera.drifts)] /= one.widening**2
+        if not one.why_open:
+            displaced[one.points] = move_ground(ground[one.points], one.first.displacement_m * [1.0, 1.0, 0.0])
+    return displaced
 
 
 def _require_solvable(

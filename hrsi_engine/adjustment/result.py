@@ -13,6 +13,8 @@ from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
 from ..refinement.selection import ModelChoice
+from ..surface.dem import HeightSurface
+from ..surface.matching import SurfaceMatch
 from .joint_prior import JointCameras
 
 
@@ -217,6 +219,31 @@ class PlanAgreement:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceOutcome:
+    """What the relief of a surface says of a part of a block that no GCP holds.
+
+    images : ids of the part's images
+    match : how its tie points lie by the RPCs as given; left_m : (3,) displacement left after the adjustment
+    covariance_m2 : (3, 3) of the part's place by the surface, with that of the surface's own place
+    open : why it does not hold the part in plan; empty where it does
+    pointing_m : standard deviation of each coordinate in plan by the RPCs
+    beyond_pointing : length of the displacement in plan in standard deviations of the RPCs' place and of itself
+    surface : the surface; points : (k,) its tie points in the block; before : (k, 3) their places by the RPCs as given
+    """
+
+    images: tuple[str, ...]
+    match: SurfaceMatch
+    left_m: np.ndarray
+    covariance_m2: np.ndarray
+    open: str
+    pointing_m: float
+    beyond_pointing: float
+    surface: HeightSurface
+    points: np.ndarray
+    before: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class LaserOutcome:
     """What became of each laser point ``(n,)``, in the order of the points.
 
@@ -369,6 +396,7 @@ class Adjustment:
     warnings: tuple[str, ...]
     heights: tuple[HeightAgreement, ...] = ()
     plan: PlanAgreement | None = None
+    surfaces: tuple[SurfaceOutcome, ...] = ()
     rpcs_alone_m: tuple[float, float, float] | None = None
     rpcs_height_sigma_m: float | None = None
     laser: LaserOutcome | None = None

@@ -48,11 +48,27 @@ class Picture:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfacePicture:
+    """A surface that images were matched with: pictures as ``data:`` URI, width and height in px.
+
+    scores : scatter by displacement, up to ``search_m`` along each axis, north up
+    residuals : of tie points above the surface, before and after, from ``-limit_m`` to ``limit_m``
+    """
+
+    images: tuple[str, ...]
+    scores: tuple[str, int, int]
+    residuals: Sequence[tuple[str, int, int]]
+    search_m: float
+    limit_m: float
+
+
+@dataclass(frozen=True, eq=False)
 class ReportFigures:
     """Contents of the figures of a block's report.
 
     points : columns of the points on the map, in its order, for the page's script
     pictures : of some images; cards : images with their residuals
+    surfaces : what surfaces say of parts of the block
     chips : known points and outliers on images with pixels; normalised : (n,) normalised residuals by axis
     """
 
@@ -62,6 +78,7 @@ class ReportFigures:
     cards: Sequence[ImageCard] = ()
     chips: Sequence[PointChip] = ()
     normalised: Mapping[str, np.ndarray] = field(default_factory=dict)
+    surfaces: Sequence[SurfacePicture] = ()
 
 
 def draw_figures(figures: ReportFigures) -> dict[str, Any]:
@@ -73,6 +90,7 @@ def draw_figures(figures: ReportFigures) -> dict[str, Any]:
         "block_map": block.svg,
         "script_data": {"map": block.data, **figures.points} if block.svg and figures.points else None,
         "pictures": figures.pictures,
+        "surfaces": figures.surfaces,
         "cards": [(card, draw_image_card(card, typical)) for card in figures.cards],
         "distributions": [
             (axis, draw_histogram(values, f"Histogram, {axis}"), draw_qq_plot(values, f"Q-Q, {axis}"))

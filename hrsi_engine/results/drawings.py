@@ -27,6 +27,7 @@ from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
 from .statistics import normalise_residuals, rank_survey_points
+from .surface_figures import draw_surfaces
 from .tables import choose_positions
 
 
@@ -85,6 +86,7 @@ def report_figures(
         pictures=list(pictures.values()), cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
         chips=_make_chips(result, shown, outline),
         normalised={axis: _thin_values(values) for axis, values in normalise_residuals(result).items()},
+        surfaces=draw_surfaces(result),
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from .coordinate_operations import find_untested_accuracy, operation_entries
 from .held_out import summarise_held_out
 from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
+from .surface_figures import describe_surface
 
 
 @thresholds
@@ -73,6 +74,7 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "cross_validation": _cross_validation(result),
         "heights": [asdict(source) for source in result.heights],
         "plan": None if result.plan is None else asdict(result.plan),
+        "surface": [describe_surface(one) for one in result.surfaces],
         "crs_operations": operation_entries(result.block.all_operations),
         "untested_by_check_points": find_untested_accuracy(result),
         "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),

@@ -12,6 +12,7 @@ from ..ground.map_crs import map_epsg, middle_position, project_to_map
 from ..io.geopackage.layer_words import PickedColumn, StackedColumn
 from ..io.geopackage.layers import Layer
 from .residuals import Residuals
+from .surface_figures import surface_residuals_table
 from .tables import (
     Table,
     choose_positions,
@@ -40,7 +41,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     Returns
     -------
     list of Layer
-        Footprints, points, measurements and residuals; laser points where there are any.
+        Footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are any.
     """
     middle = middle_position(choose_positions(result))
     left_over = residuals_table(result, left)
@@ -53,6 +54,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
         replace(ground_points, metadata=name_point_operations(result.block.points)),
         _point_layer("image_points", image_points_table(result, left), WGS84_3D),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
+        *([_point_layer("surface_residuals", surface_residuals_table(result), WGS84_3D)] if result.surfaces else []),
         *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84_3D)]),
     ]
 

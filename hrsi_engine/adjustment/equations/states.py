@@ -97,7 +97,11 @@ class PointPriors:
         """Return that of the weak priors: no observations, but in the equations, and so in the cost that they lower."""
         difference = self.target - ground
         difference[:, 0] = wrap_degrees(difference[:, 0])
-        return float(np.einsum("ki,ki,ki->k", self._weak_weights, difference, difference)[counting].sum())
+        squares = np.einsum("ki,ki,ki->k", self._weak_weights, difference, difference)
+        if self.correlated:  # a surface holds east and north together, as one observation of many points
+            metres = metres_per_degree(self.target) * np.where(self.observed, 0.0, difference)
+            squares += 2.0 * self.mixed[:, 0] * metres[:, 0] * metres[:, 1]
+        return float(squares[counting].sum())
 
     @cached_property
     def _weak_weights(self) -> np.ndarray:

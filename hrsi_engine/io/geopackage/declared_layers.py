@@ -93,6 +93,15 @@ class LaserPointRows(LayerRows, layer="laser_points"):
     canopy_m: FloatColumn = column("Height of the canopy", "m")
 
 
+class SurfaceResidualRows(LayerRows, layer="surface_residuals"):
+    """Tie points that a surface was matched with, and how high they lie above it."""
+
+    id: TextColumn = column()
+    residual_before_m: FloatColumn = column("Height above the surface by the RPCs as given", "m")
+    residual_height_m: FloatColumn = column("Height above the surface after the adjustment", "m")
+    holds: FlagColumn = column("Whether the surface holds the part of the block in plan")
+
+
 # ---- what is measured in images --------------------------------------------------------------------------------------
 
 

@@ -31,6 +31,12 @@ REASON_COLORS = (
     "215,25,28,255", "253,141,60,255", "152,78,163,255", "166,86,40,255", "247,129,191,255", "90,90,90,255",
 )  # fmt: skip
 
+#: From below a surface to above it.
+SURFACE_COLORS = (
+    "33,102,172,255", "103,169,207,255", "209,229,240,255", "150,150,150,255", "253,219,199,255", "239,138,98,255",
+    "178,24,43,255",
+)  # fmt: skip
+
 LayerColumns = Mapping[str, Column]
 
 
@@ -155,6 +161,17 @@ def _laser_points(fields: LayerColumns, width_m: float) -> Style:
     )  # fmt: skip
 
 
+def _surface_residuals(fields: LayerColumns, width_m: float) -> Style:
+    above = np.asarray(fields["residual_height_m"])
+    typical = _typical(above, np.zeros(len(above)), np.ones(len(above), dtype=bool))
+    bounds = [-1.0, -0.5, -0.2, 0.2, 0.5, 1.0]
+    return _render_style(
+        "surface_residuals.qml.j2", "Tie points above and below the surface",
+        steps=[*zip([None, *bounds], [*bounds, None], SURFACE_COLORS, strict=True)], typical=typical,
+        point_shares=shares(len(above), width_m),
+    )  # fmt: skip
+
+
 #: Fields without which a style says nothing: other algorithms have layers of the same names for positions alone.
 NEEDED: dict[str, frozenset[str]] = {
     "ground_points": frozenset({"role"}),
@@ -168,6 +185,7 @@ STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
     "interest_points": _interest_points,
     "gcps": _thin_points("gcp", 2.4),
     "laser_points": _laser_points,
+    "surface_residuals": _surface_residuals,
     "targets": _thin_points("check", 2.0),
     "tie_points": _tie_points,
     "misregistration_utm": _misregistration,

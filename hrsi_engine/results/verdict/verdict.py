@@ -12,7 +12,7 @@ from ...foundation.reasons import Level, Reason
 from ..coordinate_operations import add_untested_error
 from ..figures import block_report
 from ..residuals import compute_residuals
-from . import common_deformation, connections, datums, ground_truth, solution, systematic
+from . import common_deformation, connections, datums, ground_truth, solution, surfaces, systematic
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
@@ -23,6 +23,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *systematic.ON_FIELDS,
     *common_deformation.ON_SURVEY,
     *datums.ON_DATUMS,
+    *surfaces.ON_SURFACES,
 )
 
 #: Reasons that are consequences of any wrong points.
@@ -30,7 +31,7 @@ CONSEQUENCES = frozenset({
     "not-converged", "residuals-too-large", "sigmas-implausible", "correction-too-large", "control-misfit",
     "control-left-out", "control-ambiguous", "check-misfit", "check-point-off", "ties-left-out", "link-left-out",
     "systematic-residuals", "extrapolation", "drift-implausible", "sources-disagree", "heights-off-rpcs",
-    "leave-one-out-misfit", "survey-deformed",
+    "leave-one-out-misfit", "survey-deformed", "surface-offset",
 })  # fmt: skip
 #: Reasons for single wrong GCPs, of which no slip is known that the user could mend.
 WRONG_POINTS = frozenset({"control-groups", "control-outliers"})

@@ -1,0 +1,179 @@
+"""A surface as three-dimensional control of a block that no GCP holds: its relief tells where the block lies in plan.
+
+The tie points of a part of the block are matched with the surface as a whole (`surface.matching`): before the
+adjustment from where the RPCs as given see them, over all displacements that are searched, and in every pass from where
+the rays alone put them. With the cofactors Q of the adjusted points, their weights W and targets p these are
+
+    x - Q' W (p - x)        with Q' = (Q^-1 - W)^-1
+
+The displacement d that is left, with the covariance C of the matching and the surface's own error H in plan, is one
+observation of the block's place: of its k points each is observed at ``x + d`` with the weight matrix
+``(C + H)^-1 / k``, so that all of them together weigh what one displacement is worth. Heights are held by the surface
+at the places where the points come to lie (`held_heights`).
+
+RPCs that are displaced by more than is believed of them have priors that are too narrow, and would pull the block
+back: these are widened by the square of how far the displacement exceeds them (a redescending prior).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...block.orthoimage import DEM
+from ...foundation.large_arrays import finite_rows
+from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import ground_difference_m, move_ground
+from ...ground.operation_uses import largest_sigma_m
+from ...surface.dem import HeightSurface, cell_size_m
+from ...surface.matching import SurfaceMatch, SurfaceMatcher, match_surface
+from ..equations import PointPriors
+from ..result import SurfaceOutcome
+from .held_heights import HEIGHTS
+
+
+@thresholds
+class SURFACE_FIT:
+    """How a surface holds a block in plan."""
+
+    cells_off: float = threshold(
+        0.1, "cells", "standard deviation of a DEM's place along each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
+    )
+    moved_cells: float = threshold(0.05, "cells", "move of the block after which it is matched again")
+    fewest_cells: float = threshold(12.0, "cells", "independent ones, with fewer of which the relief holds no plan")
+    left_of_relief: float = threshold(0.5, "", "scatter about the surface over that of the ground's heights …")
+    left_sigmas: float = threshold(4.0, "sigma", "… or in standard deviations of the surface: beyond, another ground")
+
+
+@dataclass(eq=False)
+class SurfacePlan:
+    """The relief under the tie points of a part of a block.
+
+    images : ids of the part's images; points : (k,) indices of its tie points
+    sigma_m : standard deviation of the surface's heights; pointing_m : of the images' place in plan by their RPCs
+    before : (k, 3) the points by the RPCs as given; first : how these lie on the surface
+    relief_m : robust standard deviation of their heights
+    """
+
+    images: tuple[str, ...]
+    surface: HeightSurface
+    points: np.ndarray
+    sigma_m: float
+    kind: str
+    search_m: float
+    pointing_m: float
+    before: np.ndarray
+    first: SurfaceMatch
+    relief_m: float
+    cell_m: float
+    last: SurfaceMatch = field(init=False)
+    _at: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        self.last = self.first
+
+    @classmethod
+    def match_points(
+        cls, images: tuple[str, ...], surface: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float,
+        kind: str, search_m: float, pointing_m: float,
+    ) -> SurfacePlan | None:  # fmt: skip
+        """Return the relief under ``points (k,)`` of ``ground (m, 3)``, searched; None where it is not there."""
+        at = ground[points]
+        first = match_surface(at, surface, search_m, kind)
+        if first is None:
+            return None
+        relief_m = float(robust_sigma(at[:, 2] - np.median(at[:, 2])))
+        return cls(
+            images, surface, points, sigma_m, kind, search_m, pointing_m, at, first, relief_m,
+            cell_size_m(surface, at[0]),
+        )  # fmt: skip
+
+    @property
+    def why_open(self) -> str:
+        """Why the relief does not hold the block in plan; empty where it does."""
+        match = self.first
+        if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, SURFACE_FIT.left_sigmas * self.sigma_m):
+            return f"it does not show this ground ({match.scatter_m:.1f} m scatter are left)"
+        if match.cells < SURFACE_FIT.fewest_cells:
+            return f"only {match.cells:.0f} of its parts are independent"
+        if not match.is_decided:
+            return "another displacement fits about as well"
+        along_m = float(np.sqrt(np.linalg.eigvalsh(match.covariance_m2[:2, :2])[1]))
+        if along_m > self.pointing_m:
+            return f"it tells the displacement to {along_m:.1f} m only (standard deviation along the weakest direction)"
+        return ""
+
+    @property
+    def covariance_m2(self) -> np.ndarray:
+        """Covariance ``(3, 3)`` of the block's place by the surface, with that of the surface's own place."""
+        datum_m, vertical_m = largest_sigma_m(getattr(self.surface, "operations", ()))
+        shared_m2, cells_m2 = (DEM.by_all * self.sigma_m) ** 2, (SURFACE_FIT.cells_off * self.cell_m) ** 2
+        own_m2 = shared_m2 + np.array([cells_m2 + datum_m**2, cells_m2 + datum_m**2, vertical_m**2])
+        return np.asarray(self.last.covariance_m2 + np.diag(own_m2))
+
+    @property
+    def widening(self) -> float:
+        """Factor of the prior standard deviations of the images' pointing that the displacement asks for, 1 or more.
+
+        Where images are off one by one, as their priors say, the part is off by less than each of them.
+        """
+        return 1.0 if self.why_open else max(1.0, self._beyond(self.pointing_m / np.sqrt(len(self.images))) ** 2)
+
+    def _beyond(self, pointing_m: float) -> float:
+        """Return the length of the displacement in plan in standard deviations of itself and of the RPCs' place."""
+        away = self.first.displacement_m[:2]
+        expected = self.covariance_m2[:2, :2] + pointing_m**2 * np.eye(2)
+        return float(np.sqrt(away @ np.linalg.solve(expected, away)))
+
+    def enter_start(self, priors: PointPriors, ground: np.ndarray) -> PointPriors:
+        """Return the priors of the start with the observed plan."""
+        return priors if self.why_open else self._observe(priors, ground, self.first.displacement_m)
+
+    def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+        """Return the priors with the plan as the surface sees it; as `HeightObservations.add_to_priors`."""
+        if self.why_open:
+            return priors
+        return self._observe(priors, ground, self._match_again(*self._place_by_rays(priors, ground, cofactors)))
+
+    def _place_by_rays(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points ``(k, 3)`` as the rays alone put them, and the variances ``(k,)`` of their heights."""
+        at, Q = ground[self.points], cofactors[self.points]
+        W = (1.0 - HEIGHTS.least_by_rays) * priors.build_weight_matrices(self.points)
+        by_rays = np.linalg.inv(np.linalg.inv(Q) - W)
+        pulled = np.einsum("kij,kjl,kl->ki", by_rays, W, priors.compute_misclosures_m(at, self.points))
+        return move_ground(at, -pulled), by_rays[:, 2, 2]
+
+    def _match_again(self, by_rays: np.ndarray, variance_m2: np.ndarray) -> np.ndarray:
+        """Return the displacement ``(3,)`` that is left; it is estimated anew where the block has moved."""
+        usable = finite_rows(by_rays) & (variance_m2 < self.search_m**2)
+        now = np.median(by_rays, axis=0)
+        moved = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
+        start = (np.zeros(3) if self._at is None else self.last.displacement_m) - moved
+        if self._at is None or np.abs(moved).max() > SURFACE_FIT.moved_cells * self.cell_m:
+            matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable])
+            found = matcher.refine(start, self.search_m)
+            if found is not None:
+                self.last, self._at = found, now
+                return found.displacement_m
+        return start
+
+    def _observe(self, priors: PointPriors, ground: np.ndarray, left_m: np.ndarray) -> PointPriors:
+        """Return the priors with each point observed in plan at ``left_m (3,)`` from where it lies."""
+        target, weight = priors.target.copy(), priors.weight.copy()
+        mixed = priors.mixed.copy() if priors.correlated else np.zeros_like(weight)
+        each = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
+        moved = move_ground(ground[self.points], np.append(left_m[:2], 0.0))
+        target[self.points, :2] = moved[:, :2]
+        weight[self.points, 0], weight[self.points, 1], mixed[self.points, 0] = each[0, 0], each[1, 1], each[0, 1]
+        return replace(priors, target=target, weight=weight, mixed=mixed)
+
+    def summarise(self, points: np.ndarray) -> SurfaceOutcome:
+        """Return what the surface says of the part; ``points (m,)`` are those of all positions in the block."""
+        return SurfaceOutcome(
+            self.images, self.first, self.last.displacement_m, self.covariance_m2, self.why_open, self.pointing_m,
+            self._beyond(self.pointing_m), self.surface, points[self.points], self.before,
+        )  # fmt: skip

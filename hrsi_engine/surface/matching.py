@@ -1,0 +1,276 @@
+"""Least-squares matching of points with a height surface: the displacement in three dimensions that lays them on it.
+
+With the surface S, its gradient g and a displacement d = (e, n, u) of points at (E, N, H) the misclosures are::
+
+    l = S(E + e, N + n) - H - u  =  (-g_e, -g_n, 1) · (change of d)
+
+so slopes of different aspect turn height differences into plan (least-squares 3D surface matching, Gruen and Akca 2005;
+point-to-plane ICP, Chen and Medioni 1992; of DEMs, Nuth and Kääb 2011). That is linear within the relief's wavelength
+only. So a grid of displacements in plan is searched before, with the robust scale of the misclosures as the score and
+their robust middle as the height; the best few local minima are refined, and those that remain apart are compared: a
+relief that repeats itself, or has none, does not decide. Where many points lie in a cell of the surface, their heights
+are smoothed before as its cells smooth the ground.
+
+Neighbouring misclosures err alike: buildings, trees, the noise of a radar DEM. The covariance is therefore that of
+estimating equations summed over *cells* of the ground (sandwich of clustered observations, Liang and Zeger 1986), for
+cells of growing size, of which the largest covariance holds. The number of independent cells follows from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ..foundation.robust_scale import MAD_TO_SIGMA
+from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import ground_difference_m, move_ground
+from .dem import HeightSurface, cell_size_m
+
+#: Points displaced by some 100 m: their grid coordinates are linear over that.
+_STEP_M = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
+
+
+@thresholds
+class SURFACE_MATCHING:
+    """How points are matched with a surface."""
+
+    fewest_points: int = threshold(30, "points", "with a height of the surface; fewer are not matched")
+    coarse_points: int = threshold(700, "points", "that the search for displacements looks at")
+    most_points: int = threshold(8000, "points", "that the refinement looks at")
+    coarse_steps: int = threshold(20, "steps", "of the search from its middle to its end, or a quarter of a cell")
+    minima: int = threshold(8, "minima", "of the score that are refined")
+    most_pairs: int = threshold(4_000_000, "pairs", "of points within a cell or so of one another: memory")
+    in_cell: float = threshold(1.0, "points", "mean number in a cell beyond which points are smoothed as cells are")
+    lopsided: float = threshold(0.15, "cells", "of the middle of these points beside the place, at most: the rim")
+    fewest_near: int = threshold(9, "points", "that a smoothed height needs around")
+    most_iterations: int = threshold(20, "iterations", "of the refinement")
+    settled_cells: float = threshold(0.01, "cells", "step in plan that ends the refinement")
+    redescending: float = threshold(4.0, "sigma", "a misclosure beyond has no weight", "biweight (Beaton, Tukey 1974)")
+    one_sided: float = threshold(2.0, "", "factor of the misclosures of what stands on a terrain model")
+    steepest: float = threshold(1.5, "m/m", "steeper cells are walls: their gradient is that of the interpolation")
+    known_share: float = threshold(0.6, "", "share of the points with heights that a displacement must leave")
+    fewest_cells: int = threshold(12, "cells", "fewer groups of points tell no covariance")
+    decided_sigmas: float = threshold(3.0, "sigma", "difference of two minima's scores that decides between them")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMatch:
+    """What lays points on a surface.
+
+    displacement_m : (3,) east, north, up, of the points
+    covariance_m2 : (3, 3) by the misclosures of independent cells
+    scatter_m : robust standard deviation of the misclosures; before_m : … undisplaced, but for their middle
+    points, cells : number of points with a height of the surface, and of independent cells among them
+    second_m : (3,) displacement of the next best minimum, None without; second_ratio : its scatter over the best one
+    offsets_m, scores_m : (k, 2), (k,) of the search in plan, None where there was none
+    """
+
+    displacement_m: np.ndarray
+    covariance_m2: np.ndarray
+    scatter_m: float
+    points: int
+    cells: float
+    before_m: float = np.nan
+    second_m: np.ndarray | None = None
+    second_ratio: float = np.inf
+    offsets_m: np.ndarray | None = None
+    scores_m: np.ndarray | None = None
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether no other displacement fits about as well."""
+        return bool(np.log(self.second_ratio) > SURFACE_MATCHING.decided_sigmas / np.sqrt(max(self.cells, 1.0)))
+
+    def is_apart_from(self, other: SurfaceMatch, cell_m: float) -> bool:
+        """Return whether it is another minimum: beyond a cell, and beyond what the covariances explain."""
+        away = self.displacement_m - other.displacement_m
+        chi2 = away @ np.linalg.solve(self.covariance_m2 + other.covariance_m2, away)
+        return bool(np.hypot(*away[:2]) > cell_m and chi2 > SURFACE_MATCHING.decided_sigmas**2)
+
+
+def match_surface(
+    ground: np.ndarray, surface: HeightSurface, search_m: float, kind: str = "dsm"
+) -> SurfaceMatch | None:
+    """Return the displacement that lays points on a surface; None where too few have heights in it.
+
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+    search_m : largest displacement in plan, along each axis
+    kind : ``dsm``, or ``dtm``: trees and buildings are not on it
+    """
+    return SurfaceMatcher(ground, surface, kind).search(search_m) if len(ground) else None
+
+
+class SurfaceMatcher:
+    """Points, with variances ``(n,)`` of their own heights, and a surface; as of `match_surface`."""
+
+    def __init__(
+        self, ground: np.ndarray, surface: HeightSurface, kind: str = "dsm", variance_m2: np.ndarray | None = None
+    ) -> None:
+        self.surface, self.kind, self.cell_m = surface, kind, cell_size_m(surface, ground[0])
+        place_m = ground_difference_m(ground, np.broadcast_to(ground[0], ground.shape))[:, :2]
+        in_cell = len(ground) * self.cell_m**2 / max(float(np.prod(np.nanmax(place_m, 0) - np.nanmin(place_m, 0))), 1.0)
+        most = min(SURFACE_MATCHING.most_points, int(SURFACE_MATCHING.most_pairs / (1.0 + 9.0 * in_cell)))
+        sample = np.arange(0, len(ground), 1 + len(ground) // most)
+        points, self.place_m = ground[sample], place_m[sample]
+        self.own_m2 = np.zeros(len(points)) if variance_m2 is None else variance_m2[sample]
+        self.height = points[:, 2]
+        if in_cell > SURFACE_MATCHING.in_cell:
+            self.height = _smooth_heights(self.place_m, place_m, ground[:, 2], self.cell_m)
+        at, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
+        self._at, self._per_m = at, np.stack([east - at, north - at], axis=2) / _STEP_M.max()
+
+    def search(self, search_m: float) -> SurfaceMatch | None:
+        """Return the best displacement within ``search_m`` along each axis, and the next best beside it."""
+        offsets, scores, middles = self._search_grid(search_m)
+        found = [
+            one
+            for k in _find_minima(scores)
+            if (one := self.refine(np.append(offsets[k], middles[k]), search_m)) is not None
+            and np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m
+        ]
+        if not found:
+            return None
+        best = min(found, key=lambda one: one.scatter_m)
+        apart = [one for one in found if one is not best and one.is_apart_from(best, self.cell_m)]
+        second = min(apart, key=lambda one: one.scatter_m, default=None)
+        return replace(
+            best, before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]), offsets_m=offsets, scores_m=scores,
+            second_m=None if second is None else second.displacement_m,
+            second_ratio=np.inf if second is None else second.scatter_m / best.scatter_m,
+        )  # fmt: skip
+
+    def refine(self, start_m: np.ndarray, reach_m: float) -> SurfaceMatch | None:
+        """Return the least-squares displacement near a start ``(3,)``; None where too few points have heights.
+
+        ``reach_m`` is an a priori standard deviation in plan, which keeps a flat ground's equations regular.
+        """
+        d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), SURFACE_MATCHING.redescending
+        is_near = False  # first about the robust middle, then about the estimate, whose variance is smaller
+        for _ in range(SURFACE_MATCHING.most_iterations):
+            miss, slope = self._heights(d[None, :2])[0] - self.height - d[2], self._gradients(d[:2])
+            known = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
+            if known.sum() < SURFACE_MATCHING.fewest_points:
+                return None
+            q, A = miss[known], np.column_stack([-slope[known], np.ones(known.sum())])
+            middle, scale = (float(one[0]) for one in shortest_half(q[None]))
+            # the scale is that of points of usual rays; others differ from it by what theirs differ
+            usual = scale**2 + 1e-6
+            variance = np.maximum(usual + self.own_m2[known] - np.median(self.own_m2[known]), 0.25 * usual)
+            t = (q - (0.0 if is_near else middle)) / np.sqrt(variance)
+            t *= np.where(t < 0.0, SURFACE_MATCHING.one_sided if self.kind == "dtm" else 1.0, 1.0)
+            inner = np.clip(1.0 - (t / cut) ** 2, 0.0, 1.0)
+            weight = inner**2 / variance
+            N = A.T @ (weight[:, None] * A) + ridge
+            step = np.linalg.solve(N, A.T @ (weight * q))
+            size = float(np.hypot(*step[:2]))
+            if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
+                if is_near:
+                    break
+                is_near = True
+            d = d + step * min(1.0, 2.0 * self.cell_m / size if size else 1.0)
+        # of the biweight: mean derivative of the influence over mean weight
+        steady = float(np.sum(inner * (1.0 - 5.0 * (t / cut) ** 2)) / max(np.sum(inner**2), 1e-9))
+        N = max(steady, 0.1) * (N - ridge) + ridge
+        score = A * (weight * (q - A @ step))[:, None]
+        covariance, cells = _sum_over_cells(N, ridge, score, self.place_m[known], self.cell_m)
+        return SurfaceMatch(d, covariance, scale, int(known.sum()), cells)
+
+    def _heights(self, offsets_m: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return the surface's heights ``(k, n)`` at points displaced by each of ``offsets_m (k, 2)``."""
+        places = self._at[rows] + np.einsum("nij,kj->kni", self._per_m[rows], offsets_m)
+        return self.surface.heights(places.reshape(-1, 2)).reshape(places.shape[:2])
+
+    def _gradients(self, offset_m: np.ndarray) -> np.ndarray:
+        """Return the derivatives ``(n, 2)`` of the surface by east and north, over two cells."""
+        sides = self.cell_m * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        east, west, north, south = self._heights(offset_m + sides)
+        return np.column_stack([east - west, north - south]) / (2.0 * self.cell_m)
+
+    def _search_grid(self, search_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return offsets ``(k, 2)`` in plan, score and displacement in height of each; NaN: unknown."""
+        step = max(search_m / SURFACE_MATCHING.coarse_steps, 0.25 * self.cell_m)
+        axis = step * np.arange(-int(search_m / step), int(search_m / step) + 1)
+        offsets = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
+        known = np.flatnonzero(np.isfinite(self._heights(np.zeros((1, 2)))[0]))
+        rows = known[:: 1 + len(known) // SURFACE_MATCHING.coarse_points]
+        if len(rows) < SURFACE_MATCHING.fewest_points:
+            return offsets, np.full(len(offsets), np.nan), np.zeros(len(offsets))
+        parts = np.array_split(offsets, 16)
+        miss = np.concatenate([self._heights(part, rows) - self.height[rows] for part in parts])
+        middle, score = shortest_half(miss)
+        score[np.isfinite(miss).sum(axis=1) < SURFACE_MATCHING.known_share * len(rows)] = np.nan
+        return offsets, score, middle
+
+
+def _smooth_heights(place_m: np.ndarray, all_m: np.ndarray, height: np.ndarray, cell_m: float) -> np.ndarray:
+    """Return heights ``(k,)`` at ``place_m (k, 2)`` as a surface of such cells shows them, from those at ``all_m``.
+
+    A cell is the mean of what is in it, and heights between cells are interpolated: a weighted mean of the ground with
+    the quadratic B-spline as weights, on the average over all positions of the cells. A plane is fitted with them,
+    since points are not spread evenly.
+    """
+    known = np.flatnonzero(np.isfinite(all_m).all(axis=1) & np.isfinite(height))
+    usable = np.isfinite(place_m).all(axis=1)
+    near = KDTree(all_m[known]).query_ball_point(np.where(usable[:, None], place_m, 0.0), 1.5 * cell_m, np.inf)
+    count = np.array([len(one) for one in near])
+    of, to = np.repeat(np.arange(len(near)), count), known[np.concatenate([*near, []]).astype(np.int64)]
+    away = np.abs(u := (all_m[to] - place_m[of]) / cell_m)
+    weight = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2).prod(axis=1)
+    A = np.column_stack([np.ones(len(u)), u])
+    sums = [[np.bincount(of, weight * a * b, len(near)) for b in (*A.T, height[to])] for a in A.T]
+    N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
+    fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
+    lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
+    return np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
+
+
+def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return middle and scale ``(k,)`` of values ``(k, n)`` by the shortest interval with half of those known.
+
+    Scaled to the standard deviation of a normal distribution; NaN where fewer than two are known. Half of the values
+    may be blunders on one side (Rousseeuw and Leroy 1987).
+    """
+    ordered = np.sort(values, axis=1)  # NaN last
+    known = np.isfinite(ordered).sum(axis=1)
+    middle, scale = np.full((2, len(values)), np.nan)
+    for number in np.unique(known[known > 1]):
+        rows, half = np.flatnonzero(known == number), int(number) // 2
+        lengths = ordered[rows, half:number] - ordered[rows, : number - half]
+        first = lengths.argmin(axis=1)
+        low, high = ordered[rows, first], ordered[rows, first + half]
+        middle[rows], scale[rows] = 0.5 * (low + high), 0.5 * MAD_TO_SIGMA * (high - low)
+    return middle, scale
+
+
+def _find_minima(scores: np.ndarray) -> np.ndarray:
+    """Return the indices of the lowest local minima of a square grid of scores, the lowest first."""
+    side = int(np.sqrt(len(scores)))
+    grid = np.pad(np.where(np.isfinite(scores), scores, np.inf).reshape(side, side), 1, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(grid, (3, 3)).min(axis=(2, 3)).ravel()
+    minima = np.flatnonzero((scores <= around) & np.isfinite(scores))
+    return minima[np.argsort(scores[minima])][: SURFACE_MATCHING.minima]
+
+
+def _sum_over_cells(
+    N: np.ndarray, ridge: np.ndarray, score: np.ndarray, place_m: np.ndarray, cell_m: float
+) -> tuple[np.ndarray, float]:
+    """Return the covariance ``(3, 3)`` by estimating equations ``score (n, 3)`` summed over cells of the ground.
+
+    Also the number of independent cells: of points, over the factor by which that is larger than for single points.
+    """
+    inverse, single = np.linalg.inv(N), score.T @ score + 1e-9 * N
+    largest, meat, side, away = 1.0, single, cell_m, place_m - place_m.min(axis=0)
+    while True:
+        _, of = np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)
+        cells = int(of.max()) + 1
+        if cells < SURFACE_MATCHING.fewest_cells:
+            break
+        sums = np.stack([np.bincount(of, column, cells) for column in score.T], axis=1)
+        grown = sums.T @ sums * cells / (cells - 3.0)
+        factor = float(np.trace(np.linalg.solve(single, grown))) / 3.0
+        if factor > largest:
+            largest, meat = factor, grown
+        side *= 2.0
+    return inverse @ (meat + ridge) @ inverse, len(score) / largest
