@@ -123,7 +123,7 @@ def measure(count: int) -> tuple[list[list[str]], list[list[str]]]:
             errors, bounds = np.array(errors), np.array(bounds)
             within = (errors <= bounds).sum(axis=0)
             sums.append([
-                name, *(f"{one:.2f}" for one in errors.max(axis=0)), *(f"{one:.2f}" for one in np.median(bounds, axis=0)),
+                name, *(f"{one:.2f}" for one in (*errors.max(axis=0), *np.median(bounds, axis=0))),
                 *(f"{one} of {count}" for one in within), f"{max(spent):.1f}",
             ])  # fmt: skip
     return rows, sums
@@ -137,9 +137,8 @@ def main() -> None:
     options = parser.parse_args()
     rows, sums = measure(options.vectors)
     print(render(("cells", "displaced m", "up m", "left m", "up m", "CE90 m", "LE90 m", "CPU s", "reasons"), rows))
-    print(render(
-        ("cells", "worst in plan m", "worst in height m", "CE90 m", "LE90 m", "within CE90", "within LE90", "CPU s"), sums
-    ))  # fmt: skip
+    head = ("cells", "worst in plan m", "in height m", "CE90 m", "LE90 m", "within CE90", "within LE90", "CPU s")
+    print(render(head, sums))
 
 
 if __name__ == "__main__":
