@@ -50,6 +50,8 @@ class SURFACE_MATCHING:
     redescending: float = threshold(4.0, "sigma", "a misclosure beyond has no weight", "biweight (Beaton, Tukey 1974)")
     one_sided: float = threshold(2.0, "", "factor of the misclosures of what stands on a terrain model")
     steepest: float = threshold(1.5, "m/m", "steeper cells are walls: their gradient is that of the interpolation")
+    uneven: float = threshold(0.7, "", "bend of the surface over its slope, beyond which a place has no weight …")
+    even_sigmas: float = threshold(3.0, "sigma", "… where the slope exceeds so many standard deviations")
     known_share: float = threshold(0.6, "", "share of the points with heights that a displacement must leave")
     fewest_cells: int = threshold(12, "cells", "fewer groups of points tell no covariance")
     decided_sigmas: float = threshold(3.0, "sigma", "difference of two minima's scores that decides between them")
@@ -149,7 +151,10 @@ class SurfaceMatcher:
         d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), SURFACE_MATCHING.redescending
         is_near = False  # first about the robust middle, then about the estimate, whose variance is smaller
         for _ in range(SURFACE_MATCHING.most_iterations):
-            miss, slope = self._heights(d[None, :2])[0] - self.height - d[2], self._gradients(d[:2])
+            around = self._heights_around(d[:2])
+            miss = around[0] - self.height - d[2]
+            slope, wide = (np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
+                           for k, h in ((1, around[:5]), (2, around[[0, 5, 6, 7, 8]])))  # fmt: skip
             known = np.isfinite(miss) & (np.hypot(*slope.T) < SURFACE_MATCHING.steepest)
             if known.sum() < SURFACE_MATCHING.fewest_points:
                 return None
@@ -161,9 +166,10 @@ class SurfaceMatcher:
             t = (q - (0.0 if is_near else middle)) / np.sqrt(variance)
             t *= np.where(t < 0.0, SURFACE_MATCHING.one_sided if self.kind == "dtm" else 1.0, 1.0)
             inner = np.clip(1.0 - (t / cut) ** 2, 0.0, 1.0)
-            weight = inner**2 / variance
-            N = A.T @ (weight[:, None] * A) + ridge
-            step = np.linalg.solve(N, A.T @ (weight * q))
+            weight = inner**2 / variance * _weigh_facets(around[:, known], scale)
+            N = A.T @ (weight[:, None] * A)
+            M = self._differentiate_score(A, np.where(np.isfinite(wide[known]), wide[known], 0.0), weight)
+            step = np.linalg.solve(0.5 * (N + M) + ridge, A.T @ (weight * q))
             size = float(np.hypot(*step[:2]))
             if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
                 if is_near:
@@ -172,7 +178,7 @@ class SurfaceMatcher:
             d = d + step * min(1.0, 2.0 * self.cell_m / size if size else 1.0)
         # of the biweight: mean derivative of the influence over mean weight
         steady = float(np.sum(inner * (1.0 - 5.0 * (t / cut) ** 2)) / max(np.sum(inner**2), 1e-9))
-        N = max(steady, 0.1) * (N - ridge) + ridge
+        N = max(steady, 0.1) * M + ridge
         score = A * (weight * (q - A @ step))[:, None]
         covariance, cells = _sum_over_cells(N, ridge, score, self.place_m[known], self.cell_m)
         return SurfaceMatch(d, covariance, scale, int(known.sum()), cells)
@@ -182,11 +188,21 @@ class SurfaceMatcher:
         places = self._at[rows] + np.einsum("nij,kj->kni", self._per_m[rows], offsets_m)
         return self.surface.heights(places.reshape(-1, 2)).reshape(places.shape[:2])
 
-    def _gradients(self, offset_m: np.ndarray) -> np.ndarray:
-        """Return the derivatives ``(n, 2)`` of the surface by east and north, over two cells."""
-        sides = self.cell_m * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        east, west, north, south = self._heights(offset_m + sides)
-        return np.column_stack([east - west, north - south]) / (2.0 * self.cell_m)
+    def _heights_around(self, offset_m: np.ndarray) -> np.ndarray:
+        """Return heights ``(9, n)`` at displaced points, then a cell east, west, north, south of them, then two."""
+        sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        return self._heights(offset_m + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
+
+    @staticmethod
+    def _differentiate_score(A: np.ndarray, wide: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Return the derivative ``(3, 3)`` of the estimating equations by the displacement.
+
+        The noise of the surface is in its slopes, too, and would count as relief in ``A' P A``. In the product with
+        slopes over two cells ``(n, 2)``, whose noise is another, it does not (instrumental variables).
+        """
+        M = A.T @ (weight[:, None] * np.column_stack([-wide, np.ones(len(wide))]))
+        values, axes = np.linalg.eigh(0.5 * (M + M.T))
+        return np.asarray((axes * np.maximum(values, 1e-9 * values[-1])) @ axes.T)
 
     def _search_grid(self, search_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return offsets ``(k, 2)`` in plan, score and displacement in height of each; NaN: unknown."""
@@ -202,6 +218,20 @@ class SurfaceMatcher:
         middle, score = shortest_half(miss)
         score[np.isfinite(miss).sum(axis=1) < SURFACE_MATCHING.known_share * len(rows)] = np.nan
         return offsets, score, middle
+
+
+def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:
+    """Return weights ``(n,)`` of places by how even the surface is there: heights ``(5, n)`` at it, east, west, …
+
+    At the edge of a wall, or of cells with a wrong height, the slope of one side is not that of the other. Such slopes
+    have the largest leverage, and say the least.
+    """
+    weight = np.ones(around.shape[1])
+    for high, low in ((1, 2), (3, 4)):
+        bend = np.abs(around[high] + around[low] - 2.0 * around[0])
+        ratio = bend / (np.abs(around[high] - around[low]) + SURFACE_MATCHING.even_sigmas * scale)
+        weight *= np.clip(1.0 - (ratio / SURFACE_MATCHING.uneven) ** 2, 0.0, 1.0) ** 2
+    return weight
 
 
 def _smooth_heights(place_m: np.ndarray, all_m: np.ndarray, height: np.ndarray, cell_m: float) -> np.ndarray:
