@@ -136,6 +136,8 @@ def triangulate(
     fixed_images: str | Iterable[str] = (),
     shared_images: str | Iterable[str | Iterable[str]] = (),
     sigma_dem: float | None = None,
+    surface_search: float = 100.0,
+    surface_kind: Literal["dsm", "dtm"] = "dsm",
     laser_reach: float = 25.0,
     sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
@@ -288,6 +290,12 @@ def triangulate(
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).
+    surface_search : float, optional
+        Largest displacement in plan in which the relief of a surface is looked for that holds a block
+        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+    surface_kind : str, optional
+        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
+        of dsm, dtm; default dsm).
     laser_reach : float, optional
         How far from a laser point tie points tell the ground's shape, and are held by its height (unit
         m; at least 0.1; default 25).
@@ -389,6 +397,8 @@ def adjust(
     fixed_images: str | Iterable[str] = (),
     shared_images: str | Iterable[str | Iterable[str]] = (),
     sigma_dem: float | None = None,
+    surface_search: float = 100.0,
+    surface_kind: Literal["dsm", "dtm"] = "dsm",
     laser_reach: float = 25.0,
     sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
@@ -492,6 +502,12 @@ def adjust(
     sigma_dem : float, optional
         Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
         hold none (unit m; at least 1e-06).
+    surface_search : float, optional
+        Largest displacement in plan in which the relief of a surface is looked for that holds a block
+        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+    surface_kind : str, optional
+        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
+        of dsm, dtm; default dsm).
     laser_reach : float, optional
         How far from a laser point tie points tell the ground's shape, and are held by its height (unit
         m; at least 0.1; default 25).
