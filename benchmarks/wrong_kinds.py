@@ -411,6 +411,8 @@ def laser_moved(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 GCP, CHECK, TIE = Role.GCP, Role.CHECK, Role.TIE
 UNSEEN = "a common shift of all known points is what biased RPCs look like, within their accuracy"
 NO_OTHER_HEIGHT = "within the RPCs' own accuracy of heights, and nothing else in the block has a height"
+AS_STATED = "within three sigmas of what the RPCs state of themselves where that is 35 m (SPOT 5); told elsewhere"
+AS_DRIFTS = "where the sensor's drift is known no better than the deformation is large (SPOT 5); told elsewhere"
 ONE_POINT = "one point alone cannot be told from biased RPCs within their accuracy"
 TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("one of 2 GCPs 6 m (8 px) east", points_moved(GCP, (6.0, 0.0, 0.0), 8.0, 1), 2, 0),
@@ -443,10 +445,11 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("three of 8 heights 10 m (15 px) up", points_moved(GCP, (0.0, 0.0, 10.0), 15.0, 3)),
     TrueKind("heights cut to 10 m", mapped(partial(_round_heights, 10.0)), 8, 0),
     TrueKind("GCPs turned by 0.1 degree", mapped(partial(_turn, 0.1, 1.0)), 8, 0),
-    TrueKind("GCPs scaled by 1.0004 (grid for ground)", mapped(partial(_turn, 0.0, 1.0004)), 8, 0),
+    TrueKind("GCPs scaled by 1.0004 (grid for ground)", mapped(partial(_turn, 0.0, 1.0004)), 8, 0,
+             untold=AS_DRIFTS),
     TrueKind("GCPs scaled by 1.01", mapped(partial(_turn, 0.0, 1.01)), 8, 0),
     TrueKind("GCPs from an orthoimage on a plane (tan 20°)", mapped(partial(_lean, 0.36)), 8, 0, relief_m=400.0),
-    TrueKind("heights tilted by 40 m across the block", mapped(_tilt), 8, 0),
+    TrueKind("heights tilted by 40 m across the block", mapped(_tilt), 8, 0, untold=AS_DRIFTS),
     TrueKind("GCPs in a corner, one 5 m (6 px) off", to_corner(0.4, points_moved(GCP, (4.0, 3.0, 0.0), 6.0, 1)), 16, 0),
     TrueKind("lines of the table copied: two ids twice", duplicated_ids, 8, 0),
     TrueKind("radians for degrees", degrees_as(np.radians)),
@@ -487,7 +490,7 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("HEIGHT_OFF and HEIGHT_SCALE in feet", rpc_changed(
         lambda rpc: replace(rpc, height_off=rpc.height_off / 0.3048, height_scale=rpc.height_scale / 0.3048))),
     TrueKind("LAT_OFF without its decimals", rpc_changed(lambda rpc: replace(rpc, lat_off=float(int(rpc.lat_off))))),
-    TrueKind("one RPC 200 m off, no GCPs", rpc_changed(_rpc_shifted(140.0, 140.0), 1), 0, 0),
+    TrueKind("one RPC 200 m off, no GCPs", rpc_changed(_rpc_shifted(140.0, 140.0), 1), 0, 0, untold=AS_STATED),
     TrueKind("all RPCs 30 m off under an ERR_BIAS of 0.1 m, no GCPs", rpc_changed(
         lambda rpc: replace(_rpc_shifted(21.0, 21.0)(rpc), err_bias=0.1, err_rand=0.1)), 0, 0,
         untold="what the RPCs state of themselves is all that a block without ground knows"),
@@ -507,7 +510,7 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("DEM above the geoid, GCPs ellipsoidal", _above_geoid, 8, 0),
     TrueKind("a step of 20 m in a mosaic, no GCPs", made.holding_dem(_step), 0, 0),
     TrueKind("a step of 20 m in a mosaic, GCPs", made.holding_dem(_step), 8, 0),
-    TrueKind("DEM tilted by 60 m, no GCPs", made.holding_dem(_tilted), 0, 0),
+    TrueKind("DEM tilted by 60 m, no GCPs", made.holding_dem(_tilted), 0, 0, untold=AS_DRIFTS),
     TrueKind("DEM left to right, no GCPs", made.holding_dem(lambda cells: cells[:, ::-1]), 0, 0, relief_m=400.0),
     TrueKind("DEM in decimetres", made.holding_dem(lambda cells: 10.0 * cells), 0, 0),
     TrueKind("DEM with spikes of 500 m", made.holding_dem(_spikes), 0, 0),

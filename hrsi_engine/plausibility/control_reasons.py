@@ -17,13 +17,15 @@ from .accuracy import ACCURACY, SIMULATED
 from .control import CONTROL_FIT, ControlFit, ControlMeasurements, compute_sightlines, fit_control
 from .groups import Disagreement, find_disagreement
 from .identities import find_image_permutation, find_point_permutation
-from .slips import PIXEL_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
+from .slips import PIXEL_SLIPS, RPC_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
 
 @thresholds
 class SLIP:
     """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
 
+    fewest_points: int = threshold(2, "points", "that prove a slip")
+    most_listed: int = threshold(4, "", "slips that are listed where none is named")
     certain_cost: float = threshold(50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED)
     least_cost: float = threshold(22.0, "", "gain of a named slip: by chance 1 in 10 000", "theory: likelihood ratio")
     least_lead: float = threshold(6.0, "", "cost by which the named slip must be better than every other", SIMULATED)
@@ -66,14 +68,14 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     apart = find_disagreement(given)
     if not _is_suspicious(given) and apart is None:
         return []
-    named_slip, datum = _find_best_slip(control, given)
+    named_slip, datum, rivals = _find_best_slip(control, given)
     if named_slip is not None:
         return [_make_slip_reason(control, given, named_slip)]
     if apart is not None:
         single = _find_slip_of_points(control, given, apart)
         return [_make_disagreement_reason(control, given, apart) if single is None else single]
     if not given.fits:
-        return [_make_misfit_reason(control, given)]
+        return [_make_misfit_reason(control, given, rivals)]
     return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
 
 
@@ -93,8 +95,11 @@ def _is_suspicious(given: ControlFit) -> bool:
 
 def _find_best_slip(
     control: ControlMeasurements, given: ControlFit
-) -> tuple[SlipHypothesis | None, SlipHypothesis | None]:
+) -> tuple[SlipHypothesis | None, SlipHypothesis | None, list[SlipHypothesis]]:
     """Return the mistake that explains the misfit clearly better than every other; None where there is none.
+
+    A single point proves no mistake: hardly any cause is there that would not explain it. Beside the mistake named
+    stand the datum that may be one, and, where none is named, all that explain the misfit, the likeliest first.
 
     A datum moves all points alike, as a biased RPC does. Of the handful of datums in use at a place one often comes
     near such a bias, so that it is named only where no RPC is so biased; otherwise the second place has it.
@@ -116,9 +121,10 @@ def _find_best_slip(
     datum = best.pop("horizontal-datum", None) if biased else None
     ranked = sorted(best.values(), key=lambda reading: reading.cost)
     rivals = [reading for reading in ranked[1:] if not {reading.slip.code, ranked[0].slip.code} <= HEIGHT_CODES]
-    if not ranked or (rivals and rivals[0].cost - ranked[0].cost < SLIP.least_lead):
-        return None, datum
-    return ranked[0], datum
+    beaten = not rivals or rivals[0].cost - ranked[0].cost >= SLIP.least_lead
+    if not ranked or not beaten or len(control.points) < SLIP.fewest_points:
+        return None, datum, ranked
+    return ranked[0], datum, []
 
 
 def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
@@ -127,9 +133,16 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
     for slip, ground in iterate_ground_slips(control, given.shift_m, far):
         yield SlipHypothesis(slip, fit_control(control, ground))
     wrong = control.images[~given.fitting[control.images]]
-    for some in (None, wrong) if 0 < len(wrong) < len(control.images) else (None,):
+    for some in (wrong, None) if 0 < len(wrong) < len(control.images) else (None,):
         for slip, undo in PIXEL_SLIPS:
             yield SlipHypothesis(slip, _fit_without_pixel_slip(control, undo, some), images=some)
+        for slip, change in RPC_SLIPS:
+            block = control.block
+            chosen = control.images if some is None else some
+            images = [replace(image, rpc=change(image.rpc)) if index in chosen else image
+                      for index, image in enumerate(block.images)]  # fmt: skip
+            seen = compute_sightlines(images, control.image, control.xy)
+            yield SlipHypothesis(slip, fit_control(control, seen=seen), images=some)
     suspects = wrong if len(wrong) > 1 else control.images
     images = find_image_permutation(control, suspects)
     if images is not None:
@@ -184,16 +197,23 @@ def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: Sl
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
         found.slip.code, Level.UNUSABLE if sure else Level.DOUBTFUL,
-        f"{found.slip.what}{where}: the ground points lie {_format_median_distance(given)} from where the RPCs put "
-        f"them, and {_format_median_distance(found.fit)} when this is undone", found.slip.advice,
+        f"{found.slip.what}{where}: the ground points lie {_format_median_distance(given, images)} from where the "
+        f"RPCs put them, and {_format_median_distance(found.fit, images)} when this is undone", found.slip.advice,
         control.image_ids(images), control.point_ids(points),
     )  # fmt: skip
 
 
-def _format_median_distance(read: ControlFit) -> str:
-    """Return the median distance of points from their rays as text, ``1.2 km (2400 px)``."""
-    away = np.hypot(*read.distance_m.T)
-    pixels = away / read.control.get_figures("gsd_m")[read.control.image]
+def _list_rivals(rivals: list[SlipHypothesis]) -> str:
+    """Return mistakes with what each would leave of the misfit, as text."""
+    told = dict.fromkeys(f"{one.slip.what} (leaves {_format_median_distance(one.fit, one.images)})" for one in rivals)
+    return ", or ".join([*told][: SLIP.most_listed])
+
+
+def _format_median_distance(read: ControlFit, images: np.ndarray | None = None) -> str:
+    """Return the median distance of points from their rays on images (all by default), as text ``1.2 km (2400 px)``."""
+    rows = np.isin(read.control.image, read.control.images if images is None else images)
+    away = np.hypot(*read.distance_m[rows].T)
+    pixels = away / read.control.get_figures("gsd_m")[read.control.image[rows]]
     return f"{_format_distance(float(np.median(away)))} ({float(np.median(pixels)):.3g} px)"
 
 
@@ -278,7 +298,8 @@ def _make_disagreement_reason(control: ControlMeasurements, given: ControlFit, a
     )  # fmt: skip
 
 
-def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reason:
+def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals: list[SlipHypothesis]) -> Reason:
+    """Return the reason for a misfit without a proven cause; ``rivals`` are mistakes each of which explains it."""
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
@@ -287,9 +308,10 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit) -> Reas
     alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
     return Reason(
         "control-implausible", Level.UNUSABLE,
-        f"the ground points lie {_format_median_distance(given)} from where the RPCs of "
+        f"the ground points lie {_format_median_distance(given, wrong)} from where the RPCs of "
         f"{list_ids(control.image_ids(wrong))} put them, which no error of these RPCs explains "
-        f"(about {sigma:.3g} m); none of the usual slips does either"
+        f"(about {sigma:.3g} m); "
+        + (f"it may be that {_list_rivals(rivals)}" if rivals else "none of the usual slips does either")
         + (f" (all alike: {_format_shifts(control, wrong)})" if alike else ""),
         "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
         "crop and its whole scene have different ones",

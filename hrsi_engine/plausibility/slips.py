@@ -7,7 +7,7 @@ coordinates may concern only the images that do not fit.
 import contextlib
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from pyproj.aoi import AreaOfInterest
 from pyproj.enums import PJType
 
 from ..block.block import Image
+from ..camera.rpc import RPC
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.crs_operations import operations_of
@@ -68,6 +69,10 @@ def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
     return np.column_stack(turned[quarters])
 
 
+def _exchange_fields(rpc: RPC, names: tuple[str, str]) -> RPC:
+    return replace(rpc, **{name: getattr(rpc, other) for name, other in zip(names, reversed(names), strict=True)})
+
+
 SCALES = (
     (2.0, "twice as large"), (3.0, "three times as large"), (4.0, "four times as large"), (0.5, "half as large"),
     (1.0 / 3.0, "a third as large"), (0.25, "a quarter as large"),
@@ -114,6 +119,18 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
 )  # fmt: skip
 
 
+#: Slips of RPC fields; each has the function that undoes it.
+RPC_SLIPS: tuple[tuple[Slip, Callable[[RPC], RPC]], ...] = tuple(
+    (
+        Slip(
+            "rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them again"
+        ),
+        partial(_exchange_fields, names=names),
+    )
+    for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
+)
+
+
 # ---- ground coordinates --------------------------------------------------------------------------------------------
 
 GroundHypothesis = tuple[Slip, np.ndarray]
@@ -129,6 +146,7 @@ def iterate_ground_slips(
     ground = control.ground
     near = np.nanmedian(control.sights.ground, axis=0)
     yield from _iterate_axis_exchanges(ground)
+    yield from _iterate_angular_units(ground, near)
     yield from _iterate_zones(ground, near)
     yield from _iterate_hemispheres(ground, near)
     yield from _iterate_projections(ground, near)
@@ -156,6 +174,22 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
             ),
             ground[:, [1, 0, 2]] * signs,
         )  # fmt: skip
+
+
+def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
+    """Yield longitudes and latitudes of another angular unit that count as degrees, where degrees bring them near."""
+    sign, size = np.sign(ground[:, :2]), np.abs(ground[:, :2])
+    whole, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
+    minutes = np.floor(digits + 1e-7)
+    for unit, degrees in (
+        ("in radians", np.degrees(size)), ("in gon", 0.9 * size),
+        ("degrees and minutes (43.3150 for 43° 31.50')", whole + digits / 60.0),
+        ("degrees, minutes and seconds (43.3130 for 43° 31' 30\")",
+         whole + minutes / 60.0 + (digits - minutes) * 100.0 / 3600.0),
+    ):  # fmt: skip
+        moved = np.column_stack([sign * degrees, ground[:, 2]])
+        if np.abs(wrap_degrees(np.median(moved[:, :2], axis=0) - near[:2])).max() < 1.0:
+            yield Slip("angular-unit", f"longitude and latitude are {unit}, not degrees", "give decimal degrees"), moved
 
 
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:

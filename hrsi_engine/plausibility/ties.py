@@ -149,11 +149,16 @@ class PairConsistency:
 
 
 def judge_pairs(
-    pairs: PairSample, image: np.ndarray | None = None, xy: np.ndarray | None = None, stretch: float = 1.0
+    pairs: PairSample,
+    image: np.ndarray | None = None,
+    xy: np.ndarray | None = None,
+    stretch: float = 1.0,
+    shifted: bool = False,
 ) -> PairConsistency:
     """Judge the intersection of the pairs, with their own or other images and coordinates.
 
     ``stretch`` is the scale of the coordinates when a slip is undone: it scales the tolerance where below 1.
+    ``shifted`` lets images be displaced by any distance, as a crop is whose origin was lost.
     """
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
@@ -192,7 +197,7 @@ def judge_pairs(
     low, high = np.array([one.rpc.height_range for one in images])[image].transpose(2, 0, 1)
     spare = 0.5 * (high - low).max(axis=1) + 4.0 * sigma / np.maximum(length, TIE_CHECK.least_slope)
     possible = weak | ((height > low.min(axis=1) - spare) & (height < high.max(axis=1) + spare))
-    wrong = ~possible | ~np.isfinite(across)
+    wrong = ~np.isfinite(across) if shifted else ~possible | ~np.isfinite(across)
     bulk = _compute_modes(across, starts, sizes)
     away = across - np.repeat(bulk, sizes)
     off = np.add.reduceat(np.abs(away) > tolerance, starts, dtype=np.int64) if len(sizes) else sizes
@@ -202,7 +207,8 @@ def judge_pairs(
         rows = slice(start, start + size)
         away[rows] = _remove_drift(away[rows], xy[rows, 0], tolerance[rows], TIE_CHECK.largest_drift * gsd[start])
     wrong |= np.abs(away) > tolerance
-    wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
+    if not shifted:
+        wrong |= np.repeat(np.abs(bulk) > TIE_CHECK.bulk_sigmas * sigma[starts], sizes)
     share = np.add.reduceat(wrong, starts, dtype=np.int64) / sizes if len(sizes) else np.empty(0)
     return PairConsistency.from_points(pairs, wrong, np.where(sizes >= TIE_CHECK.fewest_of_pair, 1.0 - share, np.nan))
 
@@ -260,7 +266,8 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
-    found = _find_best_slip(pairs, given, suspects)
+    alike = judge_pairs(pairs, shifted=True).share < TIE_CHECK.cured_share
+    found = None if alike else _find_best_slip(pairs, given, suspects)
     if found is not None:
         (slip, *alike), images, cured = found
         ids = tuple(block.images[index].id for index in images)
@@ -282,7 +289,9 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         Reason(
             "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
             f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
-            + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else ""),
+            + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
+            + ("; they miss each other alike, as where an image is a crop whose origin is lost or an RPC is another's"
+               if alike else ""),
             "check that the tie points belong to these images, the columns and ids of their file; or find them anew",
             ids, wrong,
         )

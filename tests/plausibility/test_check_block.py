@@ -52,6 +52,19 @@ def rounded(ground: np.ndarray, decimals: int) -> np.ndarray:
     return np.column_stack([np.round(ground[:, :2], decimals), ground[:, 2]])
 
 
+def digits_of(ground: np.ndarray, form: str, parts: float) -> np.ndarray:
+    """Degrees, minutes and, in forms of three, seconds, written one behind the other: 43° 31' 30" is 43.3130."""
+    written = ground.copy()
+    for row, column in np.ndindex(len(ground), 2):
+        fields, left = [], round(abs(ground[row, column]) * (3600 if form.count("{") == 3 else 60) * parts)
+        if form.count("{") == 3:
+            left, seconds = divmod(left, round(60 * parts))
+            fields.append(seconds)
+        fields = [*divmod(left, 60 if fields else round(60 * parts)), *fields]
+        written[row, column] = np.copysign(float(form.format(*fields)), ground[row, column])
+    return written
+
+
 @pytest.mark.parametrize("gcps", [0, 1, 2, 3, 5, 10])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_right_block_has_no_reasons(gcps, seed):
@@ -66,6 +79,10 @@ def test_a_right_block_has_no_reasons(gcps, seed):
         (lambda ground: ground * [-1, 1, 1], "lon-sign"),
         (lambda ground: ground * [1, -1, 1], "lat-sign"),
         (lambda ground: ground * [-1, -1, 1], "lon-lat-sign"),
+        (lambda ground: ground * [np.pi / 180, np.pi / 180, 1], "angular-unit"),
+        (lambda ground: ground * [400 / 360, 400 / 360, 1], "angular-unit"),
+        (lambda ground: digits_of(ground, "{}.{:02d}{:05d}", 1e3), "angular-unit"),
+        (lambda ground: digits_of(ground, "{}.{:07d}", 1e5), "angular-unit"),
         (lambda ground: ground + [6, 0, 0], "utm-zone"),
         (lambda ground: ground - [12, 0, 0], "utm-zone"),
         (lambda ground: ground * [1, 1, 1 / FOOT_M], "height-unit"),
@@ -280,3 +297,35 @@ def test_points_of_a_crop_tell_its_origin():
     assert origin[:2] == pytest.approx([200.0, 300.0], abs=35.0)  # the RPCs are 10 px off in each axis (1 sigma)
     worst = check_block(with_xy(given, given.measurements.xy - [2000.0, 3000.0]))[0]
     assert worst.code == "control-implausible" and "px in line on" in worst.message
+
+
+def test_a_crop_of_one_image_is_no_slip_of_its_coordinates():
+    """Ties of a crop whose origin was lost miss the others' rays alike; an image left to right does not."""
+    right = block(gcps=0, checks=0)
+    rows = right.measurements.image == 1
+    found = check_block(with_xy(right, right.measurements.xy + [900.0, 700.0], rows))
+    assert [reason.code for reason in found] == ["ties-wrong"]
+    assert "miss each other alike" in found[0].message
+
+
+def test_a_single_point_proves_no_slip():
+    right = block(gcps=1, checks=0, ties=0)
+    found = check_block(with_ground(right, right.points.ground[:, [1, 0, 2]]))
+    assert [reason.code for reason in found] == ["control-implausible"]
+    assert "longitude and latitude are exchanged (leaves" in found[0].message
+
+
+@pytest.mark.parametrize("names", [("line_scale", "samp_scale"), ("lat_scale", "long_scale")])
+def test_exchanged_scales_of_an_rpc_are_named(names):
+    right = block(ties=0)
+    first, *others = right.images
+    a, b = names
+    wrong = replace(first.rpc, **{a: 1.3 * getattr(first.rpc, b), b: getattr(first.rpc, a)})
+    sound = replace(first.rpc, **{a: getattr(first.rpc, a), b: 1.3 * getattr(first.rpc, b)})
+    measured = right.measurements
+    rows = measured.image == 0
+    xy = measured.xy.copy()
+    xy[rows] = sound.project(right.points.ground[measured.point[rows]])
+    found = check_block(with_xy(replace(right, images=(replace(first, rpc=wrong), *others)), xy))
+    assert [reason.code for reason in found] == ["rpc-scales"]
+    assert found[0].images == (first.id,)
