@@ -129,6 +129,12 @@ class Columns:
             object.__setattr__(self, name, value)
 
 
+def rank_in_groups(number: np.ndarray) -> np.ndarray:
+    """Return the rank ``(n,)`` of each row among those of equal numbers, from 0; equal numbers stand together."""
+    start = np.flatnonzero(np.r_[True, number[1:] != number[:-1]]) if len(number) else np.empty(0, np.int64)
+    return np.arange(len(number)) - np.repeat(start, np.diff(np.r_[start, len(number)]))
+
+
 def group_by_number(number: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the order ``(n,)`` that groups equal numbers, and the first index of each group, ``(count + 1,)``.
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..block.block import Image
+from ..block.columns import rank_in_groups
 from ..block.imaging_geometry import compute_view_directions
 from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
@@ -132,21 +133,14 @@ def _measure_window(images: Sequence[Image], usable: Sequence[int], task: _Windo
     near = np.flatnonzero(distance <= _radius_px(image, ground[0]))
     # The nearest ones of each laser point
     near = near[np.lexsort((distance[near], nearest[near]))]
-    first = np.unique(nearest[near], return_index=True)[1]
-    rank = np.arange(len(near)) - np.repeat(first, np.diff(np.r_[first, len(near)]))
-    near = near[rank < LASER_TIES.ties_per_point]
+    near = near[rank_in_groups(nearest[near]) < LASER_TIES.ties_per_point]
     xy, height = xy[near], task.height_m[nearest[near]]
     if not len(xy):
         return []
-    found = []
-    low, high = (
-        float(task.height_m.min()) - LASER_TIES.height_margin_m,
-        float(task.height_m.max()) + LASER_TIES.height_margin_m,
-    )
-    for number in usable:
+    found, margin_m = [], LASER_TIES.height_margin_m
+    low, high = float(task.height_m.min()) - margin_m, float(task.height_m.max()) + margin_m
+    for number in (number for number in usable if number != task.image):
         other = images[number]
-        if number == task.image:
-            continue
         geometry = TilePairGeometry(image.rpc, other.rpc, low, high, margin_px=(4.0, 4.0))
         there = predict_window(geometry, task.window, LASER_TIES.margin_px).inside(other.known_size)
         shown = read_tile(other, there) if min(there.samples, there.lines) > 2 * LASER_TIES.margin_px else None

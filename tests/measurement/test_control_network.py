@@ -42,7 +42,6 @@ from hrsi.hrsi_engine.measurement.control_network.network import (
     NO_FATHER,
     Network,
     fit_local_affine,
-    make_similarity_matrix,
 )
 from hrsi.hrsi_engine.measurement.control_network.refinement import compute_epipolar_residuals, select_consistent
 from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
@@ -183,7 +182,7 @@ def test_local_affine_maps_recover_an_affine_map_despite_false_nodes():
     second = first @ A.T + t
     second[::9] += rng.uniform(10.0, 30.0, (len(second[::9]), 2))
     points = rng.uniform(50.0, 250.0, (40, 2))
-    made = fit_local_affine(points, first, second, make_similarity_matrix(-0.2, 1.0))
+    made = fit_local_affine(points, first, second, turned_offset(np.eye(2), -0.2, 1.0).T)
     error = np.hypot(*(made.predicted - points @ A.T - t).T)
     assert np.median(error) < 0.15  # what the pull towards the similarity leaves
     assert error.max() < 2.0  # false nodes beside the point, 10 to 40 px off
@@ -194,7 +193,7 @@ def test_epipolar_residuals_do_not_see_relief_but_see_false_pairs():
     first = rng.uniform(0.0, 400.0, (200, 2))
     relief = rng.uniform(-30.0, 30.0, 200)
     second = (
-        first @ make_similarity_matrix(0.5, 1.0).T
+        first @ turned_offset(np.eye(2), 0.5, 1.0)
         + relief[:, None] * np.array([0.6, 0.8])
         + rng.normal(0, 0.05, (200, 2))
     )

@@ -61,9 +61,7 @@ class CoarseJob:
     steps: tuple[int, int]
     heights: GroundRange
     margin_px: float
-    terrain_m: np.ndarray | None = (
-        None  #: heights at `place_height_nodes` of the first image by a DEM, NaN where unknown
-    )
+    terrain_m: np.ndarray | None = None  #: by a DEM at `place_height_nodes` of the first image, NaN where unknown
 
 
 def place_height_nodes(size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int], float]:
@@ -124,7 +122,11 @@ def _match_features(job: CoarseJob, first: PartResult, second: PartResult) -> Pa
     best = np.empty((0, 2), dtype=np.int64)
     for growth in COARSE.band_growth:
         margin = growth * job.margin_px / job.steps[1] + COARSE.floor_px
-        here, there = _select_common(lines, xy[1], size, margin)
+        # Lines that pass through the second image, and its points where they pass
+        low, high = lines.bounds(margin)
+        here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
+        least, most = low[here].min(axis=0, initial=np.inf), high[here].max(axis=0, initial=-np.inf)
+        there = np.flatnonzero(((xy[1] >= least) & (xy[1] <= most)).all(axis=1))
         of_first, of_second = first["descriptors"][here], second["descriptors"][there]
         pairs = match_in_bands(of_first, of_second, lines.select(here), xy[1][there], margin)
         pairs = np.column_stack([here[pairs[:, 0]], there[pairs[:, 1]]])
@@ -155,13 +157,10 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
         for features, tile in zip(found, tiles, strict=True):
             if all(other is not None for other in tiles) and tile is not None:
                 features.append(detect_features(tile, COARSE.features))
-    return _concatenate_features(found[0]), _concatenate_features(found[1])
-
-
-def _concatenate_features(parts: list[PartResult]) -> PartResult:
-    if not parts:
-        return {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
-    return {name: np.concatenate([part[name] for part in parts]) for name in ("xy", "descriptors")}
+    nothing = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
+    first, second = ({name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
+                     for parts in found)  # fmt: skip
+    return first, second
 
 
 def compute_epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: GroundRange) -> EpipolarLines:
@@ -171,18 +170,6 @@ def compute_epipolar_lines(first: RPC, second: RPC, xy: np.ndarray, heights: Gro
     reach = np.linalg.norm(along, axis=1)
     direction = np.where(reach[:, None] > 1e-6, along / np.maximum(reach, 1e-6)[:, None], (1.0, 0.0))
     return EpipolarLines(0.5 * (low + high), direction, reach)
-
-
-def _select_common(
-    lines: EpipolarLines, xy: np.ndarray, size: np.ndarray, margin_px: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return which lines pass through the second image, and which of its points ``xy`` lie where they pass."""
-    low, high = lines.bounds(margin_px)
-    here = np.flatnonzero(((high >= 0.0) & (low <= size - 1.0)).all(axis=1))
-    if not len(here):
-        return here, np.empty(0, dtype=np.int64)
-    inside = (xy >= low[here].min(axis=0)) & (xy <= high[here].max(axis=0))
-    return here, np.flatnonzero(inside.all(axis=1))
 
 
 # ---- from matches to geometry --------------------------------------------------------------------------------------
@@ -204,9 +191,15 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     middle = 0.5 * (job.heights.low_m + job.heights.high_m)
     miss = compute_epipolar_miss(first, second, first_xy, second_xy, middle)
     noise_px = COARSE.floor_px * max(job.steps)
-    stretch = float(np.median(miss.stretch))
+    stretch, contrasts = float(np.median(miss.stretch)), tuple(found["contrasts"].tolist())
     if stretch * (job.heights.high_m - job.heights.low_m) < COARSE.same_view_px:
-        return _estimate_same_view(job, first_xy, second_xy, noise_px, tuple(found["contrasts"].tolist()))
+        # No parallax: an offset in both directions, and any height
+        away = second_xy - transfer(first, second, first_xy, middle)
+        offset = np.nanmedian(away, axis=0)
+        margin = COARSE.safety * MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset))) + noise_px
+        both = margin, margin
+        geometry = TilePairGeometry(first, second, *job.heights, tuple(offset.tolist()), both, contrasts=contrasts)
+        return PairEstimate(geometry, len(first_xy))
     across = float(np.median(miss.across_px))
     # The mean direction across the epipolar lines, with the sign of `compute_epipolar_miss`
     slope = transfer(first, second, first_xy, middle + 1.0) - transfer(first, second, first_xy, middle - 1.0)
@@ -218,30 +211,12 @@ def estimate_pair(job: CoarseJob, found: PartResult) -> PairEstimate | None:
     sigma = max(sigma, 0.5 * noise_px / stretch)
     reach = COARSE.safety * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
-    contrasts = tuple(found["contrasts"].tolist())
     geometry = TilePairGeometry(
         first, second, min(low, float(grid.heights_m.min())) - reach, max(high, float(grid.heights_m.max())) + reach,
         (across * normal[0], across * normal[1]), (noise_px, COARSE.safety * across_sigma + noise_px), grid, sigma,
         contrasts,
     )  # fmt: skip
     return PairEstimate(geometry, len(first_xy))
-
-
-def _estimate_same_view(
-    job: CoarseJob, first_xy: np.ndarray, second_xy: np.ndarray, noise_px: float, contrasts: tuple[int, ...]
-) -> PairEstimate:
-    """Return the estimate of a pair without parallax: an offset in both directions, and any height."""
-    middle = 0.5 * (job.heights.low_m + job.heights.high_m)
-    away = second_xy - transfer(job.first.rpc, job.second.rpc, first_xy, middle)
-    offset = np.nanmedian(away, axis=0)
-    sigma = MAD_TO_SIGMA * float(np.nanmedian(np.abs(away - offset)))
-    margin = COARSE.safety * sigma + noise_px
-    return PairEstimate(
-        TilePairGeometry(
-            job.first.rpc, job.second.rpc, *job.heights, tuple(offset.tolist()), (margin, margin), contrasts=contrasts
-        ),
-        len(first_xy),
-    )
 
 
 def estimate_height_grid(job: CoarseJob, xy: np.ndarray, height_m: np.ndarray) -> tuple[HeightGrid, float]:

@@ -298,66 +298,46 @@ def to_image_points(
     own, camera = matches.sigma_px / np.sqrt(2.0), estimate_camera_sigma(matches, images)
     sigma = np.sqrt(np.bincount(track, own**2) / np.bincount(track))
     quality = np.bincount(track, matches.quality) / np.bincount(track)
-    rows = _Measurements(
-        np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second],
-        np.concatenate([matches.first_xy[head], matches.second_xy]), np.hypot(np.r_[sigma, own], camera),
-        np.r_[quality, matches.quality], np.r_[matches.kind[head], matches.kind],
-    )  # fmt: skip
+    # The measurements: one of each track in its reference, one a match in the others
+    of_track, image = np.r_[np.arange(len(names)), track], np.r_[matches.first[head], matches.second]
+    xy = np.concatenate([matches.first_xy[head], matches.second_xy])
     rank = quality - np.sqrt(2.0) * sigma  # both matter: a sharp point of a clear match
     # Which tracks stand beside a better one on two images or more: one place, found from two references
-    length = np.bincount(rows.track, minlength=len(rank))
+    length = np.bincount(of_track, minlength=len(rank))
     beside: list[np.ndarray] = []
-    for number in np.unique(rows.image):
-        here = np.flatnonzero(rows.image == number)
-        near = cKDTree(rows.xy[here]).query_pairs(TESTS.same_place_px, output_type="ndarray")
-        beside.append(np.sort(rows.track[here][near], axis=1))
+    for number in np.unique(image):
+        here = np.flatnonzero(image == number)
+        near = cKDTree(xy[here]).query_pairs(TESTS.same_place_px, output_type="ndarray")
+        beside.append(np.sort(of_track[here][near], axis=1))
     pairs, count = np.unique(np.concatenate(beside), axis=0, return_counts=True)
     pairs = pairs[count >= 2]
     first_better = np.lexsort((np.arange(len(rank)), -rank, -length)).argsort()
     worse = np.where(first_better[pairs[:, 0]] < first_better[pairs[:, 1]], pairs[:, 1], pairs[:, 0])
-    repeated = np.zeros(len(rank), dtype=bool)
-    repeated[worse] = True
-    once = ~repeated
+    once = np.ones(len(rank), dtype=bool)
+    once[worse] = False
+    here = once[of_track]
     cell_px = np.array([np.maximum(np.array(image.size or (1, 1)) / cells, 1.0) for image in images])
     wanted = np.array([per_cell.get(k, 0) for k in range(len(images))])
-    kept = np.flatnonzero(once)[select_tracks_by_cell(*rows.of_tracks(once), rank[once], cell_px, wanted)]
-    chosen = np.zeros(len(names), dtype=bool)
-    chosen[kept] = True
+    chosen = once.copy()
+    chosen[once] = select_tracks_by_cell(
+        (np.cumsum(once) - 1)[of_track[here]], image[here], xy[here], rank[once], cell_px, wanted
+    )
     height = _average_by_group(track, matches.height_m, 1.0 / np.maximum(matches.sigma_px, 1e-3) ** 2)
     first = matches.first[head]
     ground = np.full((len(first), 3), np.nan)
     for number in np.unique(first):
         here = first == number
         ground[here] = images[number].rpc.localize(matches.first_xy[head][here], height[here]).ground
-    return rows.to_image_points(chosen, images), ground[chosen]
-
-
-@dataclass(frozen=True, eq=False)
-class _Measurements:
-    """Measurements: track, image, position, sigma, quality and kind."""
-
-    track: np.ndarray
-    image: np.ndarray
-    xy: np.ndarray
-    sigma_px: np.ndarray
-    quality: np.ndarray
-    kind: np.ndarray
-
-    def of_tracks(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return track (numbered anew), image and position of the measurements of chosen tracks (mask)."""
-        here = chosen[self.track]
-        return (np.cumsum(chosen) - 1)[self.track[here]], self.image[here], self.xy[here]
-
-    def to_image_points(self, chosen: np.ndarray, images: Sequence[Image]) -> ImagePoints:
-        """Return the chosen tracks as image points ``T1``, ``T2`` …, by track and image."""
-        rows = np.flatnonzero(chosen[self.track])
-        rows = rows[np.lexsort((self.image[rows], self.track[rows]))]
-        number = np.cumsum(chosen)[self.track[rows]]
-        ids = np.char.add("T", np.char.zfill(number.astype(str), len(str(int(chosen.sum())))))
-        image_ids = np.array([image.id for image in images])[self.image[rows]]
-        return ImagePoints.create(
-            ids, image_ids, self.xy[rows], self.sigma_px[rows], self.kind[rows], self.quality[rows], "tie points"
-        )
+    # Image points `T1`, `T2` …, by track and image
+    rows = np.flatnonzero(chosen[of_track])
+    rows = rows[np.lexsort((image[rows], of_track[rows]))]
+    ids = np.char.zfill(np.cumsum(chosen)[of_track[rows]].astype(str), len(str(int(chosen.sum()))))
+    points = ImagePoints.create(
+        np.char.add("T", ids), np.array([one.id for one in images])[image[rows]], xy[rows],
+        np.hypot(np.r_[sigma, own], camera)[rows], np.r_[matches.kind[head], matches.kind][rows],
+        np.r_[quality, matches.quality][rows], "tie points",
+    )  # fmt: skip
+    return points, ground[chosen]
 
 
 def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from ...block.block import Image
+from ...block.columns import rank_in_groups
 from ...block.footprints import (
     OUTLINE_PER_SIDE,
     compute_footprint,
@@ -71,7 +72,15 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
 
     Raises `InputError` where the surface has no height below any image.
     """
-    ranges = [_find_surface_range(image, surface, margin_m) for image in images]
+    ranges: list[GroundRange | None] = []
+    for image in images:
+        known = np.empty(0)
+        if surface is not None:
+            ground = image.rpc.localize(image.grid_px(24, 24), image.middle_height_m).ground
+            heights = surface_heights(surface, ground[np.isfinite(ground).all(axis=1), :2])
+            known = heights[np.isfinite(heights)]
+        low_high = (float(known.min()) - margin_m, float(known.max()) + margin_m) if len(known) else None
+        ranges.append(None if low_high is None else GroundRange(*low_high))
     if surface is not None and not any(ranges):
         raise InputError("`dem` has no heights below the images: name a DEM of their area")
     lowest, highest = SEA_LEVEL_TO_EVEREST_M
@@ -80,18 +89,6 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
         known or GroundRange(max(low, lowest), min(high, highest))
         for known, (low, high) in zip(ranges, by_rpc, strict=True)
     ]
-
-
-def _find_surface_range(image: Image, surface: HeightSurface | None, margin_m: float) -> GroundRange | None:
-    """Return the heights of a surface below an image; None without any."""
-    if surface is None:
-        return None
-    ground = image.rpc.localize(image.grid_px(24, 24), image.middle_height_m).ground
-    heights = surface_heights(surface, ground[np.isfinite(ground).all(axis=1), :2])
-    known = heights[np.isfinite(heights)]
-    if not len(known):
-        return None
-    return GroundRange(float(known.min()) - margin_m, float(known.max()) + margin_m)
 
 
 def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
@@ -220,9 +217,7 @@ def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CH
     prior = np.array([pair.share for pair in overlaps]) * np.exp(-angle_deg / CHOICE.angle_scale_deg)
     image, row = np.r_[first, second], np.tile(np.arange(len(overlaps)), 2)
     order = np.lexsort((-prior[row], image))
-    _, start = np.unique(image[order], return_index=True)
-    place = np.arange(len(order)) - np.repeat(start, np.diff(np.r_[start, len(order)]))
-    return np.unique(row[order[place < most]])
+    return np.unique(row[order[rank_in_groups(image[order]) < most]])
 
 
 def compute_central_views(images: list[Image]) -> np.ndarray:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from ...block.block import Image
+from ...block.columns import rank_in_groups
 from ...foundation.progress import Progress, stage
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import Keeper, PartResult, Scheduler, WorkPart, run_parts
@@ -94,32 +96,21 @@ class OverviewFeatures:
 
 def detect_features(tile: ImageTile, most: int) -> PartResult:
     """Return ``xy (k, 2)`` in full-resolution pixels and descriptors ``(k, 128)``, the strongest everywhere first."""
-    found = [
-        _detect_in_part(tile, column, row)
-        for row in range(0, tile.pixels.shape[0], OVERVIEW.tile_px)
-        for column in range(0, tile.pixels.shape[1], OVERVIEW.tile_px)
-    ]
+    found, side, border = [], OVERVIEW.tile_px, OVERVIEW.border_px
+    for row, column in product(*(range(0, length, side) for length in tile.pixels.shape)):
+        left, top = max(column - border, 0), max(row - border, 0)
+        place = np.s_[top : row + side + border, left : column + side + border]
+        part = detect_sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
+        xy, begin = part.xy + (left, top), np.array([column, row]) - 0.5
+        own = ((xy >= begin) & (xy < begin + side)).all(axis=1)
+        found.append((xy[own], part.strength[own], part.descriptors[own]))
     xy, response, descriptors = (np.concatenate(part) for part in zip(*found, strict=True))
     # Of at most so many features, the strongest of every part of the image come first
     cell_px = (np.array(tile.pixels.shape[1::-1]) + 1.0) / OVERVIEW.cells
     cell = np.floor(xy / cell_px).astype(np.int64) @ (1, OVERVIEW.cells)
     order = np.lexsort((-response, cell))
-    _, first = np.unique(cell[order], return_index=True)
-    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
-    keep = order[np.argsort(rank, kind="stable")[:most]]
+    keep = order[np.argsort(rank_in_groups(cell[order]), kind="stable")[:most]]
     return {"xy": tile.to_image(xy[keep]), "descriptors": descriptors[keep]}
-
-
-def _detect_in_part(tile: ImageTile, column: int, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return tile positions, strengths and descriptors of the features of one part of an overview."""
-    side, border = OVERVIEW.tile_px, OVERVIEW.border_px
-    left, top = max(column - border, 0), max(row - border, 0)
-    place = np.s_[top : row + side + border, left : column + side + border]
-    found = detect_sift_features(tile.pixels[place], tile.valid[place], 2 * OVERVIEW.features)
-    xy = found.xy + (left, top)
-    begin = np.array([column, row]) - 0.5
-    own = ((xy >= begin) & (xy < begin + side)).all(axis=1)
-    return xy[own], found.strength[own], found.descriptors[own]
 
 
 class EpipolarLines(NamedTuple):

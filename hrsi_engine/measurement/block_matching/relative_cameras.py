@@ -114,7 +114,12 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
         predicted = transfer(images[a].rpc, images[b].rpc, matches.first_xy[rows], height[rows])
         left[rows] = matches.second_xy[rows] - predicted
     equation = 2 * np.arange(len(matches))[:, None] + [0, 1]
-    design = _build_design(matches, turn, equation, len(images))
+    # The derivatives (2 n, 2 images) of the transfers by the shifts
+    by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
+    column = np.concatenate([by_first.ravel(), (2 * matches.second[:, None] + [0, 1]).ravel()])
+    entries = np.concatenate([-turn.ravel(), np.ones(equation.size)])
+    row = np.concatenate([np.repeat(equation.ravel(), 2), equation.ravel()])
+    design = sparse.csr_matrix((entries, (row, column)), shape=(equation.size, 2 * len(images)))
     weight = np.ones(equation.shape)
     for _ in range(CAMERAS.rounds):
         root = np.sqrt(weight).ravel()
@@ -141,15 +146,6 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
     return RelativeCameras(
         *_extend_to_all_images(matches, shift, away), names[known], np.bincount(point)[known], ground[known]
     )
-
-
-def _build_design(matches: BlockMatches, turn: np.ndarray, equation: np.ndarray, images: int) -> sparse.csr_matrix:
-    """Return the derivatives ``(2 n, 2 images)`` of the transfers by the shifts."""
-    row = np.concatenate([np.repeat(equation.ravel(), 2), equation.ravel()])
-    by_first = np.broadcast_to((2 * matches.first[:, None] + [0, 1])[:, None, :], turn.shape)
-    column = np.concatenate([by_first.ravel(), (2 * matches.second[:, None] + [0, 1]).ravel()])
-    value = np.concatenate([-turn.ravel(), np.ones(equation.size)])
-    return sparse.csr_matrix((value, (row, column)), shape=(equation.size, 2 * images))
 
 
 def _extend_to_all_images(matches: BlockMatches, shift: np.ndarray, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """The rounds of a search for tie points: which pairs are matched, with which options, and which links are accepted."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -76,7 +76,11 @@ class TieSearch:
             )
         self._scheduler, self._keeper = scheduler, keeper
         self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before
-        self._marks = {index: _compute_mark(images[index]) for index in self.usable} if marked else {}
+        self._marks = {}  # what tells an image from another one, and from itself after a change of its file
+        for index in self.usable if marked else ():
+            image = images[index]
+            content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
+            self._marks[index] = digest(image.id, image.path, image.size, image.rpc, content)
         self._features: OverviewFeatures | None = None  # of the overviews, where pairs are probed
         self._terrain: dict[int, np.ndarray] = {}
         self._results: list[tuple[int, PartResult]] = []
@@ -281,7 +285,14 @@ class TieSearch:
 
     def complete(self, good: joining.BlockMatches, progress: Progress) -> bool:
         """Look for points that images miss where all matches so far put them; tell whether there are any."""
-        places = {(first, second): job for first, second, job in self._list_both_directions()}
+        # The images of the pairs that matched, either one first, where both are matched everywhere
+        places = {}
+        for pair in self.pairs:
+            both = self.images[pair.first], self.images[pair.second]
+            everywhere = pair.estimate is not None and all(map(is_matched_everywhere, both))
+            if everywhere and overlaps.compute_resolution_step(*both) == 1:
+                places[pair.first, pair.second] = pair.job
+                places[pair.second, pair.first] = replace(pair.job, first=both[1], second=both[0])
         can_miss = len(self.usable) > 2 and not self.options.dense
         cameras = estimate_relative_cameras(good, self.images) if can_miss else None
         if cameras is None:
@@ -310,16 +321,6 @@ class TieSearch:
             self._results += [(part.job.number, found[part.key]) for part in parts]
         return bool(parts)
 
-    def _list_both_directions(self) -> Iterator[tuple[int, int, coarse.CoarseJob]]:
-        """Give the images of the pairs that matched, either one first, where both are matched everywhere."""
-        for pair in self.pairs:
-            both = self.images[pair.first], self.images[pair.second]
-            if pair.estimate is None or not all(map(is_matched_everywhere, both)):
-                continue
-            if overlaps.compute_resolution_step(*both) == 1:
-                yield pair.first, pair.second, pair.job
-                yield pair.second, pair.first, replace(pair.job, first=both[1], second=both[0])
-
     def _match_windows(
         self, pairs: Sequence[PairCandidate], linked: bool, progress: Progress, predicted: bool = False
     ) -> bool:
@@ -330,30 +331,20 @@ class TieSearch:
                 step = overlaps.compute_resolution_step(self.images[pair.first], self.images[pair.second])
                 partner = Partner(pair.second, self.images[pair.second], pair.estimate.geometry, step)
                 partners.setdefault(pair.first, []).append(partner)
-        parts = [part for number, own in partners.items() for part in self._divide_work(number, own, linked, predicted)]
+        parts = []
+        for number, own in partners.items():
+            image = self.images[number]
+            cells_of_image = EVERY if self.options.dense else self.options.cells
+            rows = plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
+            cells = [cell for row in rows for cell in row]
+            known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in own]
+            options = choose_match_options(self.options, image, linked, predicted)
+            per_part = TIE_SEARCH.cells_per_part if linked or not is_matched_everywhere(image) else 1
+            for start in range(0, len(cells), per_part):
+                job = StarJob(number, image, tuple(cells[start : start + per_part]), tuple(own), options)
+                key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
+                parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
         if parts:
             found = run_parts(parts, [part.key for part in parts], self._scheduler, self._keeper, progress)
             self._results += [(part.job.number, found[part.key]) for part in parts]
         return bool(parts)
-
-    def _divide_work(self, number: int, partners: list[Partner], linked: bool, predicted: bool) -> list[WorkPart]:
-        image = self.images[number]
-        cells_of_image = EVERY if self.options.dense else self.options.cells
-        rows = plan_cells(image, cells_of_image, count_points_per_cell(self.options, image))
-        cells = [cell for row in rows for cell in row]
-        known = [(other.number, self._marks[other.number], other.geometry, other.step) for other in partners]
-        parts = []
-        options = choose_match_options(self.options, image, linked, predicted)
-        per_part = TIE_SEARCH.cells_per_part if linked or not is_matched_everywhere(image) else 1
-        for start in range(0, len(cells), per_part):
-            chosen = tuple(cells[start : start + per_part])
-            job = StarJob(number, image, chosen, tuple(partners), options)
-            key = digest(VERSION, self._marks[number], number, job.cells, known, job.options)
-            parts.append(WorkPart(f"windows-{key}", match_stars, job, label=f"matching {image.id}"))
-        return parts
-
-
-def _compute_mark(image: Image) -> str:
-    """Return what tells an image from another one, and from itself after a change of its file."""
-    content = image.raster.content_mark() if isinstance(image.raster, PyramidRaster) else ""
-    return digest(image.id, image.path, image.size, image.rpc, content)

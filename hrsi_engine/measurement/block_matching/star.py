@@ -40,24 +40,18 @@ _FIT = np.linalg.pinv(_TERMS.T)
 
 
 @dataclass(frozen=True, eq=False)
-class _FirstImage:
-    """Stands for the first RPC: its ground coordinates are sample, line and height themselves."""
+class _LocalTransfer:
+    """Stands for both RPCs: ground is sample, line and height of the first image, projected by a cubic of them."""
 
     height_range: tuple[float, float]
+    middle: np.ndarray
+    reach: np.ndarray
+    coefficients: np.ndarray  #: (20, 2)
 
     def localize(self, image: np.ndarray, height_m: np.ndarray | float) -> Localization:
         ground = np.empty((len(image), 3))
         ground[:, :2], ground[:, 2] = image, height_m
         return Localization(ground, np.ones(len(image), dtype=bool))
-
-
-@dataclass(frozen=True, eq=False)
-class _SecondImage:
-    """Stands for the second RPC: a cubic of sample, line and height of the first image."""
-
-    middle: np.ndarray
-    reach: np.ndarray
-    coefficients: np.ndarray  #: (20, 2)
 
     def project(self, ground: np.ndarray) -> np.ndarray:
         return np.asarray(monomials(((ground - self.middle) / self.reach).T).T @ self.coefficients)
@@ -80,11 +74,8 @@ def fit_local_geometry(geometry: TilePairGeometry, window: ImageWindow, border: 
     coefficients = _FIT @ positions
     if np.abs(_TERMS.T @ coefficients - positions).max() > TIE_WINDOWS.miss_px:
         return geometry
-    return replace(
-        geometry,
-        first=cast(RPC, _FirstImage(geometry.first.height_range)),
-        second=cast(RPC, _SecondImage(middle, reach, coefficients)),
-    )
+    both = cast(RPC, _LocalTransfer(geometry.first.height_range, middle, reach, coefficients))
+    return replace(geometry, first=both, second=both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +180,11 @@ def _match_window(
     for partner, other in tiles:
         how = options[partner.number]
         ways = [match_tile(tile, other.times(c), partner.geometry, how) for c in partner.geometry.contrasts]
-        matches = ways[0] if len(ways) == 1 else _merge_contrasts(ways)
+        matches = join_tile_matches(ways) if len(ways) > 1 else ways[0]
+        if len(ways) > 1:  # of a point in both contrasts, the better match
+            best = np.argsort(-matches.quality, kind="stable")
+            _, first = np.unique(_make_keys(matches.first_xy[best]), return_index=True)
+            matches = matches.select(np.sort(best[first]))
         if matches.band:
             options[partner.number] = replace(how, bands=(matches.band,))
         found.append(matches.select(own.contains(matches.first_xy)))
@@ -203,14 +198,6 @@ def _match_window(
         for (partner, _), matches in zip(tiles, found, strict=True)
         if len(matches)
     ]
-
-
-def _merge_contrasts(ways: Sequence[TileMatches]) -> TileMatches:
-    """Return the matches of a window in one contrast or another; of a point in both, the better one."""
-    joined = join_tile_matches(ways)
-    best = np.argsort(-joined.quality, kind="stable")
-    _, first = np.unique(_make_keys(joined.first_xy[best]), return_index=True)
-    return joined.select(np.sort(best[first]))
 
 
 def _complete_partner(
@@ -298,15 +285,11 @@ def transfer_star(job: TransferJob) -> PartResult:
         if not inside.any():
             continue
         geometry = fit_local_geometry(other.geometry, window)
-        shown = predict_window(geometry, window, TIE_WINDOWS.border_px)
-        tiles = (
-            read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)),
-            read_tile(other.image, shown.inside(other.image.known_size)),
-        )
-        if tiles[0] is None or tiles[1] is None:
-            continue
-        found = transfer_points(tiles[0], tiles[1], geometry, job.xy[inside], job.height_m[inside], job.options)
-        rows.append(PartnerMatches(other.number, found))
+        shown = predict_window(geometry, window, TIE_WINDOWS.border_px).inside(other.image.known_size)
+        own, there = read_tile(job.reference, window.grow(TIE_WINDOWS.border_px)), read_tile(other.image, shown)
+        if own is not None and there is not None:
+            found = transfer_points(own, there, geometry, job.xy[inside], job.height_m[inside], job.options)
+            rows.append(PartnerMatches(other.number, found))
     return stack_matches([row for row in rows if len(row.matches)])
 
 
@@ -320,38 +303,24 @@ def plan_cells(image: Image, cells: int, per_cell: int, step: int = 1) -> list[l
 
     step : pixels per pixel that windows are read at; windows cover ``step`` times as many pixels
     """
-    if is_matched_everywhere(image, step):
-        size, rows = image.known_size, []
-        for top, lines in _divide_length(size[1], TIE_WINDOWS.full_window_px * step):
-            row = []
-            for left, samples in _divide_length(size[0], TIE_WINDOWS.full_window_px * step):
-                own = ImageWindow(left, top, samples, lines)
-                row.append(Cell((own.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
-            rows.append(row)
-        return rows
-    return _plan_samples(image, cells, per_cell, step)
-
-
-def _divide_length(length: int, side: int) -> list[tuple[int, int]]:
-    """Return start and length of equal parts of about a side's length."""
-    count = max(1, round(length / side))
-    edges = [length * k // count for k in range(count + 1)]
-    return [(start, end - start) for start, end in pairwise(edges)]
-
-
-def _plan_samples(image: Image, cells: int, per_cell: int, step: int) -> list[list[Cell]]:
-    size, side = image.known_size, TIE_WINDOWS.window_px * step
-    columns, rows = (max(1, min(cells, length // side)) for length in size)
+    size, side, everywhere = image.known_size, TIE_WINDOWS.window_px * step, is_matched_everywhere(image, step)
+    counts = (
+        max(1, round(length / (TIE_WINDOWS.full_window_px * step)) if everywhere else min(cells, length // side))
+        for length in size
+    )
+    columns, rows = (
+        [length * k // count for k in range(count + 1)] for length, count in zip(size, counts, strict=True)
+    )
     grid = []
-    for r in range(rows):
+    for top, bottom in pairwise(rows):
         row = []
-        for c in range(columns):
-            left, right = size[0] * c // columns, size[0] * (c + 1) // columns
-            top, bottom = size[1] * r // rows, size[1] * (r + 1) // rows
-            windows = tuple(
-                ImageWindow(sample, line, side, side).inside(size)
-                for sample, line in _place_windows(left, right, top, bottom, side, size)
-            )
+        for left, right in pairwise(columns):
+            if everywhere:
+                own = ImageWindow(left, top, right - left, bottom - top)
+                row.append(Cell((own.grow(TIE_WINDOWS.overlap_px * step).inside(size),), (own,), 0, 0))
+                continue
+            places = _place_windows(left, right, top, bottom, side, size)
+            windows = tuple(ImageWindow(sample, line, side, side).inside(size) for sample, line in places)
             row.append(Cell(windows, windows, per_cell, TIE_WINDOWS.surplus * per_cell))
         grid.append(row)
     return grid

@@ -23,9 +23,9 @@ from ..interest_points.detectors import clip_to_image
 from ..interest_points.options import CANDIDATE_QUALITY, DETECTOR_SETS, CentreOptions, CornerOptions, DetectionOptions
 from ..interest_points.windows import Area
 from ..tile_matching.epipolar import match_descriptors
-from ..tile_matching.features import SiftFeatures, compute_root_sift, detect_sift_features
+from ..tile_matching.features import compute_root_sift, detect_sift_features
 from .growth import GrowthOptions, GrowthStage, grow_network
-from .leaves import NETWORK_PAIRS, Tolerance, make_tolerance
+from .leaves import NETWORK_PAIRS, make_tolerance
 from .options import ControlNetworkOptions
 from .refinement import NodePositions, refine_matches
 from .seeding import SeedOptions, find_seeds
@@ -43,28 +43,6 @@ class CONTROL_NETWORK:
     reduction_ratio: float = threshold(1.25, "", "ratio of pixel sizes from which the finer window is reduced")
     equal_scales: tuple[float, float] = threshold((1.0, 1.0), "", "range of scales tried first")
     largest_window_px: int = threshold(8192 * 8192, "px", "largest area of a window, for the memory")
-
-
-def choose_tolerance(options: ControlNetworkOptions, slope_deg: float | None = None) -> Tolerance:
-    """Return the tolerances of position and angle for a slope, by default the steepest expected one."""
-    window_px = options.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
-    both = options.incidence_deg, options.incidence_deg
-    return make_tolerance(window_px, both, options.max_slope_deg if slope_deg is None else slope_deg)
-
-
-def make_growth_options(options: ControlNetworkOptions) -> GrowthOptions:
-    """Return how the network grows: on gentle ground, then up and down steep ground, then across gaps."""
-    gentle = choose_tolerance(options)
-    steep = choose_tolerance(options, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg))
-    near, far = CONTROL_NETWORK.near_px, CONTROL_NETWORK.far_px
-    stages = GrowthStage(gentle, near), GrowthStage(steep, near), GrowthStage(steep, far)
-    return GrowthOptions(stages, options.correlation, options.consistency_px)
-
-
-def make_seed_options(options: ControlNetworkOptions, scales: tuple[float, float]) -> SeedOptions:
-    """Return how the network begins, for scales between the two windows' pixels."""
-    allowed = choose_tolerance(options)
-    return SeedOptions(allowed, options.reach_px, choose_scales(*scales, allowed.gradient), options.correlation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +98,6 @@ class ControlNetworkMatch:
         """Pixels of the second image for one of the first; NaN without a match."""
         (a, b), (c, d) = self.affine[:, :2]
         return float(np.sqrt(abs(a * d - b * c)))
-
-
-def choose_scales(lowest: float, highest: float, gradient: float) -> tuple[float, ...]:
-    """Return scales from the lowest to the highest, so close that the tolerances take what lies between."""
-    steps = int(np.ceil(np.log(highest / lowest) / np.log1p(2.0 * gradient))) if highest > lowest else 0
-    return tuple(float(scale) for scale in np.geomspace(lowest, highest, steps + 1))
 
 
 def match_windows(
@@ -205,16 +177,13 @@ def _match_at_scale(
     ]
     between = reductions[0] / reductions[1]
     scales = known[0] * between, known[1] * between
-    similarity = None if vote.affine is None else _map_between_views(vote.affine, *views)
+    similarity = None
+    if vote.affine is not None:  # as a map (2, 3) of the windows' own positions
+        corners = views[0].to_image(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        there = corners @ vote.affine[:, :2].T + vote.affine[:, 2]
+        origin, right, down = (there - views[1].origin + 0.5) / views[1].reduction - 0.5
+        similarity = np.column_stack([right - origin, down - origin, origin])
     return match_views(views[0], views[1], options, scales, stage(progress, 0.3, 1.0), similarity)
-
-
-def _map_between_views(affine: np.ndarray, first: NetworkWindow, second: NetworkWindow) -> np.ndarray:
-    """Return a map ``(2, 3)`` of images as one of the windows' own positions."""
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    there = first.to_image(corners) @ affine[:, :2].T + affine[:, 2]
-    origin, right, down = (there - second.origin + 0.5) / second.reduction - 0.5
-    return np.column_stack([right - origin, down - origin, origin])
 
 
 def _open_window(
@@ -240,12 +209,24 @@ def match_views(
 
     ``similarity (2, 3)`` is where features put the points of the first window, if they tell that.
     """
+    radius_px = options.radius_px + 1.0  # a maximum within 7 x 7 pixels is one of radius 3
+    gentle, steep = (
+        make_tolerance(radius_px, (options.incidence_deg, options.incidence_deg), slope_deg)
+        for slope_deg in (options.max_slope_deg, max(CONTROL_NETWORK.steep_deg, options.max_slope_deg))
+    )
+    # Scales so close that the tolerances take what lies between
+    lowest, highest = scales
+    steps = int(np.ceil(np.log(highest / lowest) / np.log1p(2.0 * gentle.gradient))) if highest > lowest else 0
+    tried = tuple(np.geomspace(lowest, highest, steps + 1).tolist())
+    beginning = SeedOptions(gentle, options.reach_px, tried, options.correlation)
+    # The network grows on gentle ground, then up and down steep ground, then across gaps
+    near, far = CONTROL_NETWORK.near_px, CONTROL_NETWORK.far_px
+    stages = GrowthStage(gentle, near), GrowthStage(steep, near), GrowthStage(steep, far)
+    growth = GrowthOptions(stages, options.correlation, options.consistency_px)
     seen: list[SuperPointMatch] = []
     best: ControlNetworkMatch | None = None
-    for seed in find_seeds(
-        first, second, make_seed_options(options, scales), seen, stage(progress, 0.0, 0.4), similarity
-    ):
-        network = grow_network(seed.network, first, second, make_growth_options(options), stage(progress, 0.4, 0.9))
+    for seed in find_seeds(first, second, beginning, seen, stage(progress, 0.0, 0.4), similarity):
+        network = grow_network(seed.network, first, second, growth, stage(progress, 0.4, 0.9))
         advance(progress, 0.9, "least-squares matching")
         refined, positions = refine_matches(network, first, second, options.consistency_px)
         if not len(refined) or robust_sigma(positions.epipolar_px) > seed.largest_spread_px:
@@ -277,7 +258,12 @@ def _make_failure(
     ambiguous = [(match.best.count, match.runner_up) for match in seen if match.status == AMBIGUOUS and match.best]
     nothing = np.empty((0, 2))
     empty = NodePositions(nothing, nothing, *(np.empty(0) for _ in range(4)))
-    status, message, network, runner_up = NO_MATCH, _explain_failure(first, second, most), 0, 0
+    status, network, runner_up = NO_MATCH, 0, 0
+    few = f" ({most} correspondences are too few)" if most else ""
+    message = f"no common control network was found{few}: check that both windows show the same place at `scale`"
+    for name, view in (("second", second), ("first", first)):
+        if len(view.xy) < 20:
+            message = f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"
     if ambiguous and not most:
         status, (network, runner_up) = AMBIGUOUS, max(ambiguous, key=itemgetter(0))
         message = (
@@ -288,14 +274,6 @@ def _make_failure(
         status, message, empty, np.empty(0, dtype="U9"), np.empty(0, dtype=int), np.empty(0, dtype=int), network,
         runner_up, (len(first.xy), len(second.xy)), np.full((2, 3), np.nan),
     )  # fmt: skip
-
-
-def _explain_failure(first: NetworkWindow, second: NetworkWindow, most: int) -> str:
-    for name, view in (("first", first), ("second", second)):
-        if len(view.xy) < 20:
-            return f"the {name} window has {len(view.xy)} interest points only: choose one with more texture"
-    found = f" ({most} correspondences are too few)" if most else ""
-    return f"no common control network was found{found}: check that both windows show the same place at `scale`"
 
 
 @thresholds
@@ -339,12 +317,19 @@ def vote_by_features(
     areas = first_window, second_window
     largest = max((area.right - area.left) * (area.bottom - area.top) for area in areas)
     reduction = max(float(np.sqrt(largest / most_px)), 1.0)
-    here, there = (_detect_features(*seen, reduction) for seen in zip((first, second), areas, strict=True))
+    found = []
+    for raster, area in zip((first, second), areas, strict=True):
+        grey, valid = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
+        if reduction > 1.0:
+            size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
+            grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
+        found.append(detect_sift_features(grey, valid, SCALE.features))
+    here, there = found
     i, j = match_descriptors(compute_root_sift(here.descriptors), compute_root_sift(there.descriptors), SCALE.ratio)
-    found = _find_common_similarity(here.xy[i], there.xy[j])
-    if found is None:
+    common = _find_common_similarity(here.xy[i], there.xy[j])
+    if common is None:
         return FeatureVote()
-    matrix, shift, votes = found
+    matrix, shift, votes = common
     scale = float(np.hypot(*matrix[:, 0]))
     # From the reduced windows' pixels to those of the images
     origins = [np.array([area.left, area.top], dtype=np.float64) for area in areas]
@@ -376,12 +361,3 @@ def _find_common_similarity(first: np.ndarray, second: np.ndarray) -> tuple[np.n
     (a_all, b_all), *_ = np.linalg.lstsq(np.column_stack([z[agree], np.ones(max(votes))]), w[agree], rcond=None)
     matrix = np.array([[a_all.real, -a_all.imag], [a_all.imag, a_all.real]])
     return matrix, np.array([b_all.real, b_all.imag]), max(votes)
-
-
-def _detect_features(raster: Raster, area: Area, reduction: float) -> SiftFeatures:
-    """Return the features of a reduced window."""
-    grey, valid = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
-    if reduction > 1.0:
-        size = int(grey.shape[1] / reduction), int(grey.shape[0] / reduction)
-        grey, valid = reduce_by_area(np.asarray(grey, np.float32), size), reduce_mask(valid, size)
-    return detect_sift_features(grey, valid, SCALE.features)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
-from .leaves import NETWORK, rotate_offset, wrap_angle
+from .leaves import NETWORK, wrap_angle
 
 NO_FATHER = -1
 
@@ -104,11 +104,6 @@ class LocalAffine(NamedTuple):
     spread_px: np.ndarray
 
 
-def make_similarity_matrix(rotation_rad: float, scale: float) -> np.ndarray:
-    """Return the matrix ``(2, 2)`` of a turn from sample towards line and a scale."""
-    return rotate_offset(np.eye(2), rotation_rad, scale).T
-
-
 def fit_local_affine(
     points: np.ndarray, first: np.ndarray, second: np.ndarray, overall: np.ndarray, leave_out: np.ndarray | None = None
 ) -> LocalAffine:
@@ -116,7 +111,13 @@ def fit_local_affine(
 
     overall : (2, 2) matrix of the whole network; leave_out : (n,) node that must not take part at each point (itself)
     """
-    near = _find_neighbours(points, first, leave_out)
+    left_out = int(leave_out is not None)
+    count = min(LOCAL_AFFINE.neighbours, len(first) - left_out)
+    near = cKDTree(first).query(points, k=count + left_out)[1].reshape(len(points), -1)
+    if leave_out is not None:
+        itself = near == leave_out[:, None]
+        itself[~itself.any(axis=1), -1] = True
+        near = near[~itself].reshape(len(points), count)
     dx = first[near] - points[:, None, :]
     base = second[near[:, 0]] - dx[:, 0] @ overall.T
     dy = second[near] - base[:, None, :] - dx @ overall.T  # what the similarity leaves
@@ -138,15 +139,3 @@ def fit_local_affine(
     spread = robust_sigma(np.hypot(residual[..., 0], residual[..., 1]), axis=1)
     A = overall + np.transpose(solution[:, 1:], (0, 2, 1)) / length[:, None, None]
     return LocalAffine(base + solution[:, 0], A, spread)
-
-
-def _find_neighbours(points: np.ndarray, nodes: np.ndarray, leave_out: np.ndarray | None) -> np.ndarray:
-    """Return the rows ``(n, k)`` of the nearest nodes, without those left out."""
-    count = min(LOCAL_AFFINE.neighbours, len(nodes) - (leave_out is not None))
-    _, near = cKDTree(nodes).query(points, k=count + (leave_out is not None))
-    near = near.reshape(len(points), -1)
-    if leave_out is None:
-        return near
-    itself = near == leave_out[:, None]
-    itself[~itself.any(axis=1), -1] = True
-    return near[~itself].reshape(len(points), count)

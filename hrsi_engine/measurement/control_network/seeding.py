@@ -18,10 +18,10 @@ from scipy.spatial import cKDTree
 
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.thresholds import threshold, thresholds
-from ..interest_points.points import InterestPoints, select_best_per_cell
+from ..interest_points.points import select_best_per_cell
 from .growth import agrees_with_neighbours
-from .leaves import NETWORK_PAIRS, Tolerance, find_mutual_best
-from .network import NO_FATHER, Network, make_similarity_matrix
+from .leaves import NETWORK_PAIRS, Tolerance, find_mutual_best, rotate_offset
+from .network import NO_FATHER, Network
 from .super_points import (
     AMBIGUOUS,
     SUPER_POINTS,
@@ -74,14 +74,6 @@ class SeedOptions(NamedTuple):
     correlation: float
 
 
-def select_super_points(points: InterestPoints) -> np.ndarray:
-    """Return the rows of the strongest points of every cell: strong where the image has anything to offer.
-
-    The thesis takes the strongest of a whole window; cells do the same for windows of any size.
-    """
-    return select_best_per_cell(points, SEEDING.cell_px, SEEDING.points_per_cell)
-
-
 def split_into_parts(view: NetworkWindow, rows: np.ndarray) -> list[np.ndarray]:
     """Return the super points of each part of the first window, parts near the middle first."""
     count = np.maximum(np.rint(view.size / SEEDING.part_px), 1).astype(int)
@@ -100,7 +92,9 @@ def find_seeds(
 
     ``similarity (2, 3)`` is where features put the first window's points, if they tell that.
     """
-    ours, theirs = select_super_points(first.points), select_super_points(second.points)
+    # The thesis takes the strongest points of a whole window; cells do the same for windows of any size
+    per_cell = SEEDING.cell_px, SEEDING.points_per_cell
+    ours, theirs = (select_best_per_cell(view.points, *per_cell) for view in (first, second))
     every = split_into_parts(first, ours) if len(theirs) >= SEEDING.fewest_points else []
     for number, rows in enumerate(every):
         part = stage(progress, number / len(every), (number + 1) / len(every))
@@ -177,7 +171,7 @@ def make_network(
     a, b = rows[best.pairs[:, 0]], theirs[best.pairs[:, 1]]
     father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
     father[0], generation[0] = NO_FATHER, 0
-    matrix = make_similarity_matrix(best.rotation_rad, best.scale)
+    matrix = rotate_offset(np.eye(2), best.rotation_rad, best.scale).T
     return Network(a, b, father, generation, np.zeros(len(a)), first.xy[a], second.xy[b], matrix)
 
 

@@ -40,7 +40,7 @@ from .leaves import Leaves, Tolerance, find_leaves, find_mutual_best, rotate_off
 
 @thresholds
 class SUPER_POINTS:
-    """When the best pair of roots is more than chance and has no rival."""
+    """How pairs of roots are bounded by votes, and when the best one is more than chance and has no rival."""
 
     rival_share: float = threshold(0.75, "", "correspondences of a rival that makes a match ambiguous, by the winner's")
     shared: float = threshold(0.3, "", "share of correspondences in common from which a hypothesis is the same match")
@@ -50,6 +50,9 @@ class SUPER_POINTS:
     rounding_rad: float = threshold(1e-9, "rad", "slack of bounds for correspondences at the edge of the tolerance")
     rival_gradient: float = threshold(0.2, "", "displacement of the root by relief, by its distance, in one match")
     rival_turn_rad: float = threshold(np.radians(15.0), "rad", "largest difference of the rotation in one match")
+    directions: int = threshold(256, "bins", "bins of direction of the histograms of votes")
+    ring_px: float = threshold(4.0, "px", "width of their bins of distance")
+    pairs_per_batch: int = threshold(40_000, "pairs", "pairs of roots in memory at a time, about 120 MB")
 
 
 _SECTOR_RAD = 2.0 * np.pi / SUPER_POINTS.sectors
@@ -317,15 +320,6 @@ def _estimate_chance(sets: RootPairs, root: int) -> tuple[int, float]:
     return max(len(leaves.rows) - 1, 1), float(np.mean(share)) if len(share) else 1.0
 
 
-@thresholds
-class VOTING:
-    """Bins of the histograms by which pairs of roots are bounded."""
-
-    directions: int = threshold(256, "bins", "bins of direction")
-    ring_px: float = threshold(4.0, "px", "width of a bin of distance")
-    pairs_per_batch: int = threshold(40_000, "pairs", "pairs of roots in memory at a time, about 120 MB")
-
-
 def bound_votes(
     first: np.ndarray, second: np.ndarray, tolerance: Tolerance, reach_px: float, scale: float = 1.0
 ) -> np.ndarray:
@@ -333,59 +327,47 @@ def bound_votes(
 
     first : (m, 2), second : (n, 2) positions; scale : px of the second image for one of the first
     """
-    counts = _transform_leaf_counts(first, reach_px)
+    rings = int(np.ceil(reach_px / SUPER_POINTS.ring_px)) + 1
+    counts = np.zeros((len(first), rings, SUPER_POINTS.directions), dtype=np.float32)
+    for root in range(len(first)):
+        leaves = find_leaves(first, root, reach_px)
+        ring = (leaves.distance_px / SUPER_POINTS.ring_px).astype(int)
+        direction = np.floor(leaves.angle_rad / _STEP).astype(int) % SUPER_POINTS.directions
+        np.add.at(counts[root], (ring, direction), 1.0)
+    # The conjugate spectrum of the counts ``(frequencies, roots, rings)``, times that ``(frequencies, rings, roots)``
+    # of where a leaf would find a partner, some roots at a time
+    spectrum = np.ascontiguousarray(np.conj(fft.rfft(counts, axis=2)).transpose(2, 0, 1))
     bounds = np.zeros((len(first), len(second)), dtype=np.int32)
-    for part, widened in _transform_batches(second / scale, tolerance, reach_px, len(first)):
-        votes = np.matmul(counts, widened)
-        bounds[:, part] = np.rint(fft.irfft(votes, VOTING.directions, axis=0).max(axis=0)).astype(np.int32)
+    step = max(1, SUPER_POINTS.pairs_per_batch // max(len(first), 1))
+    for start in range(0, len(second), step):
+        roots = range(start, min(start + step, len(second)))
+        found = np.stack([_widen_leaves(second / scale, root, tolerance, reach_px, rings) for root in roots])
+        votes = np.matmul(spectrum, np.ascontiguousarray(fft.rfft(found, axis=2).transpose(2, 1, 0)))
+        most = fft.irfft(votes, SUPER_POINTS.directions, axis=0).max(axis=0)
+        bounds[:, roots.start : roots.stop] = np.rint(most).astype(np.int32)
     return bounds
 
 
-def _count_rings(reach_px: float) -> int:
-    return int(np.ceil(reach_px / VOTING.ring_px)) + 1
+_STEP = 2.0 * np.pi / SUPER_POINTS.directions
 
 
-def _transform_leaf_counts(points: np.ndarray, reach_px: float) -> np.ndarray:
-    """Return the conjugate spectrum of the leaves' counts by root, ``(frequencies, roots, rings)`` complex64."""
-    counts = np.zeros((len(points), _count_rings(reach_px), VOTING.directions), dtype=np.float32)
-    for root in range(len(points)):
-        leaves = find_leaves(points, root, reach_px)
-        ring = (leaves.distance_px / VOTING.ring_px).astype(int)
-        direction = np.floor(leaves.angle_rad / _STEP).astype(int) % VOTING.directions
-        np.add.at(counts[root], (ring, direction), 1.0)
-    return np.ascontiguousarray(np.conj(fft.rfft(counts, axis=2)).transpose(2, 0, 1))
-
-
-_STEP = 2.0 * np.pi / VOTING.directions
-
-
-def _transform_batches(
-    points: np.ndarray, tolerance: Tolerance, reach_px: float, roots: int
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield spectra ``(frequencies, rings, roots)`` of where a leaf would find a partner, some roots at a time."""
-    step = max(1, VOTING.pairs_per_batch // max(roots, 1))
-    for start in range(0, len(points), step):
-        stop = min(start + step, len(points))
-        found = np.stack([_widen_leaves(points, root, tolerance, reach_px) for root in range(start, stop)])
-        yield slice(start, stop), np.ascontiguousarray(fft.rfft(found, axis=2).transpose(2, 1, 0))
-
-
-def _widen_leaves(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float) -> np.ndarray:
+def _widen_leaves(points: np.ndarray, root: int, tolerance: Tolerance, reach_px: float, rings: int) -> np.ndarray:
     """Return 1 in the bins ``(rings, directions)`` of which a leaf may meet one of this root's leaves, else 0."""
-    rings = _count_rings(reach_px)
-    inner = np.arange(rings) * VOTING.ring_px
-    allowed = tolerance.limit_px(inner + VOTING.ring_px)  # grows outwards, that of the angle inwards
+    inner = np.arange(rings) * SUPER_POINTS.ring_px
+    allowed = tolerance.limit_px(inner + SUPER_POINTS.ring_px)  # grows outwards, that of the angle inwards
     angle = np.minimum(tolerance.limit_rad(np.maximum(inner, 1e-3)), np.pi)
     leaves = find_leaves(points, root, reach_px + float(allowed[-1]))
-    nearest, farthest = (inner - allowed)[:, None], (inner + VOTING.ring_px + allowed)[:, None]
+    nearest, farthest = (inner - allowed)[:, None], (inner + SUPER_POINTS.ring_px + allowed)[:, None]
     ring, leaf = np.nonzero((leaves.distance_px >= nearest) & (leaves.distance_px <= farthest))
     # The rotation may lie half a bin to either side, and the first leaf anywhere in its bin.
     low = np.ceil((leaves.angle_rad[leaf] - angle[ring]) / _STEP - 1.5).astype(int)
     high = np.floor((leaves.angle_rad[leaf] + angle[ring]) / _STEP + 0.5).astype(int)
     # 1 in the bins ``low … high`` of each arc, float32, directions wrapped
-    change = np.zeros((rings, 3 * VOTING.directions + 1), dtype=np.int32)
-    start = low % VOTING.directions
+    change = np.zeros((rings, 3 * SUPER_POINTS.directions + 1), dtype=np.int32)
+    start = low % SUPER_POINTS.directions
     np.add.at(change, (ring, start), 1)
-    np.add.at(change, (ring, start + (np.minimum(high, low + VOTING.directions - 1) - low) + 1), -1)
-    covered = change.cumsum(axis=1)[:, : 3 * VOTING.directions].reshape(rings, 3, VOTING.directions).sum(axis=1)
+    np.add.at(change, (ring, start + (np.minimum(high, low + SUPER_POINTS.directions - 1) - low) + 1), -1)
+    covered = (
+        change.cumsum(axis=1)[:, : 3 * SUPER_POINTS.directions].reshape(rings, 3, SUPER_POINTS.directions).sum(axis=1)
+    )
     return (covered > 0).astype(np.float32)

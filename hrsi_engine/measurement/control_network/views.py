@@ -61,27 +61,23 @@ def read_network_window(
     reduction : by how much the pixels are enlarged first, averaged over their area
     """
     grey, usable = raster.read(area.left, area.top, area.right - area.left, area.bottom - area.top)
-    pixels = _reduce_window(np.where(usable, grey, 0).astype(np.float32), usable, reduction)
+    grey = np.where(usable, grey, 0).astype(np.float32)
+    if reduction != 1.0:
+        y, x = np.mgrid[tuple(slice(int(length / reduction)) for length in grey.shape)].astype(np.float32)
+        places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
+        smooth = blur(grey, 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
+        # A larger pixel is usable where all that it is made of are
+        clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
+        usable = interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
+        grey = interpolate(smooth, *places, order=1)
+    pixels = ArrayRaster(grey, usable)
     ends = np.linspace(0.0, 1.0, len(detectors) + 1).tolist()
     parts = [
         detect_interest_points(pixels, name, options, progress=stage(progress, *ends[k : k + 2]))
         for k, name in enumerate(detectors)
     ]
     origin = np.array([area.left, area.top], dtype=float)
-    return NetworkWindow(pixels.grey, pixels.valid, join_points(parts), origin, reduction)
-
-
-def _reduce_window(grey: np.ndarray, usable: np.ndarray, reduction: float) -> ArrayRaster:
-    """Return the pixels enlarged; one is usable where all it is made of are."""
-    if reduction == 1.0:
-        return ArrayRaster(grey, usable)
-    lines, samples = (int(length / reduction) for length in grey.shape)
-    y, x = np.mgrid[:lines, :samples].astype(np.float32)
-    places = (x + 0.5) * reduction - 0.5, (y + 0.5) * reduction - 0.5
-    smooth = blur(grey, 0.5 * np.sqrt(reduction**2 - 1.0))  # of a pixel to that of a larger one
-    clear = erode(usable, 2 * int(np.ceil(reduction)) + 1)
-    is_clear = interpolate(clear.view(np.uint8), *places, order=0, outside=0) > 0
-    return ArrayRaster(interpolate(smooth, *places, order=1), is_clear)
+    return NetworkWindow(grey, usable, join_points(parts), origin, reduction)
 
 
 @thresholds

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ...block.block import ImagePoints
-from ...block.columns import Columns
+from ...block.columns import Columns, rank_in_groups
 
 CORNER, SUPER = "corner", "super"
 
@@ -104,7 +104,5 @@ def select_best_per_cell(points: InterestPoints, cell_px: float, per_cell: int) 
     """Return indices, ascending, of the ``per_cell`` best points in every cell of a grid; best by quality, strength."""
     cell = np.floor((points.xy + 0.5) / cell_px).astype(np.int64)
     order = np.lexsort((-points.strength, -points.quality, cell[:, 0], cell[:, 1]))
-    here = cell[order]
-    first = np.flatnonzero(np.r_[True, np.any(here[1:] != here[:-1], axis=1)]) if len(order) else np.empty(0, int)
-    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
-    return np.sort(order[rank < per_cell])
+    number = np.unique(cell[order], axis=0, return_inverse=True)[1].ravel()
+    return np.sort(order[rank_in_groups(number) < per_cell])

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...block.columns import rank_in_groups
 from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, should_use_opencv
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
@@ -44,12 +45,8 @@ def detect_sift_features(grey: np.ndarray, valid: np.ndarray, most: int) -> Sift
     if byte is None:
         return SiftFeatures(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.uint8))
     usable = erode(valid, FEATURES.valid_px)
-    if should_use_opencv():
-        return _detect_by_opencv(byte, usable, most)
-    return SiftFeatures(*detect_sift_by_numpy(byte, usable, most, FEATURES.contrast))
-
-
-def _detect_by_opencv(byte: np.ndarray, usable: np.ndarray, most: int) -> SiftFeatures:
+    if not should_use_opencv():
+        return SiftFeatures(*detect_sift_by_numpy(byte, usable, most, FEATURES.contrast))
     import cv2
 
     sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=FEATURES.contrast, enable_precise_upscale=True)
@@ -113,16 +110,11 @@ def detect_tile_points(tile: ImageTile, options: TileMatchOptions) -> np.ndarray
         good &= at > TILE_MATCH.weakest_corner * np.median(at)
     points = np.column_stack([columns, rows])[good].astype(np.int64)
     if options.most_points and len(points) > options.most_points:
-        size = tile.pixels.shape[0], tile.pixels.shape[1]
-        points = points[_select_by_cell(points, expected[good], size, options.most_points)]
+        # The best points of each cell of a grid, the same number in each as far as there are any
+        expected, size = expected[good], np.array(tile.pixels.shape[::-1])
+        cell = np.floor(points * (TILE_MATCH.cells / size)).astype(np.int64) @ [1, TILE_MATCH.cells]
+        order = np.lexsort((expected, cell))
+        rank = np.empty(len(points), dtype=np.int64)
+        rank[order] = rank_in_groups(cell[order])
+        points = points[np.sort(np.lexsort((expected, rank))[: options.most_points])]
     return points
-
-
-def _select_by_cell(points: np.ndarray, expected: np.ndarray, shape: tuple[int, int], most: int) -> np.ndarray:
-    """Return indices of the best points of each cell of a grid, the same number in each as far as there are any."""
-    cell = np.floor(points * (TILE_MATCH.cells / np.array(shape[::-1]))).astype(np.int64) @ [1, TILE_MATCH.cells]
-    order = np.lexsort((expected, cell))
-    first = np.searchsorted(cell[order], cell[order])
-    rank = np.empty(len(points), dtype=np.int64)
-    rank[order] = np.arange(len(points)) - first
-    return np.sort(np.lexsort((expected, rank))[:most])
