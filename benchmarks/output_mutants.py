@@ -85,7 +85,7 @@ MUTANTS = (
         "for corner in CORNERS])", "tests/io/test_rpc_files.py -k ichipb",
     ),
     Mutant(
-        "match keeps what lies across epipolar lines", "measurement/control_network/refinement.py",
+        "match keeps what lies across epipolar lines", "measurement/control_network/growth.py",
         "keep &= np.abs(across[rows])", "keep &= 0.0 * np.abs(across[rows])",
         "tests/measurement/test_control_network.py -k epipolar",
     ),

@@ -21,7 +21,7 @@ from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.assembly import stack_image_points
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
-from ..hrsi_engine.block.footprints import compute_footprint
+from ..hrsi_engine.block.imaging_geometry import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.residual_plots import draw_bars

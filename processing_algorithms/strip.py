@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.block.strips import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
+from ..hrsi_engine.block.exposures import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.csv_tables import write_csv

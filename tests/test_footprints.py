@@ -11,9 +11,9 @@ import simulated_blocks as blocks
 from osgeo import gdal, ogr
 from shapely.geometry import Polygon, box
 
-from hrsi.hrsi_engine.block import footprints
+from hrsi.hrsi_engine.block import imaging_geometry as footprints
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.footprints import (
+from hrsi.hrsi_engine.block.imaging_geometry import (
     compute_footprint,
     compute_footprint_hull,
     compute_overlap,

@@ -14,7 +14,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from ..block.block import Role
-from ..block.footprints import list_corners
+from ..block.imaging_geometry import list_corners
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, continuous_longitudes
 from .arrows import choose_round_length, make_arrow_path

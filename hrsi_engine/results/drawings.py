@@ -13,7 +13,7 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import Block, Image
 from ..block.columns import group_by_number
-from ..block.footprints import compute_footprint, compute_footprints
+from ..block.imaging_geometry import compute_footprint, compute_footprints
 from ..block.points import ROLE_LABELS, Role
 from ..drawing.block_figures import Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField

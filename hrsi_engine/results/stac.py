@@ -16,8 +16,7 @@ from shapely.geometry import MultiPolygon, Polygon, box, mapping
 from shapely.geometry.polygon import orient
 
 from ..block.block import Image
-from ..block.footprints import compute_footprint
-from ..block.imaging_geometry import compute_view_directions
+from ..block.imaging_geometry import compute_footprint, compute_view_directions
 from ..block.pointing import compute_gsd_m
 from ..io.catalogue.lineage import file_entry
 from ..io.catalogue.stac_items import href_of

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, LaserOutcome
 from ..block.block import Block
-from ..block.footprints import compute_footprints
+from ..block.imaging_geometry import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds

@@ -20,9 +20,9 @@ from ...hrsi_engine.measurement.reference.checks import (
     contradiction,
     describe_far_shifts,
     describe_shifts,
+    drop_wrong_parts,
 )
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
-from ...hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.opening import dem_surface
 from ..interface.declare import Context, Report

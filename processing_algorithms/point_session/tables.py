@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...hrsi_engine.block.assembly import stack_image_points
-from ...hrsi_engine.block.footprints import compute_footprint
+from ...hrsi_engine.block.imaging_geometry import compute_footprint
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.ground.geodesy import WGS84
 from ...hrsi_engine.ground.operation_uses import read_entry

@@ -30,6 +30,7 @@ from hrsi.hrsi_engine.measurement.control_network import (
     match_windows,
     matching,
 )
+from hrsi.hrsi_engine.measurement.control_network.growth import compute_epipolar_residuals, select_consistent
 from hrsi.hrsi_engine.measurement.control_network.leaves import (
     Tolerance,
     compute_distance_difference,
@@ -43,7 +44,6 @@ from hrsi.hrsi_engine.measurement.control_network.network import (
     Network,
     fit_local_affine,
 )
-from hrsi.hrsi_engine.measurement.control_network.refinement import compute_epipolar_residuals, select_consistent
 from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
 from hrsi.hrsi_engine.measurement.interest_points import Area
 

@@ -22,10 +22,10 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
     contradiction,
     describe_far_shifts,
     describe_shifts,
+    drop_wrong_parts,
 )
 from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, find_agreement, match_reference
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
-from hrsi.hrsi_engine.measurement.reference.parts import drop_wrong_parts
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import predict_patch, read_patch
 from hrsi.hrsi_engine.measurement.window_matching.correlation import (
     compute_orientation_field,

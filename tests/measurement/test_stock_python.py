@@ -8,12 +8,12 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.array_filters import ArrayFilters
 from hrsi.hrsi_engine.foundation.opencv_filters import OpenCVFilters
-from hrsi.hrsi_engine.measurement.interest_points.outlines import trace_contours
-from hrsi.hrsi_engine.measurement.interest_points.stable_regions import (
+from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
     MserLimits,
     find_mser_by_opencv,
     find_mser_by_tree,
 )
+from hrsi.hrsi_engine.measurement.interest_points.outlines import trace_contours
 from hrsi.hrsi_engine.measurement.tile_matching.sift_arrays import detect_sift_by_numpy
 from hrsi.hrsi_engine.measurement.window_matching.correlation import correlate_template
 

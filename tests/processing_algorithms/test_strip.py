@@ -15,7 +15,7 @@ from osgeo import gdal
 from rpc_samples import ground_grid, sample_rpc, write_image
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.strips import fit_strip, place_parts
+from hrsi.hrsi_engine.block.exposures import fit_strip, place_parts
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.camera.rpc_fit import refit_rpc
 from hrsi.hrsi_engine.foundation.errors import InputError

@@ -13,15 +13,15 @@ from shapely.geometry import Polygon
 
 from ...block.block import Image
 from ...block.columns import rank_in_groups
-from ...block.footprints import (
+from ...block.imaging_geometry import (
     OUTLINE_PER_SIDE,
     compute_footprint,
     compute_footprint_hull,
     compute_overlap,
+    compute_view_directions,
     find_touching_pairs,
     make_polygon,
 )
-from ...block.imaging_geometry import compute_view_directions
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import wrap_degrees

@@ -24,10 +24,9 @@ from ..interest_points.options import CANDIDATE_QUALITY, DETECTOR_SETS, CentreOp
 from ..interest_points.windows import Area
 from ..tile_matching.epipolar import match_descriptors
 from ..tile_matching.features import compute_root_sift, detect_sift_features
-from .growth import GrowthOptions, GrowthStage, grow_network
+from .growth import GrowthOptions, GrowthStage, NodePositions, grow_network, refine_matches
 from .leaves import NETWORK_PAIRS, make_tolerance
 from .options import ControlNetworkOptions
-from .refinement import NodePositions, refine_matches
 from .seeding import SeedOptions, find_seeds
 from .super_points import AMBIGUOUS, FOUND, NO_MATCH, SuperPointMatch
 from .views import NetworkWindow, read_network_window

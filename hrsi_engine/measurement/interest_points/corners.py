@@ -13,8 +13,7 @@ import numpy as np
 from ...foundation.pixel_filters import erode, filter_separable, largest_within, slopes
 from ...foundation.thresholds import threshold, thresholds
 from .options import CornerOptions
-from .statistics import STATISTICS_HALO_PX, ImageStatistics, normalise
-from .windows import DetectionWindow
+from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, normalise
 
 SIMULATED_OBJECTS = "simulated scenes of objects and corners, 2026-11-21 (docs/interest_points_accuracy.md)"
 

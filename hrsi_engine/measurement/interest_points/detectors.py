@@ -30,8 +30,16 @@ from .corners import (
 from .gravity_centres import GravityCentre, compute_centre_halo_px, find_gravity_centres
 from .options import STRONG_QUALITY, CentreOptions, CornerOptions, DetectionOptions
 from .points import CORNER, SUPER, InterestPoints, join_points, make_empty_points, select_best_per_cell
-from .statistics import ImageStatistics, choose_sample_areas, estimate_image_statistics, normalise
-from .windows import Area, DetectionWindow, read_window, tile_region
+from .windows import (
+    Area,
+    DetectionWindow,
+    ImageStatistics,
+    choose_sample_areas,
+    estimate_image_statistics,
+    normalise,
+    read_window,
+    tile_region,
+)
 
 BLOB = "blob"
 

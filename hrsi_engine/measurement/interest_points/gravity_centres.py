@@ -18,8 +18,7 @@ from .level_regions import EVEN, find_compact_regions
 from .options import CentreOptions
 from .outlines import Outlines, SlopeImage, interpolate_bilinear, measure_outlines
 from .shapes import SHAPE, SHAPES, Shapes, compute_size_tolerance
-from .statistics import STATISTICS_HALO_PX, ImageStatistics, normalise
-from .windows import DetectionWindow
+from .windows import STATISTICS_HALO_PX, DetectionWindow, ImageStatistics, normalise
 
 
 @thresholds

@@ -3,6 +3,10 @@
 Cores tile the image on a grid that starts at (0, 0) and whose step is a multiple of all cell sizes and pyramid factors,
 so that what is computed for a pixel does not depend on the window it is computed in. Windows reach beyond their cores
 by the support of the detector; only points inside the core are kept.
+
+Detectors work on ``(grey - local mean) / local standard deviation``, so that one set of thresholds suits forest, field
+and city. Local means and deviations come from cells on a fixed grid, averaged over 5 x 5 cells and interpolated
+between their middles; the deviation has a floor, so that noise on water does not become structure.
 """
 
 from dataclasses import dataclass
@@ -10,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.block import Raster
-from ...foundation.pixel_filters import apply_opening, box_mean, dilate
+from ...foundation.pixel_filters import apply_opening, box_mean, dilate, enlarge, filter_separable
+from ...foundation.robust_scale import MAD_TO_SIGMA
 from ...foundation.thresholds import threshold, thresholds
 
 
@@ -110,3 +115,121 @@ def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     mean, share = (box_mean(layer.astype(np.float64), WINDOWS.fill_side_px) for layer in (grey, valid))
     near = mean / np.maximum(share, WINDOWS.fill_side_px**-2.0)
     return np.where(valid, grey, near.astype(np.float32))
+
+
+@thresholds
+class LOCAL_STATISTICS:
+    """How local mean and standard deviation are estimated, and from where on a deviation is structure."""
+
+    averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
+    sample_px: int = threshold(512, "px", "side of a sample area of an image's statistics")
+    samples_per_side: int = threshold(4, "areas", "most sample areas along each side of an image")
+    noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
+    contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
+
+
+STATISTICS_HALO_PX = WINDOWS.grid_px * (
+    LOCAL_STATISTICS.averaged_cells // 2 + 1
+)  # distance over which pixels influence a local mean
+_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
+
+
+@dataclass(frozen=True)
+class ImageStatistics:
+    """Grey value from which pixels are saturated (None: never), noise, and the floor of local deviations."""
+
+    saturation: float | None
+    noise: float
+    deviation_floor: float
+
+
+def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
+    """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
+    samples = [read_window(raster, core, 0, None) for core in choose_sample_areas(region)]
+    saturation = _find_saturation(samples) if mask_saturated else None
+    noises = [estimate_noise(window.grey, window.usable) for window in samples if window.usable.any()]
+    noise = float(np.median(noises)) if noises else 0.0
+    deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
+    known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
+    typical = float(np.median(known)) if len(known) else 0.0
+    floor = max(LOCAL_STATISTICS.noise_floor * noise, LOCAL_STATISTICS.contrast_floor * typical, 1e-6)
+    return ImageStatistics(saturation, noise, floor)
+
+
+def choose_sample_areas(region: Area) -> list[Area]:
+    """Return sample areas spread over a region; all of it where it is small."""
+    side = LOCAL_STATISTICS.sample_px
+    return [
+        Area(x, y, min(x + side, region.right), min(y + side, region.bottom))
+        for y in _choose_starts(region.top, region.bottom)
+        for x in _choose_starts(region.left, region.right)
+    ]
+
+
+def _choose_starts(first: int, end: int) -> list[int]:
+    count = min(LOCAL_STATISTICS.samples_per_side, -(-(end - first) // LOCAL_STATISTICS.sample_px))
+    last = max(first, end - LOCAL_STATISTICS.sample_px)
+    return sorted(
+        {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}
+    )[:count]
+
+
+def _find_saturation(samples: list[DetectionWindow]) -> float | None:
+    """Return the largest grey value where suspiciously many pixels share it."""
+    greys = [window.grey[window.usable] for window in samples if window.usable.any()]
+    if not greys:
+        return None
+    largest = max(float(grey.max()) for grey in greys)
+    share = sum(int(np.sum(grey == largest)) for grey in greys) / sum(grey.size for grey in greys)
+    return largest if share > WINDOWS.saturated_share else None
+
+
+def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
+    """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
+    side = WINDOWS.grid_px
+    lines, samples = (length // side * side for length in grey.shape)
+    if not lines or not samples:
+        return 0.0
+    shape = lines // side, side, samples // side, side
+    curved = np.abs(filter_separable(grey, _SECOND_DIFFERENCE, _SECOND_DIFFERENCE)) / 6.0
+    cells = curved[:lines, :samples].reshape(shape).transpose(0, 2, 1, 3).reshape(shape[0], shape[2], -1)
+    whole = usable[:lines, :samples].reshape(shape).all(axis=(1, 3))
+    return float(MAD_TO_SIGMA * np.percentile(np.median(cells, axis=2)[whole], 25.0)) if whole.any() else 0.0
+
+
+def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
+    """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
+    mean, deviation = (_interpolate_cells(values) for values in _compute_local_moments(window))
+    relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
+    return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
+
+
+def _sum_cells(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return number of usable pixels, sum and sum of squares of each cell, float64."""
+    lines, samples = (length // WINDOWS.grid_px for length in window.grey.shape)
+    shape = lines, WINDOWS.grid_px, samples, WINDOWS.grid_px
+    area = np.s_[: lines * WINDOWS.grid_px, : samples * WINDOWS.grid_px]
+    weight = window.usable[area].astype(np.float64)
+    grey = window.grey[area] * weight
+    return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
+
+
+def _compute_local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and deviation of the usable pixels in the cells around each cell."""
+    kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
+    sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
+    return _compute_moments(*sums)
+
+
+def _compute_moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        variance = np.maximum(squares / count - mean**2, 0.0)
+    return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)
+
+
+def _interpolate_cells(cells: np.ndarray) -> np.ndarray:
+    """Return cell values at every pixel, bilinear between the cells' middles."""
+    known = np.isfinite(cells)
+    filled = np.where(known, cells, np.mean(cells[known]) if known.any() else 0.0).astype(np.float32)
+    return enlarge(filled, WINDOWS.grid_px)

@@ -36,9 +36,8 @@ from ...surface.dem import HeightSurface, Status, intersect_surface, surface_hei
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.windows import DONE, LsmOptions, MatchImage
-from .bias_search import ImageBias, search_bias
 from .options import ReferenceOptions
-from .predicted_patches import PATCH, predict_patch, read_means, read_patch
+from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read_patch, search_bias
 
 
 @thresholds

@@ -14,11 +14,18 @@ from ...foundation.errors import InputError, SolveError
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.gravity_centres import CENTRE, GravityCentre, find_gravity_centres
 from ..interest_points.options import CentreOptions
-from ..interest_points.statistics import ImageStatistics, estimate_image_statistics
-from ..interest_points.windows import Area, DetectionWindow, read_window
-from .edge_points import EdgePoints, find_edge_points, find_straight_segments
+from ..interest_points.windows import Area, DetectionWindow, ImageStatistics, estimate_image_statistics, read_window
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
-from .line_corner import Line, LineCorner, fit_line, intersect_lines, split_into_lines
+from .line_corner import (
+    EdgePoints,
+    Line,
+    LineCorner,
+    find_edge_points,
+    find_straight_segments,
+    fit_line,
+    intersect_lines,
+    split_into_lines,
+)
 from .options import TargetOptions
 
 TARGET_CENTER, TARGET_CORNER = "center", "corner"

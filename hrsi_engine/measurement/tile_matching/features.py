@@ -15,7 +15,7 @@ from ...block.columns import rank_in_groups
 from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, erode, should_use_opencv
 from ...foundation.thresholds import threshold, thresholds
 from ..interest_points.corners import compute_structure_tensor, find_local_maxima, mask_usable_surroundings
-from ..interest_points.statistics import estimate_noise
+from ..interest_points.windows import estimate_noise
 from .options import TILE_MATCH, TileMatchOptions
 from .sift_arrays import detect_sift_by_numpy
 from .types import ImageTile

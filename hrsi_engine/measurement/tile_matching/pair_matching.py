@@ -23,10 +23,9 @@ from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage
 from .epipolar import EPIPOLAR, Consistency, check_rpc_consistency
 from .features import detect_tile_points
-from .frame import TileFrame
 from .matchers import MATCHERS
 from .options import TILE_MATCH, TileMatchOptions
-from .types import ImageTile, TileMatches, TilePairGeometry, make_empty_matches
+from .types import ImageTile, TileFrame, TileMatches, TilePairGeometry, make_empty_matches
 
 
 def match_tile(

@@ -16,13 +16,32 @@ plants do, and they are strongest in the texture as well, so that plain grey val
 
 The covariance is that of the normal equations with the variance of the residuals, times a factor for what filtering
 does to noise (`Band.sigma_factor`, from simulation).
+
+NumPy matches many windows at once, by the same steps as the compiled loops of `lsm_kernels`. The equation is linear in
+eight unknowns (g d, g D, g, o), in this order: with the columns
+
+    A = [Tx, Ty, Tx x, Tx y, Ty x, Ty y, T - mean(T), 1]
+
+(Tx, Ty slopes of the template, x, y offsets in half windows) and weights P the solution is (A'PA)^-1 A'P I(W). A'PA
+belongs to the template alone and is inverted once a window; d and D are the solution's first six terms over g.
 """
 
 import numpy as np
 
 from ...foundation import compiled_code
-from .lsm_arrays import match_batches
-from .windows import DONE, ITERATIONS_USED_UP, OUTSIDE, LsmOptions, MatchImage, PatchMatches, Results
+from .windows import (
+    DIVERGED,
+    DONE,
+    ITERATIONS_USED_UP,
+    MATCHING,
+    OUTSIDE,
+    TERMS,
+    WEAK,
+    LsmOptions,
+    MatchImage,
+    PatchMatches,
+    Results,
+)
 
 
 def match_patches(
@@ -87,3 +106,134 @@ def _match_by_numba(
         0, len(centre), (first.grey, *first.slopes, second.coefficients), centre, options.make_weights(),
         (options.iterations, options.closure_px, options.reach_px), results,
     )  # fmt: skip
+
+
+def match_batches(
+    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
+) -> None:
+    """Match windows whose templates are inside the first image; results are changed in place."""
+    for begin in range(0, len(centre), MATCHING.batch):
+        part = slice(begin, begin + MATCHING.batch)
+        _match_batch(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
+
+
+def _match_batch(
+    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
+) -> None:
+    xy, affine, covariance, figures, status = results
+    weight = options.make_weights().ravel()
+    line = np.arange(-options.half, options.half + 1, dtype=np.float64)
+    offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    A = _make_designs(first, centre, offset, weight)
+    weighted = A * weight
+    N = weighted @ A.transpose(0, 2, 1)
+    diagonal = np.sqrt(np.einsum("nii->ni", N))
+    positive = diagonal.min(axis=1) > 0.0
+    safe = np.where(positive[:, None], diagonal, 1.0)
+    smallest = np.linalg.eigvalsh(N / (safe[:, :, None] * safe[:, None, :]))[:, 0]
+    solvable = positive & (smallest > 1e-9)
+    status[:] = np.where(solvable, ITERATIONS_USED_UP, WEAK)
+    inverse = np.full_like(N, np.nan)
+    inverse[solvable] = np.linalg.inv(N[solvable])
+    begin = xy.copy()
+    solution, seen = np.zeros((len(centre), TERMS)), np.zeros((len(centre), len(offset)))
+    going = np.flatnonzero(solvable)
+    for _ in range(options.iterations):
+        rows, columns = second.coefficients.shape
+        reach = options.half * np.abs(affine[going]).sum(axis=2)
+        inside = np.all((xy[going] - reach >= 1.0) & (xy[going] + reach < np.array([columns, rows]) - 3.0), axis=1)
+        status[going[~inside]] = OUTSIDE
+        going = going[inside]
+        if not len(going):
+            break
+        at = xy[going, :, None] + affine[going] @ offset.T
+        seen[going] = _interpolate_spline(second.coefficients, at[:, 0], at[:, 1])
+        right = weighted[going] @ seen[going, :, None]
+        solution[going] = (inverse[going] @ right)[..., 0]
+        going = _update_warps(xy, affine, begin, status, solution, going, options)
+    matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
+    _assess_matches(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
+    scale = (figures[matched, 2] / figures[matched, 1]) ** 2
+    by_template = inverse[matched, :2, :2] * scale[:, None, None]
+    covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
+
+
+def _make_designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the design matrices of templates, transposed ``(n, 8, pixels)``; affine terms count in half windows."""
+    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
+    place = rows * first.grey.shape[1] + columns
+    dx, dy = (offset / offset.max()).T
+    A = np.empty((len(centre), TERMS, len(offset)))
+    gx, gy = A[:, 0], A[:, 1]
+    gx[:], gy[:] = (slope.ravel().take(place) for slope in first.slopes)
+    for term, values in enumerate((gx * dx, gx * dy, gy * dx, gy * dy), start=2):
+        A[:, term] = values
+    grey = first.grey.ravel().take(place).astype(np.float64)
+    A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
+    A[:, 7] = 1.0
+    return A
+
+
+def _interpolate_spline(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the spline's values, float32, at columns ``x`` and rows ``y`` that are 1 … size - 3 cells inside."""
+    column, row = x.astype(np.int64), y.astype(np.int64)
+    across, down = (_compute_spline_weights((at - whole).astype(np.float32)) for at, whole in ((x, column), (y, row)))
+    width = coefficients.shape[1]
+    flat = np.ravel(coefficients)
+    place = (row - 1) * width + (column - 1)
+    total = np.zeros(x.shape, np.float32)
+    for j, below in enumerate(down):
+        line = across[0] * flat[j * width :].take(place)
+        for i in (1, 2, 3):
+            line += across[i] * flat[j * width + i :].take(place)
+        line *= below
+        total += line
+    return total
+
+
+def _compute_spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the four weights of the cubic B-spline at the fraction t of a cell, float32."""
+    s = 1.0 - t
+    t2, s2 = t * t, s * s
+    return s2 * s / 6.0, 2.0 / 3.0 - 0.5 * t2 * (1.0 + s), 2.0 / 3.0 - 0.5 * s2 * (1.0 + t), t2 * t / 6.0
+
+
+def _update_warps(
+    xy: np.ndarray, affine: np.ndarray, begin: np.ndarray, status: np.ndarray, solution: np.ndarray, going: np.ndarray,
+    options: LsmOptions,
+) -> np.ndarray:  # fmt: skip
+    """Compose the warps with the inverses of the templates' small warps; return the windows that go on."""
+    half = options.half
+    gain = solution[going, 6]
+    fine = gain > MATCHING.smallest_gain
+    status[going[~fine]] = DIVERGED
+    going, gain = going[fine], gain[fine]
+    small = np.eye(2) + (solution[going, 2:6] / gain[:, None] / half).reshape(-1, 2, 2)
+    shift = solution[going, :2] / gain[:, None]
+    det = np.linalg.det(small)
+    fine = (det > 0.5) & (det < 2.0) & ((shift**2).sum(axis=1) <= 4.0 * half**2)
+    status[going[~fine]] = DIVERGED
+    going, small, shift = going[fine], small[fine], shift[fine]
+    inverse = np.linalg.inv(small)
+    back = -np.einsum("nij,nj->ni", inverse, shift)
+    xy[going] += np.einsum("nij,nj->ni", affine[going], back)
+    affine[going] = affine[going] @ inverse
+    near = ((xy[going] - begin[going]) ** 2).sum(axis=1) <= options.reach_px**2
+    status[going[~near]] = DIVERGED
+    change = np.abs(back).sum(axis=1) + 0.25 * half * np.abs(inverse - np.eye(2)).sum(axis=(1, 2))
+    status[going[near & (change < options.closure_px)]] = DONE
+    return going[near & (change >= options.closure_px)]
+
+
+def _assess_matches(
+    A: np.ndarray, weight: np.ndarray, seen: np.ndarray, solution: np.ndarray, N: np.ndarray, rows: np.ndarray,
+    figures: np.ndarray,
+) -> None:  # fmt: skip
+    """Write correlation, gain and RMS residual."""
+    mean = (seen @ weight / weight.sum())[:, None]
+    spread = ((seen - mean) ** 2) @ weight
+    product = (A[:, 6] * seen) @ weight
+    figures[rows, 0] = product / np.sqrt(np.maximum(N[:, 6, 6] * spread, 1e-30))
+    figures[rows, 1] = solution[:, 6]
+    residual = seen - (solution[:, None] @ A)[:, 0]
+    figures[rows, 2] = np.sqrt(residual**2 @ weight / weight.sum())
