@@ -7,9 +7,9 @@ Layers, each importing only those above it::
     super_points   the best pair of roots and starting points (§3.3.2), its significance and rivals
     views          the windows with their interest points, correlation of patches
     network        nodes and fathers, robust local maps through them
-    growth         interest-point matching by sub-networks (§3.3.3)
+    growth         interest-point matching by sub-networks (§3.3.3), then least-squares matching
     seeding        which super points are matched with which
-    refinement     least-squares matching, neighbours and epipolar geometry
+
     matching       all of it, scale from features where it is unknown: `match_windows`
 """
 

@@ -3,8 +3,7 @@
 Layers, each importing only those above it::
 
     options          what to look for
-    windows          images of any size in overlapping windows, masks
-    statistics       what an image is like; grey values relative to their surroundings
+    windows          images of any size in overlapping windows, masks, grey values relative to their surroundings
     corners          Harris and Förstner strengths, sub-pixel peaks
     level_regions    compact regions: brighter, darker or more even than all around them
     outlines         their sub-pixel outlines
