@@ -81,8 +81,8 @@ MUTANTS = (
         "1.0 - 0.0 * decided,", "tests/adjustment/test_variance_groups.py",
     ),
     Mutant(
-        "ICHIPB without the half pixel", "io/rpc_files/nitf.py", "for corner in CORNERS]) - 0.5",
-        "for corner in CORNERS])", "tests/io/test_rpc_files.py -k ichipb",
+        "ICHIPB without the half pixel", "io/rpc_files/crop.py", ".reshape(2, 4) - 0.5",
+        ".reshape(2, 4)", "tests/io/test_rpc_files.py -k ichipb",
     ),
     Mutant(
         "match keeps what lies across epipolar lines", "measurement/control_network/growth.py",

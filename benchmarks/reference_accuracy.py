@@ -195,7 +195,7 @@ def real() -> None:
 
     from hrsi.hrsi_engine.io.rasters.dems import open_dem
     from hrsi.hrsi_engine.io.rasters.images import open_image
-    from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
+    from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 
     folder, work = DATA / "s2p_triplet_phr", ROOT / "build" / "reference"
     if not folder.is_dir():

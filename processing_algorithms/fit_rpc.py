@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
-from ..hrsi_engine.foundation.in_memory import InMemory
+from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums

@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from ..hrsi_engine.block.points import ImagePoints
-from ..hrsi_engine.drawing.pair_pictures import PictureSide, draw_pair
+from ..hrsi_engine.drawing.target_chips import PictureSide, draw_pair
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA

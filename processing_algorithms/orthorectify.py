@@ -10,11 +10,11 @@ import pyproj
 
 from ..hrsi_engine.foundation.errors import Cancelled, InputError
 from ..hrsi_engine.foundation.progress import stage
-from ..hrsi_engine.foundation.workers.streams import open_calls
+from ..hrsi_engine.foundation.workers.scheduling import open_calls
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.catalogue.lineage import rpc_history
-from ..hrsi_engine.io.opening.json_files import read_json
-from ..hrsi_engine.io.opening.virtual_files import VIRTUAL
+from ..hrsi_engine.io.opening.datasets import VIRTUAL
+from ..hrsi_engine.io.opening.files import read_json
 from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage

@@ -33,12 +33,11 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
-from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heights
+from hrsi.hrsi_engine.io.rasters.dems import open_dem, open_geoid, read_geoid_heights
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
-from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
+from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
 from hrsi.hrsi_engine.surface.dem import intersect_surface, surface_heights

@@ -8,8 +8,8 @@ import numpy as np
 from osgeo import gdal
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.io.rpc_files import isd
 from hrsi.hrsi_engine.io.rpc_files.fields import POLYNOMIALS, SCALARS
+from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 
 
 def dimap_rpc(rpc: RPC, first: int = 1) -> str:
@@ -65,7 +65,7 @@ def spot5_product() -> str:
 
 def isd_with_namespace(rpc: RPC, prefix: str) -> str:
     """Return an ISD XML file in a namespace of its own, by prefix or (empty) as the default one."""
-    text, uri = isd.text_of(rpc), "urn:vantor:isd:2026"
+    text, uri = isd_text(rpc), "urn:vantor:isd:2026"
     if not prefix:
         return text.replace("<isd>", f'<isd xmlns="{uri}">')
     for element in ("</", "<"):

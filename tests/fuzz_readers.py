@@ -51,8 +51,8 @@ def fuzz(reader: str, corpus: Path, seconds: int) -> None:
         from hrsi.hrsi_engine.io.output_dir import names_of_last_run
         from hrsi.hrsi_engine.io.point_files import read_points
         from hrsi.hrsi_engine.io.rpc_files import RPC_READERS
-        from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory, read_value
-        from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+        from hrsi.hrsi_engine.io.rpc_files.tiff_tag import read_directory, read_value
+        from hrsi.hrsi_engine.io.safety.array_files import PartStore
         from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 
     def read_tiff(path: str) -> object:

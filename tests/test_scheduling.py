@@ -13,7 +13,7 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import WorkPart, digest, open_scheduler, run_parts
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.io.safety import leftovers
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,12 @@ from ..block.block import Role
 from ..block.imaging_geometry import list_corners
 from ..foundation.large_arrays import finite_rows
 from ..ground.geodesy import LocalFrame, continuous_longitudes
-from .arrows import choose_round_length, make_arrow_path
+from .plots import choose_round_length, make_arrow_path
 
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
 _ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; where longer ones are cut
 _MOST_LABELS = 30  # names of images; more would cover the map
 _CELL = 15.0  # side of a cell of tie points, SVG units
-_CELL_DIGITS = 3
 _GRID = 9  # positions along each axis that the graticule's polynomials are fitted to
 
 
@@ -166,13 +165,9 @@ def _describe_map(data: BlockMap, here: np.ndarray) -> str:
     count = {role: int((data.roles[here] == role).sum()) for role in Role}
     if data.ties is not None:
         count[Role.TIE] = len(data.ties.lonlat)
-    known = [f"{count[role]} {words}" for role, words in _WORDS.items() if count[role]]
+    words = {Role.GCP: "control", Role.CHECK: "check", Role.TIE: "tie", Role.HELD_OUT: "held-out tie"}
+    known = [f"{count[role]} {word} points" for role, word in words.items() if count[role]]
     return f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
-
-
-_WORDS = {
-    Role.GCP: "control points", Role.CHECK: "check points", Role.TIE: "tie points", Role.HELD_OUT: "held-out tie points"
-}  # fmt: skip
 
 
 def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:
@@ -229,21 +224,14 @@ def _draw_footprints(rings: Mapping[str, np.ndarray], images: Sequence[str], vie
 
 def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterable[str]:
     if len(rings) <= _MOST_LABELS:
-        corners = [view(ring)[np.argmin(view(ring).sum(axis=1))] for ring in rings.values()]  # upper left
-        for image, (x, y) in zip(rings, _separate_labels(corners), strict=True):
+        placed: list[tuple[float, float]] = []
+        for image, ring in rings.items():
+            x, y = view(ring)[np.argmin(view(ring).sum(axis=1))]  # upper left; moved down where it would cover another
+            while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 15.0 for other_x, other_y in placed):
+                y += 2.0
+            placed.append((x, y))
             text = f'<text class="image mark" x="4" y="14">{html.escape(image)}</text>'
             yield f'<g transform="translate({x:.1f} {y:.1f})">{text}</g>'
-
-
-def _separate_labels(corners: Sequence[np.ndarray]) -> list[tuple[float, float]]:
-    """Return places of labels that begin at the corners, moved down where they would cover another."""
-    placed: list[tuple[float, float]] = []
-    for x, corner_y in corners:
-        y = corner_y
-        while any(abs(x - other_x) < 120.0 and abs(y - other_y) < 15.0 for other_x, other_y in placed):
-            y += 2.0
-        placed.append((x, y))
-    return placed
 
 
 def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, Any]]:
@@ -259,8 +247,7 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
         number = np.bincount(which[known], minlength=len(code))
         with np.errstate(invalid="ignore"):
             return [
-                float(f"{value:.{_CELL_DIGITS}g}") if math.isfinite(value) else None
-                for value in (total / number) ** (1.0 / power)
+                float(f"{value:.3g}") if math.isfinite(value) else None for value in (total / number) ** (1.0 / power)
             ]
 
     shade = 0.12 + 0.43 * np.sqrt(count / max(int(count.max(initial=1)), 1))

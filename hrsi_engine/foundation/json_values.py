@@ -35,9 +35,9 @@ def json_ready(value: Any) -> Any:
     return value if value is None or isinstance(value, (str, int, bool)) else str(value)
 
 
-def json_text(value: Any, indent: int | None = None, ascii_only: bool = True, sort_keys: bool = False) -> str:
+def json_text(value: Any, indent: int | None = None, sort_keys: bool = False) -> str:
     """Return any value as JSON text, as `json_ready` makes it ready."""
-    return _encoder(indent=indent, ensure_ascii=ascii_only, sort_keys=sort_keys).encode(json_ready(value))
+    return _encoder(indent=indent, sort_keys=sort_keys).encode(json_ready(value))
 
 
 _encoder = partial(json.JSONEncoder, allow_nan=False, default=json_ready)

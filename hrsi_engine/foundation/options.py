@@ -16,7 +16,6 @@ from functools import partial
 from typing import Any, TypeVar, dataclass_transform
 
 _OPTION, _NESTED = "option", "nested options"
-_HEADING = "Parameters\n----------\n"
 Described = TypeVar("Described")
 
 
@@ -97,8 +96,8 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     if cls is None:
         return partial(options, kw_only=kw_only)
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
-    for name, method in _SHARED.items():
-        setattr(made, name, method)
+    for method in (_Shared.__repr__, _Shared.__eq__, _Shared.__hash__, _Shared.__setattr__):
+        setattr(made, method.__name__, method)
     made.__doc__ = _describe_fields(made)
     return made
 
@@ -107,31 +106,29 @@ def _values_of(own: Any) -> dict[str, Any]:
     return {part.name: getattr(own, part.name) for part in fields(own)}
 
 
-def _show(own: Any) -> str:
-    return f"{type(own).__name__}({', '.join(f'{name}={value!r}' for name, value in _values_of(own).items())})"
+class _Shared:
+    """Methods of all dataclasses of options."""
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in _values_of(self).items())})"
 
-def _equal(own: Any, other: object) -> bool:
-    return type(own) is type(other) and _values_of(own) == _values_of(other)
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and _values_of(self) == _values_of(other)
 
+    def __hash__(self) -> int:
+        return hash(tuple(_values_of(self).values()))
 
-def _hash(own: Any) -> int:
-    return hash(tuple(_values_of(own).values()))
-
-
-def _set_once(own: Any, name: str, value: Any) -> None:
-    if name in own.__dict__:
-        raise FrozenInstanceError(f"{name} of {type(own).__name__} is set already: use dataclasses.replace")
-    object.__setattr__(own, name, value)
-
-
-_SHARED: dict[str, Any] = {"__repr__": _show, "__eq__": _equal, "__hash__": _hash, "__setattr__": _set_once}
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self.__dict__:
+            raise FrozenInstanceError(f"{name} of {type(self).__name__} is set already: use dataclasses.replace")
+        object.__setattr__(self, name, value)
 
 
 def _describe_fields(options: type) -> str:
     """Return the docstring of a class with the section Parameters that its fields tell."""
     doc = inspect.cleandoc(options.__doc__ or "")
-    opening, _, rest = doc.partition(_HEADING)
+    heading = "Parameters\n----------\n"
+    opening, _, rest = doc.partition(heading)
     own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
     entries: list[str] = []
     for part in fields(options):
@@ -142,10 +139,20 @@ def _describe_fields(options: type) -> str:
             entries.append(_describe_field(part, (inner.__doc__ or "").partition("\n")[0]))
         else:
             entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
-    return f"{opening.rstrip()}\n\n{_HEADING}{chr(10).join(entries)}\n"
+    return f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
 
 
 def _describe_field(part: Field[Any], text: str) -> str:
     required = part.default is MISSING and part.default_factory is MISSING
     kind = str(part.type).removesuffix(" | None")
     return f"{part.name} : {kind}{'' if required else ', optional'}\n    {text}"
+
+
+class InMemory(str):
+    """The name of something in memory, for messages and reports; what it stands for is an attribute of the subclass.
+
+    So an option that names a file also takes the thing itself, and everything between the caller and the reader
+    passes it on as it passes the name of a file.
+    """
+
+    __slots__ = ()

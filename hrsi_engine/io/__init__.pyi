@@ -12,9 +12,9 @@ from .point_files import read_points as read_points
 from .rasters.dems import open_dem as open_dem
 from .rasters.images import open_image as open_image
 from .rasters.ortho_rasters import open_ortho as open_ortho
+from .rasters.ortho_rasters import open_reference as open_reference
 from .rasters.orthoimages import OrthoFormat as OrthoFormat
 from .rasters.orthoimages import write_orthoimage as write_orthoimage
-from .rasters.reference_images import open_reference as open_reference
 from .rpc_files import FoundRpc as FoundRpc
 from .rpc_files import read_rpc as read_rpc
 from .rpc_files import restore as restore

@@ -7,7 +7,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,14 @@ from osgeo import gdal
 
 from ..foundation.errors import InputError, OutputError
 from ..foundation.interruption import holding_signals
-from .opening.datasets import quiet
-from .opening.json_files import read_json
-from .opening.virtual_files import VIRTUAL, remove_virtual, virtual_status, write_virtual
+from .opening.datasets import VIRTUAL, quiet, remove_virtual, virtual_status, write_virtual
+from .opening.files import read_json
 from .rpc_files.sidecars import is_rpc_file, keep_original
 from .safety.leftovers import temporary_folder
 from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only
 from .safety.transactions import Transaction
 
-_REPORT = "report.json"
-RESULT_FILES = (_REPORT, "block.gpkg")  # their presence makes a folder a result
+RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result
 
 
 def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inputs: Iterable[str] = ()) -> None:
@@ -46,9 +45,8 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
-        raise InputError(
-            f"{path} already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
-        )
+        told = f"already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
+        raise InputError(f"{path} {told}")
     _require_replaceable(path, names, inputs, overwrite)
 
 
@@ -60,7 +58,7 @@ def earlier_rpcs(path: str, inputs: Iterable[str]) -> list[str]:
     """
     kept = {os.path.realpath(file) for file in inputs}
     found = []
-    report = read_report(os.path.join(path, _REPORT)) or {}
+    report = read_report(os.path.join(path, "report.json")) or {}
     outputs = report.get("outputs")
     told: list[tuple[Any, Any]] = [(outputs.get("stac"), "")] if isinstance(outputs, dict) else []
     told += [(image.get(what), image.get("path")) for image in _images_of(report) for what in ("output", "stac")]
@@ -96,11 +94,14 @@ def stage_folder(
     if path.startswith(VIRTUAL):
         with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
             yield Path(local)
-            names = [file.name for file in Path(local).iterdir()]
-            _require_replaceable(path, names, inputs, overwrite)
+            files = _list_files(Path(local))
+            _require_replaceable(path, [file.name for file in files], inputs, overwrite)
             if transaction is not None:
                 transaction.commit()
-            _copy_to_virtual(Path(local), path.rstrip("/"))
+            for file in files:
+                with open(file, "rb") as source:
+                    blocks = iter(partial(source.read, REPLACING.copy_bytes), b"")
+                    write_virtual(f"{path.rstrip('/')}/{file.name}", blocks)
             for needless in discarded:
                 remove_virtual(needless)
         return
@@ -113,9 +114,8 @@ def stage_folder(
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise OutputError(
-                    f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
-                ) from None
+                told = f"{folder} cannot be written ({error.strerror}): choose another `output_dir`"
+                raise OutputError(told) from None
             temporary = Path(temporary_folder(path))
         for needless in discarded:
             changes.discard(needless)
@@ -135,7 +135,7 @@ def stage_folder(
 def _move_into_place(
     temporary: Path, folder: Path, inputs: Iterable[str], overwrite: bool, changes: Transaction
 ) -> None:
-    files = _report_last(temporary)
+    files = _list_files(temporary)
     _require_replaceable(str(folder), [file.name for file in files], inputs, overwrite)
     for file in files:
         target = folder / file.name
@@ -198,13 +198,13 @@ def require_plain_name(name: str, what: str) -> None:
 
 def names_of_last_run(folder: str) -> set[str]:
     """Return the names of the files in a folder that the report of an earlier run there says are its results."""
-    report = read_report(os.path.join(folder, _REPORT))
+    report = read_report(os.path.join(folder, "report.json"))
     if report is None:
         return set()
     outputs = report.get("outputs", [])
     told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
     told += [image.get("output") for image in _images_of(report)]
-    return {_REPORT, *(os.path.basename(file) for file in told if isinstance(file, str))}
+    return {"report.json", *(os.path.basename(file) for file in told if isinstance(file, str))}
 
 
 def read_report(path: str) -> dict[str, Any] | None:
@@ -223,23 +223,16 @@ def exists_anywhere(path: str) -> bool:
 
 def files_with(inputs: Iterable[str]) -> list[str]:
     """Return the input files and the files that GDAL lists with them: side files, parts, sources of a VRT."""
-    files = []
+    inputs = list(inputs)
+    files = list(inputs)
     for file in inputs:
-        with quiet():
+        with quiet(), suppress(RuntimeError, SystemError, UnicodeDecodeError):
             gdal.ErrorReset()
-            try:
-                dataset = gdal.OpenEx(file)
-            except (RuntimeError, SystemError, UnicodeDecodeError):
-                dataset = None
-            files += [file, *((dataset.GetFileList() or []) if dataset is not None else [])]
+            dataset = gdal.OpenEx(file)
+            files += (dataset.GetFileList() or []) if dataset is not None else []
     return files
 
 
-def _report_last(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir(), key=lambda file: file.name == RESULT_FILES[0])
-
-
-def _copy_to_virtual(local: Path, folder: str) -> None:
-    for file in _report_last(local):
-        with open(file, "rb") as source:
-            write_virtual(f"{folder}/{file.name}", iter(lambda: source.read(REPLACING.copy_bytes), b""))
+def _list_files(folder: Path) -> list[Path]:
+    """Return the files in a folder, the report last: it says that the others are there."""
+    return sorted(folder.iterdir(), key=lambda file: file.name == "report.json")

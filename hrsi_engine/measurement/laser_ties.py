@@ -21,7 +21,7 @@ from ..block.laser import LASER_KIND, LaserPoints
 from ..block.points import ImagePoints
 from ..foundation.progress import Progress, advance, silent
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.workers.streams import open_calls
+from ..foundation.workers.scheduling import open_calls
 from ..foundation.workers.threads import thread_count
 from .block_matching.joining import collect_matches, to_image_points
 from .block_matching.star import PartnerMatches, stack_matches

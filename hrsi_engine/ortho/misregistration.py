@@ -27,7 +27,7 @@ from scipy import ndimage
 from ..foundation.pixel_filters import blur, reduce_by_area
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
-from ..foundation.workers.streams import open_calls
+from ..foundation.workers.scheduling import open_calls
 from ..measurement.window_matching.correlation import (
     compute_orientation_field,
     correlate_fields,

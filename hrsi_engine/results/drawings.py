@@ -15,14 +15,13 @@ from ..block.block import Block, Image
 from ..block.columns import group_by_number
 from ..block.imaging_geometry import compute_footprint, compute_footprints
 from ..block.points import ROLE_LABELS, Role
-from ..drawing.block_figures import Picture, PointChip, ReportFigures
+from ..drawing.block_figures import CARD, ImageCard, Picture, PointChip, ReportFigures
 from ..drawing.block_map import BlockMap, GroundPicture, TieField
-from ..drawing.image_cards import CARD, ImageCard
 from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
-from ..io.pages.pictures import picture_uri
+from ..io.pages.page import picture_uri
 from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals

@@ -9,8 +9,8 @@ from ..adjustment.result import Adjustment
 from ..block.points import POINT_OPERATIONS, GroundPoints, describe_operations
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
-from ..io.geopackage.layer_words import PickedColumn, StackedColumn
 from ..io.geopackage.layers import Layer
+from ..io.geopackage.typed_rows import PickedColumn, StackedColumn
 from .residuals import Residuals
 from .surface_figures import surface_residuals_table
 from .tables import (

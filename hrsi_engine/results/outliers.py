@@ -13,7 +13,7 @@ from ..adjustment.result import Adjustment, Decision
 from ..block.block import Role
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.thresholds import threshold, thresholds
-from ..io.geopackage.layer_words import Words
+from ..io.geopackage.typed_rows import Words
 from .residuals import Residuals
 
 

@@ -18,8 +18,7 @@ from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..io.geopackage.declared_layers import GroundPointRows, ImagePointRows, ImageRows, LaserPointRows, ResidualRows
-from ..io.geopackage.layer_words import Column, PickedColumn, StackedColumn, Words, is_any, make_shared_words
-from ..io.geopackage.typed_rows import LayerRows
+from ..io.geopackage.typed_rows import Column, LayerRows, PickedColumn, StackedColumn, Words, is_any, make_shared_words
 from .outliers import ground_flags, measurement_flags
 from .residuals import Residuals
 

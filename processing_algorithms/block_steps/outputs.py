@@ -13,10 +13,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError, list_ids
+from ...hrsi_engine.foundation.large_arrays import return_free_memory
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.reasons import Reason
-from ...hrsi_engine.foundation.shared_heap import return_free_memory
-from ...hrsi_engine.io.array_files import write_arrays
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
@@ -30,6 +29,7 @@ from ...hrsi_engine.io.rpc_files import (
     write_rpc_text,
     write_vrt,
 )
+from ...hrsi_engine.io.safety.array_files import write_arrays
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_record import joint_arrays

@@ -12,7 +12,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.operation_uses import OperationUse, largest_sigma_m
-from ...hrsi_engine.io.rasters.reference_images import open_reference
+from ...hrsi_engine.io.rasters.ortho_rasters import open_reference
 from ...hrsi_engine.measurement.reference.checks import (
     ImageGcps,
     ReferenceAccuracy,

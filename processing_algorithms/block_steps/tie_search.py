@@ -18,7 +18,7 @@ from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_image_points, read_points
 from ...hrsi_engine.io.rasters.images import open_image
-from ...hrsi_engine.io.safety.finished_parts import PartStore
+from ...hrsi_engine.io.safety.array_files import PartStore
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
 from ...hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface

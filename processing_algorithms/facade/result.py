@@ -13,7 +13,7 @@ import numpy as np
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_layer_table
-from ...hrsi_engine.io.opening.json_files import read_json
+from ...hrsi_engine.io.opening.files import read_json
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
 from ..interface.declare import Report, spell_arguments

@@ -12,7 +12,7 @@ from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
 from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
-from ...hrsi_engine.foundation.shared_heap import share_one_heap
+from ...hrsi_engine.foundation.large_arrays import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
@@ -268,7 +268,7 @@ def version_page() -> str:
     """Return the version, and below it those of the libraries, as far as they can be loaded."""
     lines = {}
     try:
-        from ...hrsi_engine.io.catalogue.versions import versions
+        from ...hrsi_engine.io.catalogue.lineage import versions
 
         lines = {name: text for name, text in versions().items() if name != "hrsi"}
     except ImportError as error:

@@ -12,9 +12,8 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any, TypeVar
 
-from ...hrsi_engine.foundation.in_memory import InMemory
 from ...hrsi_engine.foundation.interruption import quitting_on_signals
-from ...hrsi_engine.foundation.options import Option, inner_options_of, option_of
+from ...hrsi_engine.foundation.options import InMemory, Option, inner_options_of, option_of
 from ...hrsi_engine.foundation.progress import Progress, stage
 from ...hrsi_engine.foundation.reasons import Level
 

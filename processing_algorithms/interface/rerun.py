@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.catalogue.lineage import HIDDEN, file_entry
-from ...hrsi_engine.io.catalogue.versions import versions
-from ...hrsi_engine.io.opening.json_files import read_json
+from ...hrsi_engine.io.catalogue.lineage import HIDDEN, file_entry, versions
+from ...hrsi_engine.io.opening.files import read_json
 from .command_parser import algorithm_parser
 from .declare import READ_KINDS, Algorithm, Kind, Param, option_label
 from .options import OptionSource, find_algorithm

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Iterable
 from typing import TextIO
 
-from ...hrsi_engine.foundation.dates import run_date
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.foundation.version import run_date
 
 _TICKS = 40  #: one tick is 2.5 %; every fourth shows the percentage
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.block.block import ImagePoints
-from ...hrsi_engine.drawing.residual_plots import draw_bars, draw_residual_vectors
+from ...hrsi_engine.drawing.plots import draw_bars, draw_residual_vectors
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
 from ...hrsi_engine.io.geopackage.declared_layers import RegisteredPointRows

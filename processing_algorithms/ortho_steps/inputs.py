@@ -16,7 +16,7 @@ from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
-from ...hrsi_engine.io.rasters.filled_dems import fill_gaps
+from ...hrsi_engine.io.rasters.dems import fill_gaps
 from ...hrsi_engine.io.rasters.orthoimages import file_state
 from ...hrsi_engine.ortho.grid import (
     MapGrid,

@@ -17,8 +17,8 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
-from ...hrsi_engine.foundation.workers.streams import Calls
-from ...hrsi_engine.io.catalogue.versions import versions
+from ...hrsi_engine.foundation.workers.scheduling import Calls
+from ...hrsi_engine.io.catalogue.lineage import versions
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.images import path_elsewhere
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp

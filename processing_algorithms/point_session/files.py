@@ -12,7 +12,7 @@ from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.io.geopackage.declared_layers import GroundPointRows
-from ...hrsi_engine.io.geopackage.layer_rows import layer_names, replace_layers, text_columns
+from ...hrsi_engine.io.geopackage.layer_tables import layer_names, replace_layers, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_points

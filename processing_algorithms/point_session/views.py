@@ -6,8 +6,8 @@ import numpy as np
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
+from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
 from ...hrsi_engine.io.rasters.dems import open_dem
-from ...hrsi_engine.io.rasters.pixel_views import grey_range, pixel_view
 from ...hrsi_engine.surface.dem import surface_heights
 from .rows import PANEL
 from .session import PointSession

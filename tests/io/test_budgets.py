@@ -25,16 +25,15 @@ from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.opening import budgets
+from hrsi.hrsi_engine.io.opening.databases import require_sound, widths
 from hrsi.hrsi_engine.io.opening.datasets import quiet
-from hrsi.hrsi_engine.io.opening.sound_databases import require_sound, widths
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rasters.geoid_grids import open_geoid, read_geoid_heights
+from hrsi.hrsi_engine.io.rasters.dems import open_dem, open_geoid, read_geoid_heights
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
-from hrsi.hrsi_engine.io.rpc_files.tiff_directory import read_directory
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.rpc_files.tiff_tag import read_directory
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 
 GIB = 2**30
 
@@ -123,7 +122,7 @@ def test_a_view_without_end_is_given_up(tmp_path: Path, monkeypatch: pytest.Monk
     )
     database.commit()
     database.close()
-    monkeypatch.setattr("hrsi.hrsi_engine.io.opening.sound_databases.database_seconds", lambda size: 0.5)
+    monkeypatch.setattr("hrsi.hrsi_engine.io.opening.databases.database_seconds", lambda size: 0.5)
     started = time.thread_time()
     with pytest.raises(InputError, match="no answer after"):
         read_points(f"{path}|layername=endless", image_ids=["a"])

@@ -17,7 +17,7 @@ import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.io.rasters.images import open_image, resampling_doubt
 from hrsi.hrsi_engine.io.rpc_files import write_rpb
-from hrsi.hrsi_engine.io.rpc_files.isd import text_of
+from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
 
@@ -90,7 +90,7 @@ def test_an_rpc_of_twice_the_size(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     assert offset_px(tmp_path / "beside.tif") == pytest.approx(199.0)
     write_image(tmp_path / "product.tif", None, size=(200, 150))
     size = "<IMD><NUMCOLUMNS>400</NUMCOLUMNS><NUMROWS>301</NUMROWS></IMD>"
-    (tmp_path / "product.XML").write_text(text_of(full.shift(-18.0, -36.0)).replace("<isd>", f"<isd>{size}"))
+    (tmp_path / "product.XML").write_text(isd_text(full.shift(-18.0, -36.0)).replace("<isd>", f"<isd>{size}"))
     assert offset_px(tmp_path / "product.tif") == pytest.approx(199.0)
     warnings = run("rpc-info", images=[str(tmp_path / "half.tif")], height=300.0)["warnings"]
     assert any("half: its RPC is that of an image 2 times as long and wide" in text for text in warnings)

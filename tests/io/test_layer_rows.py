@@ -11,7 +11,7 @@ import pytest
 from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError, OutputError
-from hrsi.hrsi_engine.io.geopackage.layer_rows import layer_names, replace_layers, text_columns
+from hrsi.hrsi_engine.io.geopackage.layer_tables import layer_names, replace_layers, text_columns
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_points
 
@@ -95,7 +95,7 @@ def test_nothing_changes_where_it_fails(file: str) -> None:
 
 
 def test_locked_by_another_program(file: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hrsi.hrsi_engine.io.geopackage.layer_rows._WAIT_S", 0.1)
+    monkeypatch.setattr("hrsi.hrsi_engine.io.geopackage.layer_tables._WAIT_S", 0.1)
     with sqlite3.connect(file, isolation_level=None) as database:
         database.execute("BEGIN EXCLUSIVE")
         with pytest.raises(OutputError, match=os.path.basename(file)):

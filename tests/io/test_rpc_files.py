@@ -19,18 +19,15 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import (
     difference_px,
-    dimap,
-    geom,
-    isd,
     read_rpc,
-    rpb,
     rpc_for_image,
-    rpcm_json,
+    text_formats,
     write_rpb,
     write_rpc_text,
+    xml_formats,
 )
+from hrsi.hrsi_engine.io.rpc_files.crop import apply_ichipb
 from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_gdal
-from hrsi.hrsi_engine.io.rpc_files.nitf import apply_ichipb
 
 PHR = "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001"
 SKYSAT = "20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT"
@@ -297,9 +294,9 @@ def test_units_and_missing_accuracies(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "names"),
-    [("rpb/07JAN27.RPB", rpb.RPB_NAMES), (f"dimap_phr/RPC_{PHR}.XML", dimap.DIMAP_NAMES),
-     ("wv_isd_xml/rpc_WV2.xml", isd.ISD_NAMES),
-     (f"otb_geom/{PHR}.geom", geom.GEOM_NAMES), ("rpcm_json/JAX_068_001_RGB.json", rpcm_json.RPCM_NAMES),
+    [("rpb/07JAN27.RPB", text_formats.RPB_NAMES), (f"dimap_phr/RPC_{PHR}.XML", xml_formats.DIMAP_NAMES),
+     ("wv_isd_xml/rpc_WV2.xml", xml_formats.ISD_NAMES),
+     (f"otb_geom/{PHR}.geom", text_formats.GEOM_NAMES), ("rpcm_json/JAX_068_001_RGB.json", text_formats.RPCM_NAMES),
      ("rpc_txt/rpc_IKONOS.txt", GDAL_NAMES)],
 )  # fmt: skip
 def test_damage_is_named_by_file_and_field(file: str, names: dict[str, str], real_data: Path, tmp_path: Path) -> None:

@@ -13,12 +13,14 @@ from rpc_samples import sample_rpc
 
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.opening.budgets import LEAST_SCALES, RPC_BUDGETS, RPC_RANGES
-from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, geom, read_rpc, rpb, rpc_txt, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.opening.budgets import RPC_BUDGETS, RPC_RANGES
+from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, text_formats, write_rpb, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_gdal
 
 WITHIN = [
-    st.floats(*RPC_RANGES[name]).filter(lambda value, name=name: abs(value) >= LEAST_SCALES.get(name, 0.0))
+    st.floats(-RPC_RANGES[name][1], RPC_RANGES[name][1]).filter(
+        lambda value, name=name: abs(value) >= RPC_RANGES[name][0]
+    )
     for name in SCALARS
 ]
 COEFFICIENT = st.floats(-RPC_BUDGETS.coefficient, RPC_BUDGETS.coefficient)
@@ -56,7 +58,7 @@ def test_the_middle_has_a_place_in_the_image(axis: str, numerator: float, denomi
         f"{axis}_num": np.r_[numerator, np.full(19, 0.25)], f"{axis}_den": np.r_[denominator, np.zeros(19)],
     })  # fmt: skip
     path = folder / "middle_RPC.TXT"
-    path.write_text(rpc_txt.text_of(rpc))
+    path.write_text(text_formats.rpc_txt_text(rpc))
     with np.errstate(all="ignore"):
         there = np.isfinite(rpc.project(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))).all()
     if there:
@@ -105,8 +107,9 @@ def test_no_reader_hangs_on_long_runs(key: str, piece: bytes, folder: Path) -> N
 def test_a_number_that_stands_there_twice(key: str, first: bool, folder: Path) -> None:
     """Nothing tells which of two is right; the same number once more does no harm."""
     title, file = {
-        "rpb": ("lineOffset = {};", rpb.text_of), "rpc-txt": ("LINE_OFF: {} pixels", rpc_txt.text_of),
-        "geom": ("line_off: {}", geom.text_of),
+        "rpb": ("lineOffset = {};", text_formats.rpb_text),
+        "rpc-txt": ("LINE_OFF: {} pixels", text_formats.rpc_txt_text),
+        "geom": ("line_off: {}", text_formats.geom_text),
     }[key]  # fmt: skip
     path, rpc = folder / "twice", sample_rpc(3)
 

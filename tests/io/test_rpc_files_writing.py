@@ -20,6 +20,7 @@ from rpc_samples import ground_grid, sample_rpc, write_image
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError, OutputError
 from hrsi.hrsi_engine.io.rpc_files import (
     difference_px,
+    prepare_sidecar,
     read_rpc,
     restore,
     tiff_tag,
@@ -27,10 +28,10 @@ from hrsi.hrsi_engine.io.rpc_files import (
     write_in_place,
     write_rpb,
     write_rpc_text,
-    write_sidecar,
     write_vrt,
 )
 from hrsi.hrsi_engine.io.rpc_files.fields import POLYNOMIALS, SCALARS, rpc_from_gdal
+from hrsi.hrsi_engine.io.safety.transactions import Transaction
 
 OLD, NEW = sample_rpc(1, err_bias=3.0), sample_rpc(2)
 LAYOUTS = {
@@ -318,7 +319,9 @@ def test_sidecar_keeps_the_vendors_and_says_what_wins(tmp_path: Path) -> None:
     write_image(tmp_path / "x.tif", OLD)
     write_rpb(str(tmp_path / "x.RPB"), OLD)
     (tmp_path / "x_rpc.txt").write_text("vendor's")
-    notices = write_sidecar(str(tmp_path / "x_RPC.TXT"), NEW)
+    with Transaction(str(tmp_path)) as changes:
+        notices = prepare_sidecar(str(tmp_path / "x_RPC.TXT"), NEW, changes)
+        changes.commit()
     assert (tmp_path / "x_rpc.txt.original").read_text() == "vendor's"
     assert "x.RPB" in notices[0]
     assert read_rpc(str(tmp_path / "x.tif")).rpc == NEW

@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io.opening.sql import insert_text, sql_text
+from hrsi.hrsi_engine.io.opening.databases import insert_text, sql_text
 
 HOSTILE = ['a"b', '"; DROP TABLE kept; --', "it's", "{table}", "select", "naïve 名", "a]b`c", "%s ?", " "]
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import OutputError
-from hrsi.hrsi_engine.io.geopackage import sqlite_pages
-from hrsi.hrsi_engine.io.geopackage.layer_words import PickedColumn, StackedColumn, Words, is_any, make_shared_words
+from hrsi.hrsi_engine.io.geopackage import sqlite_rows
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.geopackage.typed_rows import PickedColumn, StackedColumn, Words, is_any, make_shared_words
 
 pytest.importorskip("numba")
 COUNT = 120_000  # rows: several chunks
@@ -45,8 +45,8 @@ def content(path: Path) -> dict[str, list[tuple]]:
 
 def test_both_ways_write_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written, used = {}, []
-    insert = sqlite_pages.Pages.insert
-    monkeypatch.setattr(sqlite_pages.Pages, "insert", lambda *given: (used.append(way), insert(*given)))
+    insert = sqlite_rows.Pages.insert
+    monkeypatch.setattr(sqlite_rows.Pages, "insert", lambda *given: (used.append(way), insert(*given)))
     for way in ("0", "1"):
         monkeypatch.setenv("HRSI_COMPILED", way)
         write_geopackage(str(tmp_path / f"{way}.gpkg"), [layer()])
@@ -85,12 +85,12 @@ def test_the_page_of_locks_is_left_out(tmp_path: Path, monkeypatch: pytest.Monke
     if library.sqlite3_test_control(pending_byte, 0) != 2**30:
         pytest.skip("this SQLite has no controls for tests")
     monkeypatch.setenv("HRSI_COMPILED", "1")
-    monkeypatch.setattr(sqlite_pages, "_LOCKED_BYTE", place)
+    monkeypatch.setattr(sqlite_rows, "_LOCKED_BYTE", place)
     before = library.sqlite3_test_control(pending_byte, place)
     try:
         write_geopackage(str(tmp_path / "points.gpkg"), [layer(30_000)])
         assert len(content(tmp_path / "points.gpkg")["points"]) == 30_000
-        monkeypatch.setattr(sqlite_pages, "_LOCKED_BYTE", 2**30)
+        monkeypatch.setattr(sqlite_rows, "_LOCKED_BYTE", 2**30)
         write_geopackage(str(tmp_path / "wrong.gpkg"), [layer(30_000)])
         with sqlite3.connect(tmp_path / "wrong.gpkg") as database, pytest.raises(sqlite3.DatabaseError):
             database.execute("PRAGMA integrity_check").fetchone()  # so it does tell

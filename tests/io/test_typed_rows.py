@@ -19,9 +19,8 @@ from osgeo import gdal
 from hrsi.hrsi_engine.io.geopackage import declared_layers
 from hrsi.hrsi_engine.io.geopackage.declared_layers import ImagePointRows, ResidualRows, TiePointRows
 from hrsi.hrsi_engine.io.geopackage.layer_styles import NEEDED, STYLES, default_style
-from hrsi.hrsi_engine.io.geopackage.layer_words import StackedColumn, make_shared_words
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, column
+from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, StackedColumn, column, make_shared_words
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = [

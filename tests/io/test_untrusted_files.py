@@ -18,12 +18,12 @@ from osgeo import gdal, ogr
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
-from hrsi.hrsi_engine.io.geopackage.layer_rows import replace_layers
+from hrsi.hrsi_engine.io.geopackage.layer_tables import replace_layers
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 
 SECRET = "root:x:0:0:secret"
 
@@ -74,7 +74,7 @@ def as_product_of_tiles(folder: Path, doctype: str, encoding: str) -> Path:
 
 
 def write_rpc_of_dimap(path: Path) -> None:
-    from hrsi.hrsi_engine.io.rpc_files.dimap import DIMAP_NAMES
+    from hrsi.hrsi_engine.io.rpc_files.xml_formats import DIMAP_NAMES
 
     values = sample_rpc()
     scalars = "".join(f"<{tag}>{getattr(values, name)}</{tag}>" for name, tag in DIMAP_NAMES.items()

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.block.orthoimage import divide_area
-from hrsi.hrsi_engine.io.rasters.reference_images import open_reference
+from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 from hrsi.hrsi_engine.laboratory.simulation import OrientationError
 from hrsi.hrsi_engine.measurement.reference.checks import (
     ImageGcps,

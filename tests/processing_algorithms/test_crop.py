@@ -248,10 +248,10 @@ def test_what_only_side_files_tell_goes_along(tmp_path: Path) -> None:
 
 def write_isd(path: Path) -> None:
     """Write an ISD XML with a satellite's name and the size of `SIZE`."""
-    from hrsi.hrsi_engine.io.rpc_files.isd import text_of
+    from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 
     size = f"<NUMCOLUMNS>{SIZE[0]}</NUMCOLUMNS><NUMROWS>{SIZE[1]}</NUMROWS>"
-    path.write_text(text_of(CAMERA).replace("<isd>", f"<isd><IMD><SATID>WV02</SATID>{size}</IMD>"))
+    path.write_text(isd_text(CAMERA).replace("<isd>", f"<isd><IMD><SATID>WV02</SATID>{size}</IMD>"))
 
 
 def test_progress_and_cancel(image: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from osgeo import gdal
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.hrsi_engine.io.catalogue import lineage
-from hrsi.hrsi_engine.io.catalogue.lineage import file_entry, without_secrets
+from hrsi.hrsi_engine.io.catalogue.lineage import file_entry, without_secrets_in
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
 from hrsi.hrsi_engine.results.lineage import state_accuracy
@@ -114,7 +114,7 @@ def test_large_file_is_sampled_and_a_change_is_seen(tmp_path: Path, monkeypatch:
     ],
 )
 def test_no_password_gets_into_a_report(text: str, shown: str) -> None:
-    assert without_secrets(text) == shown
+    assert without_secrets_in(text) == shown
 
 
 # ---- files that tell of themselves ----------------------------------------------------------------------------------

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
-from hrsi.hrsi_engine.io.opening.virtual_files import list_virtual, read_virtual, remove_virtual, write_virtual
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.opening.datasets import list_virtual, read_virtual, remove_virtual, write_virtual
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 

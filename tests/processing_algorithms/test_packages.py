@@ -25,7 +25,7 @@ WITH_PACKAGE = {
     },
     "distributed": {"foundation.workers.cluster", "foundation.workers.scheduling"},
     "rasterio": {"camera.rpc"},
-    "pyarrow": {"io.laser_files.parquet"},
+    "pyarrow": {"io.laser_files"},
 }  # fmt: skip
 
 

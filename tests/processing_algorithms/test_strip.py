@@ -19,7 +19,8 @@ from hrsi.hrsi_engine.block.exposures import fit_strip, place_parts
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.camera.rpc_fit import refit_rpc
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rpc_files import isd, read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 from hrsi.processing_algorithms import run
 
 CAMERA = sample_rpc(1)
@@ -128,7 +129,7 @@ def test_tiles_of_a_worldview_product(image: Path, tmp_path: Path) -> None:
         for sample, line, _samples, _lines in CUTS["tiles"]
     )
     size = f"<IMD><NUMCOLUMNS>{SIZE[0]}</NUMCOLUMNS><NUMROWS>{SIZE[1]}</NUMROWS></IMD><TIL>{listed}</TIL>"
-    (tmp_path / "21FEB-P1BS-01_P001.XML").write_text(isd.text_of(CAMERA).replace("<isd>", f"<isd>{size}"))
+    (tmp_path / "21FEB-P1BS-01_P001.XML").write_text(isd_text(CAMERA).replace("<isd>", f"<isd>{size}"))
     tiles = re.findall("<FILENAME>(.*?)</FILENAME>", listed)
     for name, window in zip(tiles, CUTS["tiles"], strict=True):
         cut_tile(image, tmp_path / name, window)

@@ -144,7 +144,7 @@ def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
 SLOW_RUN = """
 import sys, time
 from dataclasses import replace
-from hrsi.hrsi_engine.io.safety.finished_parts import PartStore
+from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 search.TIE_SEARCH = replace(search.TIE_SEARCH, cells_per_part=1)

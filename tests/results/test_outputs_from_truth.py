@@ -21,7 +21,7 @@ from pyproj import Transformer
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.io.rpc_files.rpc_txt import text_of
+from hrsi.hrsi_engine.io.rpc_files.text_formats import rpc_txt_text
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.results.figures import block_report
 from hrsi.hrsi_engine.results.layers import block_layers
@@ -111,7 +111,7 @@ def files(tmp_path_factory) -> SimpleNamespace:
     surveyed = move_ground(truth, rng.normal(0.0, SURVEY_SIGMA_M, truth.shape))
     originals = {}
     for image in block.images:
-        originals[image.id] = text_of(image.rpc)
+        originals[image.id] = rpc_txt_text(image.rpc)
         (folder / f"{image.id}_RPC.TXT").write_text(originals[image.id])
     known = block.points.role != Role.TIE
     with open(folder / "ground.csv", "w", newline="") as file:
@@ -277,7 +277,7 @@ def test_sigmas_beside_the_residuals(dense):
     for name in columns["id"][ground]:
         position = dense.block.points.ground[np.flatnonzero(dense.block.points.ids == name)]
         steps = move_ground(np.tile(position, (3, 1)), np.eye(3))
-        texts = [text_of(image.rpc) for image in dense.block.images]
+        texts = [rpc_txt_text(image.rpc) for image in dense.block.images]
         by_ground = np.hstack([projected(text, steps) - projected(text, position) for text in texts]).T
         of_rays.append(GIVEN_SIGMA_PX**2 * np.linalg.inv(by_ground.T @ by_ground).diagonal())
     for column, (given, axis) in enumerate(zip(SURVEY_SIGMA_M, AXES, strict=True)):
@@ -288,7 +288,7 @@ def test_sigmas_beside_the_residuals(dense):
     rows, points = dense.block.measurements, dense.block.points
     for index in np.flatnonzero(~ground & (columns["role"] == "gcp")):
         point = int(np.flatnonzero(points.ids == columns["id"][index])[0])
-        text = text_of(dense.block.images[int(columns["image"][index][-1])].rpc)
+        text = rpc_txt_text(dense.block.images[int(columns["image"][index][-1])].rpc)
         # one sigma of the survey along each axis, seen in the image
         steps = move_ground(np.tile(points.ground[point], (3, 1)), np.diag(SURVEY_SIGMA_M))
         seen = projected(text, steps) - projected(text, points.ground[point : point + 1])

@@ -6,7 +6,7 @@ import socket
 import threading
 from asyncio import CancelledError as AsyncCancelledError
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +16,6 @@ from .certificates import Certificates
 
 CONNECT_S = 10  # that a scheduler has time to answer
 GIVE_UP_S = 30  # after which its client is left alone
-CLOSE_S = 2  # that it has to take leave
 
 
 @contextmanager
@@ -35,32 +34,23 @@ def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
             "(pip install 'hrsi[distributed]'), or leave `scheduler` out"
         ) from None
     client = _connect(address, certificates)
-    with _quiet_loggers():
-        try:
-            yield client
-        except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
-            if client.status == "running" and not isinstance(error, KilledWorker):
-                raise
-            reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
-            raise SolveError(
-                f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
-                "on with the rest, with this scheduler, another one or none"
-            ) from None
-        finally:
-            client.close(timeout=CLOSE_S)
-
-
-@contextmanager
-def _quiet_loggers() -> Iterator[None]:
-    """Keep Dask from telling with tracebacks of its own what becomes one line here."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    levels = [logger.level for logger in loggers]
+    # Dask would tell with tracebacks of its own what becomes one line here
+    loggers = {logger: logger.level for logger in map(logging.getLogger, ("distributed", "distributed.client"))}
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
     try:
-        yield
+        yield client
+    except (CancelledError, AsyncCancelledError, KilledWorker, OSError) as error:
+        if client.status == "running" and not isinstance(error, KilledWorker):
+            raise
+        reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
+        raise SolveError(
+            f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
+            "on with the rest, with this scheduler, another one or none"
+        ) from None
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
+        client.close(timeout=2)
+        for logger, level in loggers.items():
             logger.setLevel(level)
 
 
@@ -89,23 +79,19 @@ def _wait_for(seconds: float, call: Callable[[], Any]) -> Any:
     A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by Dask's
     client without end, whatever its own timeout.
     """
-    found: list[Any] = []
-    errors: list[BaseException] = []
+    answer: Future[Any] = Future()
 
     def run() -> None:
         try:
-            found.append(call())
+            answer.set_result(call())
         except BaseException as error:  # raised below, in the thread that waits
-            errors.append(error)
+            answer.set_exception(error)
 
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if errors:
-        raise errors[0]
-    if not found:
+    threading.Thread(target=run, daemon=True).start()
+    wait([answer], seconds)
+    if not answer.done():
         raise TimeoutError(f"no answer in {seconds:g} s")
-    return found[0]
+    return answer.result()
 
 
 def _connect(address: str, certificates: Certificates) -> Any:

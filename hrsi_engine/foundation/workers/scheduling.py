@@ -3,15 +3,20 @@
 A part is a function and one object with all that it needs (plus the results of other parts), so that the same parts
 run anywhere: they travel as they are. What a part returns is a dict of arrays, which can be kept on disk: a part
 whose result is kept is not run again. Results do not depend on who ran which part when.
+
+Of work whose answers are too many to be held together (`open_calls`) the next calls are handed out as answers are
+taken, in their order; a call whose worker dies is made again by another one.
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from heapq import heappop, heappush
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -103,20 +108,9 @@ def _build_graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
         key = waiting.pop()
         if key not in graph:
             part = parts[key]
-            graph[key] = (_Call(part.function, part.job), *part.needs)
+            graph[key] = (partial(part.function, part.job), *part.needs)  # Dask looks for no tasks inside the job
             waiting += part.needs
     return graph
-
-
-@dataclass(frozen=True, eq=False)
-class _Call:
-    """A function with its job: Dask sees one callable, and looks for no tasks inside the job."""
-
-    function: Callable[..., PartResult]
-    job: Any
-
-    def __call__(self, *needed: PartResult) -> PartResult:
-        return self.function(self.job, *needed)
 
 
 # ---- who runs them ---------------------------------------------------------------------------------------------------
@@ -239,3 +233,52 @@ def _feed(state: Any, value: Any) -> None:
         state.update(f"{type(value).__name__}:{value!r};".encode())
     else:
         raise TypeError(f"{type(value).__name__} has no digest")
+
+
+# ---- streams of calls ------------------------------------------------------------------------------------------------
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+
+class Calls:
+    """Makes calls ``function(job)`` side by side.
+
+    submit : hands a function and its job out; ahead : calls that are handed out before the first answer is taken
+    elsewhere : whether they are made in other processes: then function and jobs travel
+    """
+
+    def __init__(self, submit: Callable[[Callable[..., Any], Any], Any], ahead: int, elsewhere: bool) -> None:
+        self._submit, self._ahead, self.elsewhere = submit, ahead, elsewhere
+
+    def answers(self, function: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[Answer]:
+        """Yield the answers of all jobs, in the order of the jobs, which are drawn as they are handed out."""
+        under_way: deque[Any] = deque()  # futures
+        for job in jobs:
+            if len(under_way) >= self._ahead:
+                yield under_way.popleft().result()
+            under_way.append(self._submit(function, job))
+        while under_way:
+            yield under_way.popleft().result()
+
+
+@contextmanager
+def open_calls(
+    address: str | None = None, threads: int = 1, certificates: Certificates = CONFIGURED
+) -> Iterator[Calls]:
+    """Give what makes calls: workers of the Dask scheduler at an address, else threads; given up, it makes no more.
+
+    Raises `InputError` and `SolveError` as `cluster.open_client`.
+    """
+    if address:
+        with open_client(address, certificates) as client:
+            # Answers are under way, too, and no worker must wait while this side writes; more workers may come
+            ahead = max(16, 8 * sum(client.nthreads().values()))
+            yield Calls(lambda function, job: client.submit(OnWorker(function), job, pure=False), ahead, True)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            yield Calls(pool.submit, 2 * threads, False)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

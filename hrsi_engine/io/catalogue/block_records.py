@@ -11,8 +11,8 @@ import numpy as np
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..array_files import DAMAGED, read_arrays
-from ..opening.json_files import read_json
+from ..opening.files import read_json
+from ..safety.array_files import DAMAGED, read_arrays
 
 RECORD_FILE, CAMERAS_FILE = "block.json", "block_cameras.npz"
 #: Where a block's points are, in its folder.

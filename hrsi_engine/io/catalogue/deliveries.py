@@ -13,9 +13,6 @@ from ..rpc_files.find import product_reader_of, read_rpc_or_none, rpc_reader_of
 from .stac_items import images_of_items
 
 LIST = "@"  #: begins the name of a text file with an image a line
-#: GDAL's way into an archive, by the ending of its name.
-ARCHIVES = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
-RESULT_LAYERS = "block.gpkg"  #: in the folder of a result
 IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix", ".vrt", ".h5")
 
 
@@ -48,7 +45,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
 
 def resolve_points(name: str) -> str:
     """Return the file of points that a name stands for; the folder of a result stands for its GeoPackage."""
-    layers = os.path.join(name, RESULT_LAYERS)
+    layers = os.path.join(name, "block.gpkg")
     return layers if os.path.isdir(name) and os.path.isfile(layers) else name
 
 
@@ -56,7 +53,8 @@ def _folder_of(name: str) -> str | None:
     """Return a folder, or an archive as GDAL's folder; None for another file."""
     if os.path.isdir(name):
         return name
-    way = next((way for ending, way in ARCHIVES.items() if name.lower().endswith(ending)), None)
+    ways = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}  # GDAL's, by the ending
+    way = next((way for ending, way in ways.items() if name.lower().endswith(ending)), None)
     return f"{way}{os.path.abspath(name)}" if way is not None and os.path.isfile(name) else None
 
 
@@ -89,7 +87,9 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
     faults: list[str] = []
     products = [file for file in files if file.lower().endswith((".xml", ".dim")) and product_reader_of(file)]
     require_delivery(name, len(products), FILE_BUDGETS.delivery_in_vain, "files that describe products")
-    tiled = {part: file for file in products for part in _list_parts(file)}
+    tiled = set[str]()  # files that GDAL reads the products' pixels from
+    for dataset in (open_dataset(product)[0] for product in products):
+        tiled.update(os.path.abspath(part) for part in (dataset.GetFileList() or [] if dataset is not None else []))
     rasters = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.abspath(file) not in tiled]
     images = [*_with_rpc(name, [file for file in products if rpc_reader_of(file) is None] + rasters, faults)]
     if not images:
@@ -132,12 +132,6 @@ def _list_files(name: str, folder: str) -> list[str]:
         found += [os.path.normpath(os.path.join(within, file)) for file in files]
         require_delivery(name, len(found))
     return sorted(file for file in found if file.encode(errors="ignore").decode() == file)
-
-
-def _list_parts(product: str) -> list[str]:
-    """Return the files that GDAL reads a product's pixels from."""
-    dataset, _message = open_dataset(product)
-    return [] if dataset is None else [os.path.abspath(part) for part in dataset.GetFileList() or []]
 
 
 def _is_rpc_file(file: str) -> bool:

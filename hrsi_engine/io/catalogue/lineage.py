@@ -10,18 +10,22 @@ import os
 import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import numpy as np
+import pyproj
+import shapely
 from osgeo import gdal, osr
+from shapely.geos import geos_version
 
-from ...foundation.dates import run_date
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.version import VERSION
-from ..opening.datasets import metadata_of, open_dataset, quiet
-from ..opening.virtual_files import virtual_status
+from ...foundation.version import VERSION, run_date
+from ..opening.datasets import metadata_of, open_dataset, quiet, virtual_status
 from ..safety.content_marks import CONTENT_SAMPLING, places_of, read_places
-from .versions import versions
 
 
 @thresholds
@@ -34,10 +38,7 @@ class LINEAGE:
 
 #: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.
 _TEXTS = ("_rpc.txt", ".csv")
-#: Vector formats whose CRS is known from opening them, which reads no rows.
-_LAYERED = ("GPKG", "ESRI Shapefile", "FlatGeobuf")
 HIDDEN = "***"  #: what stands for a password
-_SECRET = re.compile(r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)", re.IGNORECASE)
 
 
 def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
@@ -75,18 +76,16 @@ def maker_of(path: str) -> str | None:
     return str(told.get("HRSI_REPORT", "")) if "HRSI_MODEL" in told else None
 
 
-def without_secrets(text: str) -> str:
-    """Return a text without the passwords of connections to data bases and servers."""
-    return _SECRET.sub(lambda found: f"{found[1] or found[2]}{HIDDEN}", text)
-
-
 def without_secrets_in(value: Any) -> Any:
-    """Return dicts and lists of texts without the passwords in them."""
+    """Return a text, or dicts and lists of texts, without the passwords of connections to data bases and servers."""
     if isinstance(value, Mapping):
         return {key: without_secrets_in(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [without_secrets_in(item) for item in value]
-    return without_secrets(value) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    hidden = r"((?:password|passwd|pwd)=)[^\s'&]+|(://[^/\s:@]*:)[^/\s@]+(?=@)"
+    return re.sub(hidden, lambda found: f"{found[1] or found[2]}{HIDDEN}", value, flags=re.IGNORECASE)
 
 
 def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
@@ -164,7 +163,8 @@ def _crs_and_files(path: str) -> tuple[str | None, list[str]]:
             return _crs_name(dataset.GetSpatialRef()), sorted(dataset.GetFileList() or [])
     with quiet():
         try:
-            dataset = gdal.OpenEx(path, gdal.OF_VECTOR, allowed_drivers=list(_LAYERED))
+            layered = ["GPKG", "ESRI Shapefile", "FlatGeobuf"]  # whose CRS is known without reading rows
+            dataset = gdal.OpenEx(path, gdal.OF_VECTOR, allowed_drivers=layered)
         except (RuntimeError, SystemError, UnicodeDecodeError):
             dataset = None
         if dataset is None or not dataset.GetLayerCount():
@@ -178,3 +178,30 @@ def _crs_name(crs: osr.SpatialReference | None) -> str | None:
         return None
     authority, code = crs.GetAuthorityName(None), crs.GetAuthorityCode(None)
     return f"{authority}:{code}" if authority and code else str(crs.GetName() or "") or None
+
+
+#: Packages that are asked for their versions without loading them, by the names of their distributions.
+_DISTRIBUTIONS = {
+    "scipy": ("scipy",), "numba": ("numba",), "dask": ("dask",), "jinja2": ("Jinja2",),
+    "opencv": ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv"),
+}  # fmt: skip
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return name and version of HRSI and of the libraries that decide its figures; those that are there."""
+    found = {
+        "hrsi": VERSION,
+        "python": platform.python_version(),
+        "gdal": gdal.__version__,
+        "proj": pyproj.proj_version_str,
+        "geos": ".".join(map(str, geos_version)),
+        "numpy": np.__version__,
+        "shapely": shapely.__version__,
+        "pyproj": pyproj.__version__,
+    }
+    for name, distributions in _DISTRIBUTIONS.items():
+        for distribution in distributions:
+            with suppress(PackageNotFoundError):
+                found.setdefault(name, version(distribution))
+    return found

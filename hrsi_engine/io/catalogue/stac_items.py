@@ -24,17 +24,13 @@ from ..opening.item_images import ItemImage, StacItem
 from ..rpc_files.content import read_bytes
 from ..rpc_files.fields import STAC_NAMES
 
-ENDINGS = (".json", ".geojson")
 ITEM, COLLECTION_OF_ITEMS = "Feature", "FeatureCollection"
-_FOLDERS_OF_ITEMS = ("Collection", "Catalog")
-#: `STACIT:"items.json":asset=pan`, as GDAL's driver of that name has it.
-_NAMED_ASSET = re.compile(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)')
 _SCHEMES = {"s3": "/vsis3/", "gs": "/vsigs/", "az": "/vsiaz/", "oss": "/vsioss/"}
+#: Media types and endings of images, and roles of assets that are none.
 _IMAGE_TYPES = ("image/tiff", "image/vnd.stac.geotiff", "image/jp2", "application/vnd.nitf", "image/nitf",
                 "application/vnd.gdal.vrt")  # fmt: skip
 _IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".vrt")
 _NO_IMAGES = {"thumbnail", "overview", "metadata", "mask", "data-mask", "cloud", "snow-ice", "water-mask"}
-_RPC_ENDINGS = (".txt", ".rpb", ".xml", ".geom", ".json", ".rpc")
 
 
 def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | None:
@@ -45,9 +41,11 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
 
     Raises `InputError` where an item has no image, or several and none is named, and for a folder of items.
     """
-    given = _NAMED_ASSET.fullmatch(name)
+    # As GDAL's driver of that name has it
+    given = re.fullmatch(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)', name)
     file, wanted = (given["file"], given["asset"]) if given else (name, None)
-    if not urlsplit(file).path.lower().endswith(ENDINGS) or not (file.startswith("/vsi") or os.path.isfile(file)):
+    is_json = urlsplit(file).path.lower().endswith((".json", ".geojson"))
+    if not is_json or not (file.startswith("/vsi") or os.path.isfile(file)):
         if given:
             raise InputError(f"{name}: there is no file {file} with items: name one (.json)")
         return None
@@ -56,7 +54,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: is no JSON that can be read ({error}): get the file again") from None
     kind = document.get("type") if isinstance(document, dict) else None
-    if kind in _FOLDERS_OF_ITEMS and "stac_version" in document:
+    if kind in ("Collection", "Catalog") and "stac_version" in document:
         raise InputError(
             f"{file}: is a {kind} that refers to items elsewhere: name its items, or save the answer to a search "
             "(an item collection)"
@@ -156,7 +154,8 @@ def _rpc_assets(assets: Mapping[str, Mapping[str, Any]], image: str | None) -> l
     """Return the names of the assets that may be the image's RPC file, the likeliest first."""
     ranks: dict[str, int] = {}
     for key, asset in assets.items():
-        if key == image or not urlsplit(str(asset.get("href") or "")).path.lower().endswith(_RPC_ENDINGS):
+        name = urlsplit(str(asset.get("href") or "")).path.lower()
+        if key == image or not name.endswith((".txt", ".rpb", ".xml", ".geom", ".json", ".rpc")):
             continue
         if key == f"{image}_rpc":
             ranks[key] = 0

@@ -1,4 +1,4 @@
-"""The compiled loops that write rows as pages of an SQLite file; `sqlite_pages` calls them.
+"""The compiled loops that write rows as pages of an SQLite file; `sqlite_rows` calls them.
 
 A table is a tree of pages. A leaf page has cells, one a row: the length of its record and its key, then the record: the
 length of its head, a serial type for each value, and the values. A branch page has a cell for each page below it but
@@ -10,14 +10,13 @@ are big-endian, lengths and keys varints of seven bits a byte. Source: https://w
 import numpy as np
 from numba import njit
 
-from .row_cells import INTEGER_CELL, NUMBER_CELL, TEXT_CELL
+from .typed_rows import INTEGER_CELL, NUMBER_CELL, TEXT_CELL
 
 LEAF_HEAD, BRANCH_HEAD = 8, 12  # bytes at the beginning of a page
 PLACE, CHILD, LONGEST_VARINT = 2, 4, 9  # bytes of a cell's place, of a page's number, of a varint
 _LEAF, _BRANCH = 13, 5  # kinds of pages
 _NULL, _REAL, _ZERO, _BYTES, _TEXT = 0, 7, 8, 12, 13  # serial types; integers 1 to 6, and 1 is that of zero + 1
 _INTEGER_BYTES = np.array([0, 1, 2, 3, 4, 6, 8, 8, 0, 0])  # of each serial type
-_WHOLE = 2.0**47  # a whole number below this is kept as an integer by SQLite, too, in a column of numbers
 
 
 @njit(nogil=True, cache=True)
@@ -31,7 +30,7 @@ def add_rows(
     state : (4,) page that is being filled, its cells, where the cells begin, key of the last one; changed here
     last_keys : (p,) largest key of each full page, filled here
     begin : first row
-    kinds : (c,) of the columns (`row_cells`); the first is that of the keys
+    kinds : (c,) of the columns (`sqlite_rows.Cells`); the first is that of the keys
     words, reals, lengths : (c, n) the cells: integers or places in ``content``, the same as numbers, lengths of bytes
     content : (b,) all texts and bytes
     """
@@ -82,7 +81,7 @@ def _choose_types(
             real = reals[column, row]
             if np.isnan(real):
                 serial = _NULL
-            elif abs(real) < _WHOLE and real == np.floor(real):
+            elif abs(real) < 2.0**47 and real == np.floor(real):  # SQLite keeps these as integers, too
                 serial = _integer_type(int(real))
             else:
                 serial = _REAL

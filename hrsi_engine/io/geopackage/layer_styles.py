@@ -10,17 +10,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
 
-from .layer_words import Column, is_any
-from .typed_rows import describe_columns, write_title
+from .typed_rows import Column, describe_columns, is_any, write_title
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
 MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
-MAP_WIDTH_M = 0.25  # of a map on a screen
 LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
     "held_out": "152,78,163,255",
@@ -64,8 +62,7 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
     return replace(style, qml=head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>"))
 
 
-@dataclass(frozen=True)
-class Share:
+class Share(NamedTuple):
     """Which tie points are drawn from one map scale (its denominator) to the next: one of ``every``."""
 
     every: int
@@ -76,12 +73,12 @@ class Share:
 def shares(count: int, width_m: float) -> list[Share]:
     """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick.
 
-    ``width_m`` is that of the ground they are spread over: a map of all of it, and any closer one, shows between 150
-    and `MOST_ON_MAP` of them, as far as there are so many.
+    ``width_m`` is that of the ground they are spread over: a map of all of it, 0.25 m wide, and any closer one,
+    shows between 150 and `MOST_ON_MAP` of them, as far as there are so many.
     """
     found, nearest, every = [], 0, 1
     while count > MOST_ON_MAP * every:
-        farthest = max(round(width_m / MAP_WIDTH_M * math.sqrt(MOST_ON_MAP * every / count)), nearest + 1)
+        farthest = max(round(width_m / 0.25 * math.sqrt(MOST_ON_MAP * every / count)), nearest + 1)
         found.append(Share(every, nearest, farthest))
         nearest, every = farthest, 10 * every
     return [*found, Share(every, nearest, 0)]  # 0: no limit
@@ -94,8 +91,7 @@ def _residuals(fields: LayerColumns, width_m: float) -> Style:
     in_image = _typical(fields["residual_sample_px"], fields["residual_line_px"], image & good)
     return _render_style(
         "residuals.qml.j2", "Residual arrows (observed - computed)",
-        ground_scale=_scale(on_ground, GROUND_ARROW_MM), ground_key=_key(on_ground, GROUND_ARROW_MM, "m"),
-        image_scale=_scale(in_image, IMAGE_ARROW_MM), image_key=_key(in_image, IMAGE_ARROW_MM, "px"),
+        **_arrows("ground", on_ground, GROUND_ARROW_MM, "m"), **_arrows("image", in_image, IMAGE_ARROW_MM, "px"),
         image_shares=shares(int(np.sum(image)), width_m),
         has_ground=bool(np.any(ground & np.isfinite(fields["residual_east_m"]))),
     )  # fmt: skip
@@ -106,7 +102,7 @@ def _image_points(fields: LayerColumns, width_m: float) -> Style:
     typical = _typical(fields["residual_sample_px"], fields["residual_line_px"], good)
     return _render_style(
         "image_points.qml.j2", "Image residuals", image_shares=shares(len(good), width_m),
-        image_scale=_scale(typical, IMAGE_ARROW_MM), image_key=_key(typical, IMAGE_ARROW_MM, "px"),
+        **_arrows("image", typical, IMAGE_ARROW_MM, "px"),
     )  # fmt: skip
 
 
@@ -115,7 +111,7 @@ def _misregistration(fields: LayerColumns, width_m: float) -> Style:
     typical = _typical(fields["east_m"], fields["north_m"], before if before.any() else ~before)
     return _render_style(
         "misregistration.qml.j2", "Shifts between orthoimages (second - first)",
-        ground_scale=_scale(typical, GROUND_ARROW_MM), ground_key=_key(typical, GROUND_ARROW_MM, "m"),
+        **_arrows("ground", typical, GROUND_ARROW_MM, "m"),
         has_before=bool(before.any()),
     )  # fmt: skip
 
@@ -203,13 +199,9 @@ def _typical(x: Column, y: Column, rows: np.ndarray) -> float:
     return typical if typical > 0.0 else 1.0
 
 
-def _scale(typical: float, arrow_mm: float) -> str:
-    return f"{arrow_mm / typical:.6g}"
-
-
-def _key(typical: float, arrow_mm: float, unit: str) -> str:
-    """Return what an arrow's length means, for the legend."""
-    return f"{arrow_mm:g} mm = {typical:.2g} {unit}"
+def _arrows(kind: str, typical: float, arrow_mm: float, unit: str) -> dict[str, str]:
+    """Return the scale of arrows of a kind, and what their length means, for the legend."""
+    return {f"{kind}_scale": f"{arrow_mm / typical:.6g}", f"{kind}_key": f"{arrow_mm:g} mm = {typical:.2g} {unit}"}
 
 
 def _render_style(template: str, description: str, **values: Any) -> Style:

@@ -18,27 +18,21 @@ from typing import Any
 import numpy as np
 from osgeo import gdal, ogr, osr
 from shapely.affinity import translate
-from shapely.geometry import Polygon
 
-from ...foundation.dates import run_date
 from ...foundation.errors import OutputError
 from ...foundation.large_arrays import finite_rows
 from ...foundation.progress import Progress, advance, silent
+from ...foundation.version import run_date
 from ...ground.geodesy import WGS84, WGS84_3D, are_continuous, continuous_longitudes, metres_per_degree
+from ..opening.databases import sql_text
 from ..opening.datasets import config_option, gdal_messages, quiet
-from ..opening.sql import sql_text
 from ..safety.replacing import remove_write_ahead_log, replacing
 from .layer_styles import Style, default_style
-from .layer_words import Column
 from .rtree import empty_rtree, fill_rtree, pack_rtree
 from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
-from .typed_rows import DTYPES, LayerRows, describe_columns
+from .typed_rows import DTYPES, Column, LayerRows, describe_columns
 
-_GEOMETRY_TYPES = {
-    "Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone,
-}  # fmt: skip
 GEOMETRY_COLUMN = "geom"
-LONGEST_PATH = 400  # bytes: hidden names and journals are longer, by what tells who writes
 _CHUNK_ROWS = 10_000
 
 
@@ -132,13 +126,18 @@ def write_geopackage(
     Cancelled
         When ``progress`` asks to stop.
     """
-    _require_consistent(path, layers)
+    for layer in layers:
+        lengths = {name: len(column) for name, column in layer.fields.items()} | {"id of rows": len(layer)}
+        if layer.geometry != "None":
+            lengths["coordinates"] = len(layer.coordinates)
+        if len(set(lengths.values())) > 1:
+            raise OutputError(f"{path}, layer {layer.name}: columns differ in length: {lengths}")
     layers = in_one_place(layers)
     total = max(1, sum(map(len, layers)))
     if styles is None:
         styles = default_styles(layers)
     length = len(os.fsencode(os.path.abspath(path)))
-    if length > LONGEST_PATH:
+    if length > 400:  # hidden names and journals are longer, by what tells who writes
         raise OutputError(
             f"{path}: a path of {length} bytes is too long for SQLite, which opens 512: choose a shorter `output_dir`"
         )
@@ -164,15 +163,6 @@ def write_geopackage(
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
 
 
-def _require_consistent(path: str, layers: Sequence[Layer]) -> None:
-    for layer in layers:
-        lengths = {name: len(column) for name, column in layer.fields.items()} | {"id of rows": len(layer)}
-        if layer.geometry != "None":
-            lengths["coordinates"] = len(layer.coordinates)
-        if len(set(lengths.values())) > 1:
-            raise OutputError(f"{path}, layer {layer.name}: columns differ in length: {lengths}")
-
-
 def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
     """Return layers whose longitudes do not jump at 180 degrees, so that what lies across it has its own extent."""
     places = {
@@ -188,19 +178,15 @@ def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
     moved, parts = list(layers), np.split(turns, np.cumsum([len(part) for part in places.values()])[:-1])
     for number, part in zip(places, parts, strict=True):
         if np.any(np.abs(part) > 0.0):
-            moved[number] = replace(layers[number], coordinates=_turn_coordinates(layers[number].coordinates, part))
+            given: Any = layers[number].coordinates
+            if isinstance(given, Sequence):
+                turned = zip(given, np.nan_to_num(part).tolist(), strict=True)
+                given = [translate(polygon, 360.0 * count) if count else polygon for polygon, count in turned]
+            else:
+                place = np.asarray(given)
+                given = np.column_stack([place[:, 0] + 360.0 * part, place[:, 1:]])
+            moved[number] = replace(layers[number], coordinates=given)
     return moved
-
-
-def _turn_coordinates(coordinates: Any, turns: np.ndarray) -> np.ndarray | list[Polygon]:
-    """Return points or polygons moved by whole turns of longitude, NaN for those without a position."""
-    if not isinstance(coordinates, Sequence):
-        place = np.asarray(coordinates)
-        return np.column_stack([place[:, 0] + 360.0 * turns, place[:, 1:]])
-    return [
-        translate(polygon, 360.0 * count) if count else polygon
-        for polygon, count in zip(coordinates, np.nan_to_num(turns).tolist(), strict=True)
-    ]
 
 
 def _create_tables(
@@ -217,9 +203,8 @@ def _create_tables(
                 create_style_table(dataset)
     if dataset is None or messages:
         dataset = None  # closed here, where GDAL's complaints are not heard
-        raise OutputError(
-            f"{path}: cannot be written ({messages[-1] if messages else 'unknown reason'}): check the folder"
-        )
+        reason = messages[-1] if messages else "unknown reason"
+        raise OutputError(f"{path}: cannot be written ({reason}): check the folder")
     del dataset
 
 
@@ -230,10 +215,9 @@ def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str]
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
     options = ["SPATIAL_INDEX=YES", f"GEOMETRY_NAME={GEOMETRY_COLUMN}", "FID=fid"]
     options += [f"DESCRIPTION={layer.description}"] if layer.description else []
-    has_geometry = layer.geometry != "None"
-    table = dataset.CreateLayer(
-        layer.name, reference if has_geometry else None, _GEOMETRY_TYPES[layer.geometry], options
-    )
+    types = {"Point": ogr.wkbPoint, "PointZ": ogr.wkbPoint25D, "Polygon": ogr.wkbPolygon, "None": ogr.wkbNone}
+    place = None if layer.geometry == "None" else reference
+    table = dataset.CreateLayer(layer.name, place, types[layer.geometry], options)
     declared = layer.fields.declared if isinstance(layer.fields, LayerRows) else {}
     for name, column in layer.fields.items():
         kinds = {"f": ogr.OFTReal, "i": ogr.OFTInteger64, "u": ogr.OFTInteger64, "b": ogr.OFTInteger}
@@ -327,8 +311,13 @@ def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
 def _geometries(layer: Layer, rows: slice) -> np.ndarray:
     """Return geometries as bytes (dtype ``V``); as objects where some have none, or where they are polygons."""
     if layer.geometry == "Polygon":
+        # A header with the envelope, then WKB
         boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
-        return _objects([_polygon_blob(polygon, box, layer.crs) for polygon, box in boxed])
+        return _objects([
+            None if polygon.is_empty
+            else struct.pack("<2sBBi4d", b"GP", 0, 3, layer.crs, west, east, south, north) + bytes(polygon.wkb)
+            for polygon, (west, south, east, north) in boxed
+        ])  # fmt: skip
     # GeoPackage geometries of points: a header of 8 bytes without envelope, then ISO WKB.
     # Source: OGC 12-128r18, clause 2.1.3.
     xyz = np.asarray(layer.coordinates[rows], dtype=np.float64)
@@ -354,14 +343,6 @@ def _objects(values: Sequence[object]) -> np.ndarray:
     return array
 
 
-def _polygon_blob(polygon: Polygon, box: Sequence[float], crs: int) -> bytes | None:
-    """Return the GeoPackage geometry of a polygon: a header with its envelope, then WKB."""
-    if polygon.is_empty:
-        return None
-    west, south, east, north = box
-    return struct.pack("<2sBBi4d", b"GP", 0, 3, crs, west, east, south, north) + bytes(polygon.wkb)
-
-
 #: Tables of the extension gpkg_schema, which describes columns, and the one that lists extensions, which a file without
 #: an R-tree has not. Source: OGC 12-128r18, annexes C.6 and F.9.
 _SCHEMA_TABLES = (
@@ -375,7 +356,6 @@ _SCHEMA_TABLES = (
     " NULL, value TEXT, min NUMERIC, min_is_inclusive BOOLEAN, max NUMERIC, max_is_inclusive BOOLEAN, description TEXT,"
     " CONSTRAINT gdcc_ntv UNIQUE (constraint_name, constraint_type, value))",
 )
-_SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
 
 
 def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> None:
@@ -385,8 +365,8 @@ def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> No
         return
     for statement in _SCHEMA_TABLES:
         database.execute(statement)
-    extension = [(table, None, "gpkg_schema", _SCHEMA_EXTENSION, "read-write")
-                 for table in ("gpkg_data_columns", "gpkg_data_column_constraints")]  # fmt: skip
+    schema = None, "gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write"
+    extension = [(table, *schema) for table in ("gpkg_data_columns", "gpkg_data_column_constraints")]
     database.executemany("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", extension)
     database.executemany("INSERT INTO gpkg_data_columns (table_name, column_name, description) VALUES (?, ?, ?)", rows)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..opening.sql import insert_text, sql_text
+from ..opening.databases import insert_text, sql_text
 from .sqlite_rows import Inserter
 
 _MOST_CELLS = 51  # SQLite's limit

@@ -1,18 +1,25 @@
-"""Rows into SQLite, from columns: through Python's interface, or as pages (`sqlite_pages`).
+"""Rows into SQLite, from columns: through Python's interface (`PythonRows`), or as pages of the file (`Pages`).
 
-Python's ``executemany`` needs an object for every value. Where numba is there, and nobody else has the file, the pages
-that SQLite would make are written from the arrays: ten times as fast, and without the objects' memory.
+Python's ``executemany`` needs an object for every value, and SQLite spends some microseconds on a row, most of it on
+finding again and again that it belongs behind the one before. Where numba is there, and nobody else has the file, a
+compiled loop (`compiled_pages`) writes the pages that SQLite would make from the arrays: ten times as fast, and without
+the objects' memory. They are put behind the file's own, and the page where an empty table begins becomes the root of
+its tree. The file's format is described at https://www.sqlite.org/fileformat2.html and is promised to stay as it is.
 """
 
+from __future__ import annotations
+
 import sqlite3
+import struct
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from ...foundation import compiled_code
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.sql import insert_text
-from .layer_words import Column
-from .sqlite_pages import Pages, can_have_pages
+from ..opening.databases import insert_text
+from .typed_rows import BYTES_CELL, INTEGER_CELL, NUMBER_CELL, TEXT_CELL, Column, StackedColumn, Words
 
 
 @thresholds
@@ -20,9 +27,6 @@ class ROW_WRITING:
     """When rows are written by the compiled loop."""
 
     compiled_rows: int = threshold(20_000, "rows", "fewer are written before the compiled loop is loaded", "measured")
-
-
-_REPLACE = "INSERT OR REPLACE INTO {table} ({columns})"
 
 
 class Inserter(Protocol):
@@ -60,7 +64,7 @@ class PythonRows:
     def insert(self, table: str, names: Sequence[str], columns: Sequence[Column]) -> None:
         """As `Inserter.insert`."""
         rows = zip(*(column.tolist() for column in columns), strict=True)
-        self._database.executemany(insert_text(table, names, _REPLACE), rows)
+        self._database.executemany(insert_text(table, names, "INSERT OR REPLACE INTO {table} ({columns})"), rows)
 
     def commit(self) -> None:
         """As `Inserter.commit`."""
@@ -80,3 +84,196 @@ def rows_of_new_file(path: str, database: sqlite3.Connection, count: int, column
     if compiled_code.is_wanted(count >= ROW_WRITING.compiled_rows) and can_have_pages(path, columns):
         return Pages(path, database)
     return PythonRows(database)
+
+
+_HEAD = 100  # bytes of the file's head
+_CHANGES, _PAGES, _VALID_FOR = 24, 28, 92  # where it tells the number of changes, of pages, and which change that is of
+#: What the head must say: plain journal, no bytes reserved; newest schema; no page map; UTF-8.
+_PLAIN = {18: b"\1\1\0", 44: b"\0\0\0\4", 52: b"\0\0\0\0", 56: b"\0\0\0\1"}
+_LOCKED_BYTE = 2**30  # the page that has it is not used
+_BUFFER_PAGES = 512
+_MARGIN = 35  # bytes of a page that a row may not have without pages of its own
+
+
+class Pages:
+    """Rows into empty tables of a file, whose keys ascend; one table after the other.
+
+    The database is that of the file; it is not used from `begin` to `commit`.
+    """
+
+    def __init__(self, path: str, database: sqlite3.Connection) -> None:
+        self._database, self._texts = database, Texts()
+        self._file = open(path, "r+b")  # noqa: SIM115
+
+    def begin(self) -> None:
+        """As `Inserter.begin`."""
+        tables = self._database.execute("SELECT name, rootpage FROM sqlite_master WHERE type = 'table'").fetchall()
+        self._roots, self._table, self._filled = dict(tables), "", dict[str, int]()
+        head = self._file.read(_HEAD)
+        self._size = _page_size(head)
+        self._changes, pages = struct.unpack_from(">II", head, _CHANGES)
+        self._next, self._locked = pages + 1, _LOCKED_BYTE // self._size + 1
+        self._pages = np.zeros((_BUFFER_PAGES, self._size), dtype=np.uint8)
+        self._last_keys = np.empty(_BUFFER_PAGES, dtype=np.int64)
+
+    def insert(self, table: str, names: Sequence[str], columns: Sequence[Column]) -> None:
+        """As `Inserter.insert`; columns in the table's order, keys first."""
+        from .compiled_pages import add_rows
+
+        if table != self._table:
+            self._end_table()
+            self._table, self._children, self._state = table, [], np.array([0, 0, self._size, 0])
+            self._pages[0] = 0
+        cells = Cells(columns, self._texts)
+        done, rows = 0, cells.words.shape[1]
+        while done < rows:
+            done = add_rows(
+                self._pages, self._state, self._last_keys, done, cells.kinds, cells.words,
+                cells.words.view(np.float64), cells.lengths, cells.content,
+            )  # fmt: skip
+            if self._state[0] == len(self._pages):
+                self._children.append((self._write(self._pages), self._last_keys.copy()))
+                self._pages[0], self._state[0] = 0, 0
+
+    def commit(self) -> None:
+        """As `Inserter.commit`."""
+        self._end_table()
+        count = struct.pack(">II", self._changes + 1, self._next - 1)
+        for place, content in ((_CHANGES, count), (_VALID_FOR, count[:4])):
+            self._file.seek(place)
+            self._file.write(content)
+        self.close()
+        self._database.executemany(  # where keys are not given out twice
+            """INSERT INTO sqlite_sequence SELECT name, ? FROM sqlite_master
+            WHERE name = ? AND sql LIKE '%AUTOINCREMENT%'""",
+            [(key, table) for table, key in self._filled.items()],
+        )
+
+    def close(self) -> None:
+        """As `Inserter.close`."""
+        self._file.close()
+
+    def _end_table(self) -> None:
+        """Write the last leaves of the table and the branches above them, the uppermost where the table begins."""
+        from .compiled_pages import BRANCH_HEAD, CHILD, LONGEST_VARINT, PLACE, end_page, fill_branches
+
+        if not self._table:
+            return
+        end_page(self._pages, self._state, self._last_keys)
+        pages, last_keys = self._pages[: self._state[0] + 1], self._last_keys[: self._state[0] + 1]
+        if self._children or len(pages) > 1:
+            self._children.append((self._write(pages), last_keys))
+            children, last_keys = (np.concatenate(parts) for parts in zip(*self._children, strict=True))
+            most = (self._size - BRANCH_HEAD) // (PLACE + CHILD + LONGEST_VARINT)
+            while True:
+                count = -(-len(children) // most)
+                bounds = np.arange(count + 1) * len(children) // count  # all are about equally full
+                pages = np.zeros((count, self._size), dtype=np.uint8)
+                fill_branches(pages, bounds, children, last_keys)
+                if count == 1:
+                    break
+                children, last_keys = self._write(pages), last_keys[bounds[1:] - 1]
+        self._put(self._roots[self._table], pages)
+        self._filled[self._table] = int(self._state[3])
+
+    def _write(self, pages: np.ndarray) -> np.ndarray:
+        """Write pages behind the file's others; return their numbers."""
+        numbers = self._next + np.arange(len(pages))
+        if self._next <= self._locked:
+            numbers += numbers >= self._locked
+        before = int(np.sum(numbers < self._locked))
+        for part in (slice(0, before), slice(before, None)):
+            if len(numbers[part]):
+                self._put(numbers[part][0], pages[part])
+        self._next = int(numbers[-1]) + 1
+        return numbers
+
+    def _put(self, number: int, pages: np.ndarray) -> None:
+        self._file.seek((int(number) - 1) * self._size)
+        self._file.write(pages.data)
+
+
+def can_have_pages(path: str, columns: Sequence[Column]) -> bool:
+    """Return whether rows of these columns can be written as pages of a file."""
+    with open(path, "rb") as file:
+        head = file.read(_HEAD)
+    plain = all(head[place : place + len(content)] == content for place, content in _PLAIN.items())
+    # Texts as UTF-8 are not longer than as NumPy has them; each value has a serial type of 9 bytes at most
+    widest = sum(column.dtype.itemsize + 9 for column in columns)
+    return plain and all(column.dtype.kind in "biufUV" for column in columns) and widest <= _page_size(head) - _MARGIN
+
+
+def _page_size(head: bytes) -> int:
+    size = int.from_bytes(head[16:18], "big")
+    return 65536 if size == 1 else size
+
+
+class Cells:
+    """Columns as the compiled loop takes them.
+
+    kinds : (c,) which of `NUMBER_CELL`, `INTEGER_CELL`, `TEXT_CELL`, `BYTES_CELL`
+    words : (c, n) 8 bytes each: the number, or the place of the bytes in ``content``
+    lengths : (c, n) of the bytes, negative where there is nothing; content : (b,) all bytes
+    """
+
+    def __init__(self, columns: Sequence[Column], texts: Texts) -> None:
+        rows, begin, parts = len(columns[0]), 0, [np.empty(0, dtype=np.uint8)]
+        self.kinds = np.empty(len(columns), dtype=np.int8)
+        self.words = np.empty((len(columns), rows), dtype=np.int64)
+        self.lengths = np.zeros((len(columns), rows), dtype=np.int32)
+        for number, given in enumerate(columns):
+            column = np.asarray(given) if isinstance(given, StackedColumn) else given
+            kind, words, lengths = column.dtype.kind, self.words[number], self.lengths[number]
+            if kind == "f":
+                self.kinds[number] = NUMBER_CELL
+                words.view(np.float64)[:] = column
+                continue
+            if kind in "biu":
+                self.kinds[number] = INTEGER_CELL
+                words[:] = column
+                continue
+            if isinstance(column, Words):
+                self.kinds[number] = TEXT_CELL
+                content, long = texts.encode(column.values)
+                words[:], lengths[:] = column.index, long[column.index]
+                words *= content.itemsize
+            elif kind == "U":
+                self.kinds[number] = TEXT_CELL
+                content, lengths[:] = _utf8(column)
+                words[:] = content.itemsize * np.arange(rows)
+            elif kind == "V":
+                self.kinds[number] = BYTES_CELL
+                content, lengths[:] = np.ascontiguousarray(column), column.itemsize
+                words[:] = column.itemsize * np.arange(rows)
+            else:  # objects: bytes or nothing
+                self.kinds[number] = BYTES_CELL
+                lengths[:] = [-1 if value is None else len(value) for value in column.tolist()]
+                content = np.frombuffer(b"".join(one for one in column.tolist() if one is not None), dtype=np.uint8)
+                words[:] = np.cumsum(np.maximum(lengths, 0)) - lengths
+            words += begin
+            parts.append(content.view(np.uint8))
+            begin += content.nbytes
+        self.content = np.concatenate(parts)
+
+
+class Texts:
+    """Cache of text columns encoded as UTF-8, by the array of their distinct values."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    def encode(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return words as bytes (dtype ``S``), and their lengths."""
+        if id(values) not in self._known:
+            self._known[id(values)] = (values, *_utf8(values))  # kept, so that no other array gets its address
+        return self._known[id(values)][1:]
+
+
+def _utf8(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return texts as UTF-8 bytes, dtype ``S``, and their lengths."""
+    if not len(values) or not values.itemsize:
+        return np.zeros(len(values), dtype="S1"), np.zeros(len(values), dtype=np.int32)
+    points = np.ascontiguousarray(values).view(np.uint32).reshape(len(values), -1)
+    ascii_only = points.max() < 128
+    content = points.astype("u1").view(f"S{points.shape[1]}")[:, 0] if ascii_only else np.char.encode(values, "utf-8")
+    return content, np.char.str_len(content).astype(np.int32)

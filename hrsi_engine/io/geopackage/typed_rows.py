@@ -7,15 +7,122 @@ Who makes the rows of a layer makes an object of its class, with one argument a 
 A column that is given and not declared, or declared and not given, is an error there, for mypy and when it runs. The
 object is the mapping of columns that a `Layer` takes; the writer has the kinds and texts of the fields from it, the
 styles their titles, and `scripts/list_layers.py` the tables of the documentation.
+
+Columns may take less memory than an array of their rows: of shared values, or in parts.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_type_hints
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from .layer_words import Column, StackedColumn, Words, make_shared_words
+
+@dataclass(frozen=True, eq=False)
+class PickedColumn:
+    """Rows that share values: each of them, (k,) or (k, d), stands there once; ``index`` (n,) is that of each row."""
+
+    values: np.ndarray
+    index: np.ndarray
+
+    @property
+    def dtype(self) -> np.dtype:
+        """That of the values."""
+        return self.values.dtype
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def __getitem__(self, rows: Any) -> Any:
+        """Return a column of some rows (slice, mask or indices), or the value of one."""
+        index = self.index[rows]
+        return type(self)(self.values, index) if np.ndim(index) else self.values[index]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self.values[self.index], dtype=dtype)
+
+
+class Words(PickedColumn):
+    """A column of text; to compare it, and as an array (``np.asarray``), it is that of its rows."""
+
+    def __eq__(self, word: object) -> np.ndarray:  # type: ignore[override]
+        return (self.values == word)[self.index]
+
+    def __ne__(self, word: object) -> np.ndarray:  # type: ignore[override]
+        return (self.values != word)[self.index]
+
+    def tolist(self) -> list[str]:
+        """Return the rows' words; those that are equal are one object."""
+        return self.values.astype(object)[self.index].tolist()
+
+    def concatenate(self, other: Words) -> Words:
+        """Return the rows of this column and of another behind them."""
+        if other.values is self.values:
+            return Words(self.values, np.concatenate([self.index, other.index]).astype(np.int32))
+        values = np.concatenate([self.values, other.values])
+        return Words(values, np.concatenate([self.index, other.index.astype(np.int32) + np.int32(len(self.values))]))
+
+
+@dataclass(frozen=True, eq=False)
+class StackedColumn(NDArrayOperatorsMixin):
+    """The rows of some columns of numbers, one column behind the other; only what is asked for is put together.
+
+    In arithmetic and in NumPy's functions it is the array of its rows.
+    """
+
+    parts: tuple[Any, ...]
+
+    @property
+    def dtype(self) -> np.dtype:
+        """That of all rows."""
+        return np.result_type(*(part.dtype for part in self.parts))
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    def __getitem__(self, rows: Any) -> Any:
+        """Return some rows (slice, mask or indices); of a slice with no more work than it has rows."""
+        if not isinstance(rows, slice):
+            return np.asarray(self)[rows]
+        start, stop, _ = rows.indices(len(self))
+        found, begin = list[Any](), 0
+        for part in self.parts:
+            found.append(part[max(start - begin, 0) : max(stop - begin, 0)])
+            begin += len(part)
+        found = [part for part in found if len(part)] or found[:1]
+        return found[0] if len(found) == 1 else np.concatenate(found)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.concatenate(self.parts).astype(dtype or self.dtype, copy=False)
+
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
+        arrays = (np.asarray(value) if isinstance(value, StackedColumn) else value for value in inputs)
+        return getattr(ufunc, method)(*arrays, **kwargs)
+
+    def tolist(self) -> list[Any]:
+        """Return the rows' values."""
+        return np.asarray(self).tolist()
+
+
+Column = np.ndarray | Words | StackedColumn
+
+
+def make_shared_words(word: str, count: int) -> Words:
+    """Return a column of ``count`` rows that all hold one word."""
+    return Words(np.array([word]), np.zeros(count, dtype=np.int32))
+
+
+def is_any(column: Column, words: Iterable[str]) -> np.ndarray:
+    """Return which rows of a column of text hold one of some words, ``(n,)``."""
+    if isinstance(column, Words):
+        return np.isin(column.values, list(words))[column.index]
+    return np.isin(column, list(words))
+
+
+# ---- declared columns ------------------------------------------------------------------------------------------------
 
 #: Kinds of columns, as annotations of a class of rows: what one value of the column is stands second.
 TextColumn = Annotated[Column, str]
@@ -24,6 +131,7 @@ IntegerColumn = Annotated[Column, int]
 FlagColumn = Annotated[Column, bool]
 #: Letters of NumPy's dtypes that a column of each kind may have.
 DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
+NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BYTES_CELL = range(4)  #: kinds of columns where rows are written as pages
 #: How units are written in titles.
 UNIT_SIGNS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
 
@@ -82,7 +190,8 @@ class LayerRows(Mapping[str, Column]):
         cls.layer = layer or cls.layer
         own = {name: value for name, value in vars(cls).items() if isinstance(value, DeclaredColumn)}
         hints = get_type_hints(cls, include_extras=True)
-        inherited = {name: part for base in reversed(cls.__mro__[1:]) for name, part in _get_declarations(base).items()}
+        bases = (base for base in reversed(cls.__mro__[1:]) if issubclass(base, LayerRows))
+        inherited = {name: part for base in bases for name, part in base.declared.items()}
         cls.declared = inherited | {
             name: replace(_complete_description(cls, name, part), name=name, kind=get_args(hints[name])[1])
             for name, part in own.items()
@@ -147,10 +256,6 @@ class LayerRows(Mapping[str, Column]):
     def concatenate(self, other: Self) -> Self:
         """Return these rows and others behind them, without a copy of the numbers."""
         return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
-
-
-def _get_declarations(base: type) -> Mapping[str, DeclaredColumn]:
-    return base.declared if issubclass(base, LayerRows) else {}
 
 
 def _complete_description(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:

@@ -21,8 +21,8 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from .datasets import virtual_status
 from .plain_files import require_plain
-from .virtual_files import virtual_status
 
 MIB = 2**20
 
@@ -76,6 +76,12 @@ class FILE_BUDGETS:
         20_000, "files", "most files of an archive that may be images", "each takes GDAL 0.1 ms to find and 1 to open"
     )  # fmt: skip
     delivery_depth: int = threshold(32, "folders", "deepest folder of a delivery")
+    hdf_values: float = threshold(1e8, "values", "most numbers of an array of matches or keypoints in HDF5")
+    hdf_groups: int = threshold(10_000_000, "groups", "most groups of a file of matches in HDF5")
+    point_bytes: int = threshold(
+        128, "byte", "longest geometry of a point in a database", "a point with the longest header of a GeoPackage"
+    )
+    tiff_tags: int = threshold(4096, "tags", "most tags of the first directory of a TIFF", "it has a few dozen")
     packed_factor: int = threshold(
         100, "", "most bytes that one byte of an archive of images can unfold to", "imagery comes to 2, text to 20"
     )
@@ -135,20 +141,16 @@ class RPC_BUDGETS:
     coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
 
 
-_IMAGE, _HEIGHT = (-RPC_BUDGETS.image_px, RPC_BUDGETS.image_px), (-RPC_BUDGETS.height_m, RPC_BUDGETS.height_m)
-#: Of an RPC: what its offsets and scales can be.
+#: Of an RPC: the largest magnitudes of its offsets, and the smallest and largest of its scales.
 RPC_RANGES = {
-    "line_off": _IMAGE, "samp_off": _IMAGE, "height_off": _HEIGHT,
-    "lat_off": (-RPC_BUDGETS.lat_off_deg, RPC_BUDGETS.lat_off_deg),
-    "long_off": (-RPC_BUDGETS.long_off_deg, RPC_BUDGETS.long_off_deg),
-    "line_scale": _IMAGE, "samp_scale": _IMAGE, "height_scale": _HEIGHT,
-    "lat_scale": (-RPC_BUDGETS.lat_scale_deg, RPC_BUDGETS.lat_scale_deg),
-    "long_scale": (-RPC_BUDGETS.long_scale_deg, RPC_BUDGETS.long_scale_deg),
-}  # fmt: skip
-LEAST_SCALES = {
-    "line_scale": RPC_BUDGETS.least_image_scale_px, "samp_scale": RPC_BUDGETS.least_image_scale_px,
-    "lat_scale": RPC_BUDGETS.least_ground_scale_deg, "long_scale": RPC_BUDGETS.least_ground_scale_deg,
-    "height_scale": RPC_BUDGETS.least_height_scale_m,
+    "line_off": (0.0, RPC_BUDGETS.image_px), "samp_off": (0.0, RPC_BUDGETS.image_px),
+    "lat_off": (0.0, RPC_BUDGETS.lat_off_deg), "long_off": (0.0, RPC_BUDGETS.long_off_deg),
+    "height_off": (0.0, RPC_BUDGETS.height_m),
+    "line_scale": (RPC_BUDGETS.least_image_scale_px, RPC_BUDGETS.image_px),
+    "samp_scale": (RPC_BUDGETS.least_image_scale_px, RPC_BUDGETS.image_px),
+    "lat_scale": (RPC_BUDGETS.least_ground_scale_deg, RPC_BUDGETS.lat_scale_deg),
+    "long_scale": (RPC_BUDGETS.least_ground_scale_deg, RPC_BUDGETS.long_scale_deg),
+    "height_scale": (RPC_BUDGETS.least_height_scale_m, RPC_BUDGETS.height_m),
 }  # fmt: skip
 
 
@@ -212,7 +214,16 @@ def list_archive(path: str) -> list[tuple[str, int]]:
     """
     try:
         if zipfile.is_zipfile(path):
-            _require_small_directory(path)
+            # A directory with more entries than are looked through is refused before any is read
+            with open(path, "rb") as file:
+                file.seek(-min(os.path.getsize(path), 2**16 + 100), os.SEEK_END)
+                tail = file.read()
+            end, wide = tail.rfind(b"PK\5\6"), tail.rfind(b"PK\6\6")
+            size = int.from_bytes(tail[end + 12 : end + 16], "little")
+            if size == 2**32 - 1 and wide >= 0:
+                size = int.from_bytes(tail[wide + 40 : wide + 48], "little")
+            if size > FILE_BUDGETS.directory_bytes:
+                raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
             with zipfile.ZipFile(path) as archive:
                 return [(part.filename, part.file_size) for part in archive.infolist()]
         found: list[tuple[str, int]] = []
@@ -232,19 +243,6 @@ def list_archive(path: str) -> list[tuple[str, int]]:
         OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
     ) as error:  # fmt: skip
         raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
-
-
-def _require_small_directory(path: str) -> None:
-    """Raise `InputError` for a zip archive with more entries than are looked through, before any is read."""
-    with open(path, "rb") as file:
-        file.seek(-min(os.path.getsize(path), 2**16 + 100), os.SEEK_END)
-        tail = file.read()
-    end, wide = tail.rfind(b"PK\5\6"), tail.rfind(b"PK\6\6")
-    size = int.from_bytes(tail[end + 12 : end + 16], "little")
-    if size == 2**32 - 1 and wide >= 0:
-        size = int.from_bytes(tail[wide + 40 : wide + 48], "little")
-    if size > FILE_BUDGETS.directory_bytes:
-        raise InputError(f"{path}: has a directory of {size // MIB} MiB: unpack it, and name the images")
 
 
 def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:
@@ -293,11 +291,8 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
 
     ``where`` names the place of an index: file and cell, or file and row.
     """
-    wrong = (
-        (heights_m < GROUND_HEIGHTS.lowest_m)
-        | (heights_m > GROUND_HEIGHTS.highest_m)
-        | (heights_m == GROUND_HEIGHTS.no_data_m)
-    )
+    wrong = (heights_m < GROUND_HEIGHTS.lowest_m) | (heights_m > GROUND_HEIGHTS.highest_m)
+    wrong |= heights_m == GROUND_HEIGHTS.no_data_m
     if wrong.any():
         index = int(np.flatnonzero(wrong)[0])
         share = f"{wrong.sum()} of {len(heights_m)}"

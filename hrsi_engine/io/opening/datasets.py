@@ -1,15 +1,18 @@
 """Opening GDAL datasets quietly, with or without GDAL exceptions enabled.
 
 Of GDAL's global state nothing is touched but what it would do without an end: wait for a server (`HTTP_PATIENCE`).
+
+Whole files are read and written in GDAL's virtual file systems: object stores (``/vsis3/…``), archives, servers,
+memory. An object store takes a file whole or not at all, when it is closed; it has no folders, only names with slashes.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from osgeo import gdal
 
-from ...foundation.errors import InputError
+from ...foundation.errors import InputError, OutputError
 from .plain_files import require_plain_around
 
 Told = TypeVar("Told")
@@ -20,9 +23,6 @@ HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10", "GDAL_HTTP_LOW_SPEED_TIME": "15", "GDAL_HTTP_LOW_SPEED_LIMIT": "10",
     "GDAL_HTTP_MAX_RETRY": "3", "GDAL_HTTP_RETRY_DELAY": "1",
 }  # fmt: skip
-
-
-_SERVERS = ("http://", "https://", "/vsis3", "/vsigs", "/vsiaz", "/vsioss", "/vsiswift")
 
 
 def set_http_patience() -> None:
@@ -41,7 +41,8 @@ set_http_patience()
 
 def check_advice(path: str, otherwise: str = "check the path") -> str:
     """Return the advice on a file that cannot be opened; for a remote file, that its server may be slow."""
-    if not any(server in path for server in _SERVERS):
+    servers = ("http://", "https://", "/vsis3", "/vsigs", "/vsiaz", "/vsioss", "/vsiswift")
+    if not any(server in path for server in servers):
         return otherwise
     return (
         "check the address, and whether its server answers (GDAL's options GDAL_HTTP_CONNECTTIMEOUT and "
@@ -101,13 +102,13 @@ def config_option(name: str, value: str) -> Iterator[None]:
         gdal.SetThreadLocalConfigOption(name, before)
 
 
-def open_dataset(path: str, flags: int = 0) -> tuple[gdal.Dataset | None, str]:
-    """Return a raster dataset opened for reading (or with ``flags``) and GDAL's last message; None where it fails."""
+def open_dataset(path: str) -> tuple[gdal.Dataset | None, str]:
+    """Return a raster dataset opened for reading and GDAL's last message; None where it fails."""
     with quiet():
         gdal.ErrorReset()
         try:
             require_plain_around(path)
-            dataset = gdal.OpenEx(path, gdal.OF_RASTER | flags)
+            dataset = gdal.OpenEx(path, gdal.OF_RASTER)
             return dataset, "" if dataset is not None else " ".join(gdal.GetLastErrorMsg().split())
         except (InputError, RuntimeError, SystemError, UnicodeError) as error:
             return None, " ".join(str(error).split())
@@ -117,8 +118,66 @@ def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
     """Return a metadata domain as text, quietly; GDAL gives bytes where damaged text is not UTF-8."""
     with quiet():
         metadata = dataset.GetMetadata(domain)
-    return {_decode(key): _decode(value) for key, value in metadata.items()} if isinstance(metadata, dict) else {}
+    if not isinstance(metadata, dict):
+        return {}
+    told = [[one.decode("latin-1") if isinstance(one, bytes) else one for one in entry] for entry in metadata.items()]
+    return {key: value for key, value in told}
 
 
-def _decode(value: str | bytes) -> str:
-    return value.decode("latin-1") if isinstance(value, bytes) else value
+VIRTUAL = "/vsi"
+
+
+def virtual_status(path: str) -> Any | None:
+    """Return GDAL's status of a virtual path (``/vsizip/…``, ``/vsicurl/…``), None where nothing is there, quietly."""
+    with quiet():
+        try:
+            return gdal.VSIStatL(path)
+        except RuntimeError:  # GDAL with exceptions enabled
+            return None
+
+
+def read_virtual(path: str, most: int | None = None) -> bytes | None:
+    """Return a file's content, at ``most`` so many bytes from its beginning; None where it cannot be read."""
+    if most is None:
+        status = virtual_status(path)
+        if status is None:
+            return None
+        most = status.size
+    with quiet():
+        try:
+            handle = gdal.VSIFOpenL(path, "rb")
+        except RuntimeError:  # GDAL with exceptions enabled
+            return None
+        if handle is None:
+            return None
+        content = bytes(gdal.VSIFReadL(1, most, handle) or b"")
+        gdal.VSIFCloseL(handle)
+    return content
+
+
+def write_virtual(path: str, blocks: Iterable[bytes]) -> None:
+    """Write a file from blocks of bytes; raise `OutputError` where it cannot be written."""
+    written = False
+    with gdal_messages() as messages:
+        handle = gdal.VSIFOpenL(path, "wb")
+        if handle is not None:
+            written = all(gdal.VSIFWriteL(block, 1, len(block), handle) == len(block) for block in blocks)
+            written &= gdal.VSIFCloseL(handle) == 0
+    if not written:
+        reason = messages[-1] if messages else "it takes no new files"
+        raise OutputError(f"{path}: cannot be written ({reason}): choose another `output_dir`")
+
+
+def list_virtual(folder: str) -> list[str]:
+    """Return the names in a folder as they are now, whatever GDAL remembers of it; none where there is no folder."""
+    names: list[str] = []
+    with gdal_messages():
+        gdal.VSICurlPartialClearCache(folder)
+        names = gdal.ReadDir(folder) or []
+    return [name for name in names if name not in (".", "..")]
+
+
+def remove_virtual(folder: str) -> None:
+    """Remove a folder with all that is in it; what cannot be removed stays."""
+    with gdal_messages():
+        gdal.RmdirRecursive(folder)

@@ -11,9 +11,6 @@ from functools import lru_cache
 
 from ...foundation.errors import InputError
 
-_OF_THE_SHELL = ("/dev/fd/", "/dev/stdin", "/proc/self/fd/")  # `<(…)`: who writes there ends
-_IN_ARCHIVES = ("/vsizip/", "/vsitar/", "/vsigzip/")
-_PRODUCT_ENDINGS = (".xml", ".dim", ".imd")  # GDAL looks for these under other names than the image's
 _KINDS = ((stat.S_ISFIFO, "a named pipe"), (stat.S_ISSOCK, "a socket"),
           (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"))  # fmt: skip
 
@@ -30,12 +27,13 @@ def require_plain(path: str) -> None:
         raise InputError(f"{shown}: its name is no UTF-8, which GDAL and all results need: rename it") from None
     if "\0" in path:
         raise InputError(f"{path!r}: no file has such a name: correct it")
-    way = next((way for way in _IN_ARCHIVES if path.startswith(way)), "")
+    way = next((way for way in ("/vsizip/", "/vsitar/", "/vsigzip/") if path.startswith(way)), "")
     place = path.removeprefix(way)
     while way and len(place) > 1 and not os.path.exists(place):
         place = os.path.dirname(place)
     kind = "" if place.startswith("/vsi") else _special_kind(place)
-    if kind and not (kind == "a named pipe" and place.startswith(_OF_THE_SHELL)):
+    of_the_shell = place.startswith(("/dev/fd/", "/dev/stdin", "/proc/self/fd/"))  # `<(…)`: who writes there ends
+    if kind and not (kind == "a named pipe" and of_the_shell):
         raise InputError(f"{path}: is {kind}, which may never end: name a file, or remove it")
 
 
@@ -50,7 +48,8 @@ def require_plain_around(path: str) -> None:
         return
     stem = os.path.splitext(name)[0].lower()
     for other in names:
-        if stem in other.lower() or other.lower().endswith(_PRODUCT_ENDINGS):
+        # GDAL looks for these endings under other names than the image's
+        if stem in other.lower() or other.lower().endswith((".xml", ".dim", ".imd")):
             require_plain(os.path.join(folder, other))
 
 

@@ -1,4 +1,7 @@
-"""Reports as files: text, and pages for people, one HTML file each that loads nothing and runs HRSI's scripts only."""
+"""Reports as files: text, and pages for people, one HTML file each that loads nothing and runs HRSI's scripts only.
+
+Small pictures of images are texts that a page holds in itself.
+"""
 
 import base64
 import hashlib
@@ -7,14 +10,19 @@ import os
 import re
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
+from osgeo import gdal
 
+from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_ready
 from ...foundation.thresholds import threshold, thresholds
+from ..opening.datasets import gdal_messages
 from ..safety.replacing import replacing
 
 TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
@@ -24,9 +32,12 @@ LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
 
 @thresholds
 class PAGE_NUMBERS:
-    """How numbers are written on pages."""
+    """How numbers are written on pages and for how many images, and how pictures are compressed and filled."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
+    bars: int = threshold(12, "images", "most images with a bar of their own")
+    jpeg_quality: int = threshold(70, "", "quality of JPEG")
+    fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
 
 
 def write_page(
@@ -36,7 +47,8 @@ def write_page(
 
     ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
     """
-    scripts = [_read_script(name) for name in ("page.js", *(["map_controls.js"] if script_data else []))]
+    names = ["page.js", *(["map_controls.js"] if script_data else [])]
+    scripts = [Path(TEMPLATES, name).read_text(encoding="utf-8") for name in names]
     page = _make_environment().get_template(template)
     # The page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes
     hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
@@ -49,12 +61,6 @@ def write_page(
             **LIMITS, **drawings,
         ),
     )  # fmt: skip
-
-
-@cache
-def _read_script(name: str) -> str:
-    with open(os.path.join(TEMPLATES, name), encoding="utf-8") as file:
-        return file.read()
 
 
 def write_text(path: str, text: str) -> None:
@@ -123,3 +129,32 @@ def duration(seconds: Any) -> str:
     if not isinstance(seconds, (int, float)) or seconds < 60.0:
         return figure(seconds, 1, "s")
     return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"
+
+
+def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
+    """Return grey values of any type, where valid, as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG."""
+    content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PAGE_NUMBERS.fill_grey)))
+    if content is None:
+        return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
+    return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _encode_jpeg(grey: np.ndarray) -> bytes | None:
+    driver = gdal.GetDriverByName("JPEG")
+    if driver is None:
+        return None
+    name = "/vsimem/hrsi/picture.jpg"
+    lines, samples = grey.shape
+    with gdal_messages():
+        memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
+        memory.GetRasterBand(1).WriteArray(grey)
+        made = driver.CreateCopy(name, memory, options=[f"QUALITY={PAGE_NUMBERS.jpeg_quality}"])
+        del made
+        status = gdal.VSIStatL(name)
+        file = gdal.VSIFOpenL(name, "rb") if status is not None else None
+        content = None if file is None else bytes(gdal.VSIFReadL(1, status.size, file))
+        if file is not None:
+            gdal.VSIFCloseL(file)
+        gdal.Unlink(name)
+        gdal.Unlink(f"{name}.aux.xml")
+    return content

@@ -1,26 +1,25 @@
-"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file."""
+"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file.
+
+A page that travels alone brings its own explanations of a verdict's codes: ``docs/verdict.md`` is the one place where
+that is written; its headings ``### code`` are the codes. Of Markdown, paragraphs, lists, code, bold words and the words
+of links are understood.
+"""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...drawing.block_figures import ReportFigures, draw_figures
-from ...drawing.residual_plots import draw_bars
+from ...drawing.plots import draw_bars
 from ...foundation.json_values import json_lines
-from ...foundation.thresholds import threshold, thresholds
-from .code_pages import explain_codes
-from .page import write_page, write_text
+from .page import PAGE_NUMBERS, write_page, write_text
 
 __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
-
-
-@thresholds
-class REPORT_PLOTS:
-    """What plots of a report show."""
-
-    bars: int = threshold(12, "images", "most images with a bar of their own")
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -78,9 +77,39 @@ def _before_after(report: Mapping[str, Any]) -> str:
     bars = {"tie points": {"before": _vector_length(ties, "before_rmse_px"), "after": _vector_length(ties, "rmse_px")}}
     bars |= {name: images[name] for name in farthest}
     known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
-    return draw_bars(dict(list(known.items())[: REPORT_PLOTS.bars + 1]), "px") if known else ""
+    return draw_bars(dict(list(known.items())[: PAGE_NUMBERS.bars + 1]), "px") if known else ""
 
 
 def _vector_length(entry: Mapping[str, Any], *axes: str) -> float:
     """Return the length of the vector of some figures; NaN where one does not exist."""
     return math.hypot(*(math.nan if entry.get(axis) is None else float(entry[axis]) for axis in axes))
+
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "verdict.md"
+
+
+def explain_codes(codes: Iterable[str]) -> dict[str, str]:
+    """Return the documentation of codes of reasons as HTML, by code in their order; empty where none is installed."""
+    try:
+        text = PAGE.read_text(encoding="utf-8")
+    except OSError:  # installed without documentation
+        return {}
+    sections = dict(re.findall(r"^### ([a-z0-9-]+)\n(.*?)(?=^#{1,3} |\Z)", text, re.MULTILINE | re.DOTALL))
+    return {code: _write_blocks(sections[code]) for code in dict.fromkeys(codes) if code in sections}
+
+
+def _write_blocks(markdown: str) -> str:
+    """Return paragraphs and lists as HTML."""
+    parts = []
+    for block in re.split(r"\n\s*\n", markdown.strip()):
+        items = re.split(r"^[*-] ", block, flags=re.MULTILINE)
+        if len(items) > 1 and not items[0].strip():
+            parts.append("<ul>" + "".join(f"<li>{_write_inline(item)}</li>" for item in items[1:]) + "</ul>")
+        else:
+            parts.append(f"<p>{_write_inline(block)}</p>")
+    return "".join(parts)
+
+
+def _write_inline(text: str) -> str:
+    text = re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(" ".join(text.split()), quote=False))
+    return re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...foundation.errors import InputError
-from ...foundation.in_memory import InMemory
+from ...foundation.options import InMemory
 from ...ground.operation_uses import OperationUse
 from ..opening.budgets import require_heights
 from ..opening.datasets import check_advice

@@ -26,7 +26,7 @@ from ...foundation.errors import InputError
 from ...ground.geodesy import east_north_up
 from ..opening.budgets import require_size
 from ..opening.datasets import open_dataset
-from ..opening.json_files import read_json
+from ..opening.files import read_json
 from ..opening.numbers import has_decimal_commas, parse_finite
 from ..rasters.images import image_id
 from .table import PointReader, PointTable, parse_numbers

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...block.points import GroundPoints, ImagePoints
 from ...foundation.errors import InputError
-from ...foundation.in_memory import InMemory
+from ...foundation.options import InMemory
 from .interpret import PointTables, interpret
 from .positions import Reference
 from .table import TEXT_FIELDS, PointTable, match_fields, parse_numbers, strip_texts

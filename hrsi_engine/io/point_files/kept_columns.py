@@ -14,8 +14,8 @@ import numpy as np
 
 from ...block.columns import NameColumn, find_unique_ids
 from ...block.points import ImagePoints
-from ..array_files import DAMAGED, read_arrays, write_arrays
 from ..opening.budgets import RPC_BUDGETS
+from ..safety.array_files import DAMAGED, read_arrays, write_arrays
 from ..safety.content_marks import files_mark
 from .interpret import PointTables, matching_names
 

@@ -35,10 +35,9 @@ import numpy as np
 from osgeo import gdal
 
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
-from ..opening.budgets import require_size
+from ..opening.budgets import FILE_BUDGETS, require_size
+from ..opening.databases import require_sound, sound_database
 from ..opening.datasets import gdal_messages
-from ..opening.sound_databases import require_sound, sound_database
 from . import csv_text
 from .table import PointReader, PointTable
 
@@ -207,14 +206,6 @@ COLMAP_DATABASE = PointReader("COLMAP database", _is_colmap, read_colmap)
 _MATCHES = "matches0"
 
 
-@thresholds
-class HLOC:
-    """What a file of hloc may claim to hold."""
-
-    numbers: float = threshold(1e8, "values", "most numbers of an array")
-    groups: int = threshold(10_000_000, "groups", "most groups of a file")
-
-
 def read_hloc(path: str, features: str = "") -> PointTable:
     """Return two rows a match; ``features`` names the file of keypoints, by default the one that hloc's names tell."""
     pairs = {name: group for name, group in _list_groups(path) if _has_item(group, _MATCHES)}
@@ -278,7 +269,7 @@ def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
         waiting = [] if dataset is None else [("", dataset.GetRootGroup())]
         while waiting:
             name, group = waiting.pop()
-            if group is None or len(groups) > HLOC.groups:
+            if group is None or len(groups) > FILE_BUDGETS.hdf_groups:
                 groups = []
                 break
             groups.append((name, group))
@@ -310,7 +301,7 @@ def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
         sizes = [dimension.GetSize() for dimension in array.GetDimensions()]
         if 0 in sizes:
             return np.zeros(sizes)
-        if np.prod(sizes, dtype=float) > HLOC.numbers:
+        if np.prod(sizes, dtype=float) > FILE_BUDGETS.hdf_values:
             raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: get the file again")
         values = array.ReadAsArray()
     if values is None or values.dtype.kind not in "iuf":

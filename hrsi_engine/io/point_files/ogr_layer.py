@@ -14,10 +14,9 @@ from osgeo import gdal, ogr
 
 from ...block.points import POINT_OPERATIONS
 from ...foundation.errors import InputError
-from ...foundation.thresholds import threshold, thresholds
-from ..opening.budgets import require_small_archive, require_texts
+from ..opening.budgets import FILE_BUDGETS, require_small_archive, require_texts
+from ..opening.databases import is_database, require_sound, widths
 from ..opening.datasets import gdal_messages
-from ..opening.sound_databases import is_database, require_sound, widths
 from .table import (
     MAY_BE_INFINITE,
     NUMBER_FIELDS,
@@ -30,13 +29,6 @@ from .table import (
 )
 
 _MEASUREMENTS = "image_points"  #: the layer of measurements in what HRSI writes
-
-
-@thresholds
-class OGR_POINTS:
-    """Which geometries of a database are points."""
-
-    point_bytes: int = threshold(128, "byte", "longest geometry", "a point with the longest header of a GeoPackage")
 
 
 def open_vector(path: str) -> gdal.Dataset | None:
@@ -127,10 +119,10 @@ def _is_narrow(path: str, source: str, layer: ogr.Layer, wanted: Mapping[str, st
     if not is_database(path):
         return True
     texts, geometry = {name: field for field, name in wanted.items() if field in TEXT_FIELDS}, layer.GetGeometryColumn()
-    found = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
+    rows, longest = widths(path, layer.GetName(), [*texts, *([geometry] if geometry else [])])
     for name in texts:
-        require_texts(source, name, found.rows, found.longest[name])
-    return not geometry or found.longest[geometry] <= OGR_POINTS.point_bytes
+        require_texts(source, name, rows, longest[name])
+    return not geometry or longest[geometry] <= FILE_BUDGETS.point_bytes
 
 
 def _read_column(

@@ -15,7 +15,7 @@ from ...ground.crs_operations import operations_of
 from ...ground.geodesy import wrap_degrees
 from ...ground.operation_uses import OperationUse, with_geoid, with_surface_heights
 from ...ground.proj_operations import has_heights, without_heights
-from ..rasters.geoid_grids import open_geoid, read_geoid_heights
+from ..rasters.dems import open_geoid, read_geoid_heights
 from .table import PointTable
 
 #: Ellipsoidal heights (n,) of a ground surface at longitudes and latitudes (n, 2); NaN where it has none.

@@ -1,5 +1,9 @@
-"""Virtual images cut from one image and put together from several, and how they are stored with their RPC."""
+"""Virtual images cut from one image and put together from several, and how they are stored with their RPC.
 
+`pixel_view` is an image as GIS software shows it without any warping: map x is the sample, map y minus the line.
+"""
+
+import hashlib
 import os
 from collections.abc import Sequence
 from html import escape
@@ -8,21 +12,21 @@ from typing import NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from ...block.block import Image
+from ...block.block import Image, Raster
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress
 from ..opening.datasets import config_option, gdal_messages, metadata_of
-from ..opening.raster_datasets import open_raster
+from ..opening.files import open_raster
 from ..rpc_files import tiff_tag
 from ..rpc_files.crop import CropPlace
 from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
 from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
+from .images import OPEN_IMAGES
 from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
 
 VRT = "vrt"  #: instead of one of `orthoimages.FORMATS`
-_LINEAGE = "HRSI_"
 
 
 class CropWindow(NamedTuple):
@@ -68,9 +72,7 @@ def join_images(paths: Sequence[str], first: np.ndarray, size: tuple[int, int]) 
     """
     paths = [os.path.abspath(path) if os.path.exists(path) else path for path in paths]
     datasets = [open_raster(path) for path in paths]
-    bands = [
-        [dataset.GetRasterBand(number + 1).DataType for number in range(dataset.RasterCount)] for dataset in datasets
-    ]
+    bands = [[own.GetRasterBand(number + 1).DataType for number in range(own.RasterCount)] for own in datasets]
     for path, own in zip(paths, bands, strict=True):
         if own != bands[0]:
             raise InputError(f"{path}: its bands are not those of {paths[0]}: give parts of one image")
@@ -113,7 +115,7 @@ def read_lineage(image: Image) -> Lineage:
     """
     path = image.path
     dataset = open_raster(path)
-    items = {name: text for name, text in metadata_of(dataset).items() if name.startswith(_LINEAGE)}
+    items = {name: text for name, text in metadata_of(dataset).items() if name.startswith("HRSI_")}
     if image.sensor:
         items[SENSOR_ITEM] = image.sensor
     if image.stated_height_m is not None:
@@ -140,3 +142,33 @@ def save_image(
         options = [option for option in options if not option.startswith("PREDICTOR")]
     with config_option(*INTERNAL_MASK):
         return save_geotiff(source, target_path, rpc, FORMATS[form.name][0], options, progress, lineage)
+
+
+def pixel_view(path: str) -> str:
+    """Return a virtual image, without RPC, whose map coordinates are (sample, -line).
+
+    It lives in memory, for this process. Raises `InputError` where the image cannot be opened.
+    """
+    name = f"/vsimem/hrsi/{hashlib.sha256(path.encode('utf-8')).hexdigest()}.vrt"
+    source = open_raster(path)
+    view = None
+    with gdal_messages() as messages:
+        view = gdal.Translate(name, source, options=gdal.TranslateOptions(format="VRT", nogcp=True))
+        if view is not None:
+            view.SetProjection("")
+            view.SetGeoTransform((-0.5, 1.0, 0.0, 0.5, 0.0, -1.0))
+            view.SetMetadata({}, "RPC")
+    if view is None:
+        raise InputError(f"{path}: cannot be shown ({messages[-1] if messages else 'unknown reason'}): check the file")
+    del view
+    return name
+
+
+def grey_range(raster: Raster, middle: tuple[float, float], half_px: int) -> tuple[float, float]:
+    """Return the grey values between which the surroundings of a place are well seen."""
+    sample, line = (round(value) - half_px for value in middle)
+    grey, valid = raster.read(sample, line, 2 * half_px, 2 * half_px)
+    if not valid.any():
+        return 0.0, 1.0
+    low, high = np.percentile(grey[valid], OPEN_IMAGES.stretch_percent)
+    return float(low), max(float(high), float(low) + 1e-6)

@@ -1,7 +1,12 @@
-"""DEMs on disk as height surfaces: any raster of GDAL's, any CRS, heights brought to the ellipsoid on reading."""
+"""DEMs on disk as height surfaces: any raster of GDAL's, any CRS, heights brought to the ellipsoid on reading.
 
+Geoid grids in files that the user names are looked at before PROJ reads them. Small gaps of a DEM are interpolated
+while it is read (`fill_gaps`).
+"""
+
+import os
+import struct
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import pyproj
@@ -9,12 +14,13 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ...ground.crs_operations import operations_of
+from ...ground.geoids import Geoid, find_geoid
 from ...ground.operation_uses import OperationUse, with_geoid
 from ...ground.proj_operations import has_heights
 from ...surface.grid_surface import GridSurface
 from ..opening.budgets import require_heights, require_raster
-from ..opening.datasets import check_advice, gdal_messages, open_dataset
-from .geoid_grids import open_geoid, read_geoid_heights
+from ..opening.datasets import call_quiet, check_advice, gdal_messages, open_dataset
+from ..opening.plain_files import require_plain
 from .georeference import Georeference
 
 #: Metres per unit of height, by the names that drivers give (lower case).
@@ -54,21 +60,16 @@ def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None)
         raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): {advice}")
     require_raster(path, dataset)
     place = Georeference(dataset, path, "DEM", endless=True, epoch=epoch)
-    heights = _find_heights(path, place, height_datum)
-    reader = _DemReader(dataset, path, place, heights.undulations)
+    undulations, operations = _find_heights(path, place, height_datum)
+    reader = _DemReader(dataset, path, place, undulations)
     size = dataset.RasterYSize, place.turn or dataset.RasterXSize
-    return GridSurface(size, reader.read, place.to_grid, heights.operations)
+    return GridSurface(size, reader.read, place.to_grid, operations)
 
 
-class _Heights(NamedTuple):
-    """What is to be added to a DEM's heights at map coordinates ``(n, 2)``, None for ellipsoidal ones; and why."""
-
-    undulations: Undulations | None
-    operations: tuple[OperationUse, ...]
-
-
-def _find_heights(path: str, place: Georeference, height_datum: str) -> _Heights:
-    """Return how a DEM's heights become ellipsoidal, and how it comes to WGS84."""
+def _find_heights(
+    path: str, place: Georeference, height_datum: str
+) -> tuple[Undulations | None, tuple[OperationUse, ...]]:
+    """Return what is to be added to a DEM's heights, None for ellipsoidal ones, and how it comes to WGS84."""
     flat = place.operations
     if height_datum == "layer" and not has_heights(place.crs):
         raise InputError(
@@ -80,21 +81,22 @@ def _find_heights(path: str, place: Georeference, height_datum: str) -> _Heights
             own = operations_of(place.crs.to_wkt(), flat.epoch)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        return _Heights(lambda xy: _require_coverage(own.height_offsets(xy), path, own.vertical_name),
-                        own.uses_at(path, place.nodes_lonlat()))  # fmt: skip
+
+        def find_offsets(xy: np.ndarray) -> np.ndarray:
+            found = own.height_offsets(xy)
+            if not np.isfinite(found).all():
+                raise InputError(
+                    f"{path}: the grid for {own.vertical_name!r} does not cover all points: use another datum"
+                )
+            return found
+
+        return find_offsets, own.uses_at(path, place.nodes_lonlat())
     uses = flat.uses_at(path, place.nodes_lonlat())
     if height_datum == "ellipsoidal":
-        return _Heights(None, uses)
+        return None, uses
     geoid = open_geoid(height_datum)
     uses = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in uses)
-    return _Heights(lambda xy: read_geoid_heights(flat.to_wgs84(np.pad(xy, ((0, 0), (0, 1)))), geoid), uses)
-
-
-def _require_coverage(undulations: np.ndarray, path: str, datum: str) -> np.ndarray:
-    """Return undulations; raises `InputError` where there are none."""
-    if not np.isfinite(undulations).all():
-        raise InputError(f"{path}: the grid for {datum!r} does not cover all points: use another datum")
-    return undulations
+    return lambda xy: read_geoid_heights(flat.to_wgs84(np.pad(xy, ((0, 0), (0, 1)))), geoid), uses
 
 
 def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
@@ -115,9 +117,6 @@ class _DemReader:
         band = dataset.GetRasterBand(1)
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
         self._metres = _metres_per_unit(band, place.crs, path)
-
-    def _cell_name(self, row: int, column: int) -> str:
-        return f"{self._path}, row {row}, column {column}"
 
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return a window's ellipsoidal heights, NaN where there are none.
@@ -152,5 +151,57 @@ class _DemReader:
         heights = (cells.astype(np.float64) * self._scale + self._offset) * self._metres
         heights[mask == 0] = np.nan
         heights[~np.isfinite(heights)] = np.nan
-        require_heights(heights.ravel(), lambda cell: self._cell_name(row + cell // columns, column + cell % columns))
+        require_heights(
+            heights.ravel(), lambda i: f"{self._path}, row {row + i // columns}, column {column + i % columns}"
+        )
         return np.asarray(heights)
+
+
+def open_geoid(datum: str) -> Geoid:
+    """Return the geoid model that `find_geoid` finds, quietly, and from files only that hold what they claim.
+
+    PROJ makes room for all cells that the head of a ``.gtx`` grid tells of before it looks for them; other formats say
+    themselves where they are damaged. ``datum`` is ``egm96``, ``egm2008`` or the path of a grid; the result tells by
+    ``stands_for`` where another model has to stand in. Raises `InputError` where the grid is missing or damaged.
+    """
+    require_plain(datum)
+    if datum.lower().endswith(".gtx") and os.path.isfile(datum):
+        with open(datum, "rb") as file:
+            head = file.read(40)  # big-endian: latitude and longitude of the first cell, their steps, rows, columns
+        rows, columns = struct.unpack(">4d2i", head)[4:] if len(head) == 40 else (0, 0)
+        if min(rows, columns) < 2 or os.path.getsize(datum) < 40 + 4 * rows * columns:  # float32 follow
+            raise InputError(
+                f"{datum}: is no geoid grid: its head tells of {rows} x {columns} cells, the file does not hold them: "
+                "get it again"
+            )
+    return call_quiet(find_geoid, datum)
+
+
+def read_geoid_heights(ground: np.ndarray, geoid: Geoid) -> np.ndarray:
+    """Return the undulations ``(n,)`` of a geoid as `Geoid.heights` does, quietly."""
+    return call_quiet(geoid.heights, ground)
+
+
+def fill_gaps(surface: GridSurface, cells: int) -> GridSurface:
+    """Return a surface whose cells without height take those around them, found up to ``cells`` cells away.
+
+    GDAL's interpolation by inverse distance; only as much of the surface as is needed is read. Wider gaps stay.
+    """
+
+    def read(row: int, column: int, rows: int, columns: int) -> np.ndarray:
+        low = np.array([column - cells, row - cells])
+        high = np.array([column + columns - 1 + cells, row + rows - 1 + cells])
+        first_row, first_column, heights = surface.window(low, high)
+        known = np.isfinite(heights)
+        if known.any() and not known.all():
+            dataset = gdal.GetDriverByName("MEM").Create("", *heights.shape[::-1], 2, gdal.GDT_Float64)
+            band, mask = dataset.GetRasterBand(1), dataset.GetRasterBand(2)
+            band.SetNoDataValue(np.nan)
+            band.WriteArray(heights)
+            mask.WriteArray(known.astype(np.float64))
+            gdal.FillNodata(band, mask, cells, 0)
+            heights = np.asarray(band.ReadAsArray(), dtype=np.float64)
+        top, left = row - first_row, column - first_column
+        return heights[top : top + rows, left : left + columns]
+
+    return GridSurface(surface.shape, read, surface.grid_coordinates, surface.operations)

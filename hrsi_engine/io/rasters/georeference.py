@@ -1,4 +1,11 @@
-"""Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back."""
+"""Where the pixels of a georeferenced raster lie: longitude and latitude to column and row, and back.
+
+An image on the grid of a map may have the RPC of these pixels, or one that stayed on after an orthorectification
+(`map_grid_doubt`). Products in map projection (IKONOS Geo, ORStandard, QuickBird Standard) have an RPC of their own:
+from the pixel to the map, from there through the RPC, one comes back to the pixel, up to a shift. The RPC of the raw
+image, which programs copy into orthoimages, comes to another place: turned by the direction of flight, stretched by
+another pixel.
+"""
 
 import threading
 
@@ -6,14 +13,24 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
+from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ...foundation.thresholds import threshold, thresholds
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import ground_difference_m, longitudes_near, wrap_degrees
 from ...ground.proj_operations import without_heights
 from ..opening.budgets import RASTER_BUDGETS
 
-NODES_OVER_RASTER = 5  # along each side of a raster, to tell how it came to WGS84
-TURN_TOLERANCE = 1e-3  # of a column, by which a raster round the Earth may miss a whole turn
+
+@thresholds
+class MAP_GRID:
+    """When a raster goes round the Earth, and when an image on a map's grid has the RPC of its pixels."""
+
+    turn_columns: float = threshold(1e-3, "columns", "by which a raster round the Earth may miss a whole turn")
+    step_share: float = threshold(
+        0.03, "", "by which a step of a pixel may come back as another one through map and RPC",
+        "products in map projection stay below 0.002",
+    )  # fmt: skip
 
 
 class Georeference:
@@ -49,7 +66,7 @@ class Georeference:
         self._middle_x, self._half_width = float(middle), min(180.0, 0.5 * abs(float(east - west)))
         # Columns of a whole turn, 0 for a raster that has an end
         columns = 360.0 / geotransform[1] if endless and self._geographic and geotransform[1] > 0.0 else 0.0
-        whole = abs(columns - round(columns)) < TURN_TOLERANCE and round(columns) <= dataset.RasterXSize
+        whole = abs(columns - round(columns)) < MAP_GRID.turn_columns and round(columns) <= dataset.RasterXSize
         self.turn = round(columns) if whole else 0
         self._placed = not self.turn
         self._lock = threading.Lock()
@@ -86,7 +103,7 @@ class Georeference:
         """Return lon, lat ``(n, 2)`` of nodes over the raster, without those that are nowhere."""
         columns, rows = self._size
         ends = (columns - 1.0, rows - 1.0)
-        node = np.stack(np.meshgrid(*(np.linspace(0.0, end, NODES_OVER_RASTER) for end in ends)), -1)
+        node = np.stack(np.meshgrid(*(np.linspace(0.0, end, 5) for end in ends)), -1)
         lonlat = self.to_lonlat(node.reshape(-1, 2) - [self.first, 0.0])
         return lonlat[np.isfinite(lonlat).all(axis=1)]
 
@@ -124,3 +141,28 @@ def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
         return pyproj.CRS.from_wkt(wkt)
     except (pyproj.exceptions.CRSError, UnicodeError) as error:
         raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None
+
+
+def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:
+    """Return a warning where an image lies on a map grid that its RPC does not follow; else an empty text."""
+    if dataset.GetGeoTransform(can_return_null=True) is None or not dataset.GetProjection():
+        return ""
+    try:
+        grid = Georeference(dataset, path, "image")
+    except InputError:
+        return ""
+    half = 0.25 * np.array([dataset.RasterXSize, dataset.RasterYSize])
+    middle = 2.0 * half - 0.5
+    pixels = middle + half * [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]
+    lonlat = grid.to_lonlat(pixels)
+    seen = rpc.project(np.column_stack([lonlat, np.full(4, rpc.height_off)]))
+    steps = np.column_stack([seen[1] - seen[0], seen[3] - seen[2]]) / (2.0 * half)  # sample, line of a step of a pixel
+    if not np.isfinite(steps).all() or np.abs(steps - np.eye(2)).max() < MAP_GRID.step_share:
+        return ""
+    turn = np.degrees(np.arctan2(steps[1, 0] - steps[0, 1], steps[0, 0] + steps[1, 1]))
+    size = float(np.sqrt(abs(np.linalg.det(steps))))
+    return (
+        f"its pixels are on the grid of a map ({grid.horizontal.name}) that its RPC does not follow: turned by "
+        f"{abs(turn):.0f} degrees, {size:.3g} of its pixels long. If it is an orthoimage that kept the RPC of the "
+        "raw image, name the raw image"
+    )

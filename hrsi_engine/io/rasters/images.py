@@ -16,33 +16,32 @@ from osgeo import gdal
 
 from ...block.block import Image
 from ...foundation.errors import InputError
-from ...foundation.in_memory import InMemory
+from ...foundation.options import InMemory
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import gdal_messages
+from ..opening.datasets import gdal_messages, virtual_status
+from ..opening.files import open_raster
 from ..opening.item_images import item_of
-from ..opening.raster_datasets import open_raster
-from ..opening.virtual_files import virtual_status
+from ..rpc_files.fields import FoundRpc
 from ..rpc_files.find import read_rpc_file, rpc_of_dataset
 from ..rpc_files.ignored_resampling import IgnoredResampling, find_ignored_resampling
-from ..rpc_files.reading import FoundRpc
 from ..safety.content_marks import content_mark
-from .map_grid import map_grid_doubt
+from .georeference import map_grid_doubt
 
 RPC_SUFFIX = "_rpc"
 
 
 @thresholds
 class OPEN_IMAGES:
-    """How many images are held open, and how much is read of one at once."""
+    """How many images are held open, how much is read of one at once, and how its grey values are stretched."""
 
     open_per_thread: int = threshold(
         32, "files", "most files that a thread holds open",
         "a block of a thousand images must not hold a thousand files open",
     )  # fmt: skip
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
+    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values that become black and white")
 
 
-_LOCAL_LAYER = re.compile(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)")  # GDAL's way into an archive, and the archive
 _open_datasets = threading.local()
 
 
@@ -127,7 +126,7 @@ def path_elsewhere(path: str) -> str:
     """Return the path by which a process with another working directory finds a file; URLs and subdatasets stay."""
     if os.path.exists(path):
         return os.path.abspath(path)
-    layer = _LOCAL_LAYER.match(path)
+    layer = re.match(r"(/vsi(?:zip|tar|gzip|7z|rar)/)(.+)", path)  # GDAL's way into an archive, and the archive
     if layer is None or layer[2].startswith("/"):
         return path
     return f"{layer[1]}{path_elsewhere(layer[2]) if layer[2].startswith('vsi') else os.path.abspath(layer[2])}"
@@ -154,11 +153,8 @@ def open_image_and_source(path: str) -> tuple[Image, FoundRpc]:
 
 def pixel_doubt(image: Image) -> str:
     """Return in words why an image's RPC may not belong to its pixels; an empty text where it seems to."""
-    return (
-        map_grid_doubt(image.raster.path, image.raster.dataset, image.rpc)
-        if isinstance(image.raster, GdalRaster)
-        else ""
-    )
+    raster = image.raster
+    return map_grid_doubt(raster.path, raster.dataset, image.rpc) if isinstance(raster, GdalRaster) else ""
 
 
 def resampling_doubt(image: Image) -> IgnoredResampling | None:
@@ -218,11 +214,8 @@ class GdalRaster:
     @property
     def dataset(self) -> gdal.Dataset:
         """The calling thread's GDAL dataset."""
-        # The calling thread's GDAL dataset of a file; the least used ones are closed
-        datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset] | None
-        datasets = getattr(_open_datasets, "by_path", None)
-        if datasets is None:
-            datasets = _open_datasets.by_path = OrderedDict()
+        datasets: OrderedDict[tuple[str, tuple[int, ...]], gdal.Dataset]
+        datasets = _open_datasets.__dict__.setdefault("by_path", OrderedDict())  # the least used ones are closed
         dataset = datasets.pop((self.path, self.stamp), None) or open_raster(self.path)
         datasets[self.path, self.stamp] = dataset
         while len(datasets) > OPEN_IMAGES.open_per_thread:

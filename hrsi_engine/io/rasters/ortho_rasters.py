@@ -1,4 +1,7 @@
-"""Finished orthoimages opened for comparison: their place on the map, and one brought onto the pixels of another."""
+"""Finished orthoimages opened for comparison: their place on the map, and one brought onto the pixels of another.
+
+`open_reference` opens any georeferenced raster that GDAL reads, in any CRS, as a reference.
+"""
 
 import secrets
 from dataclasses import dataclass
@@ -7,14 +10,13 @@ import numpy as np
 import pyproj
 from osgeo import gdal
 
+from ...block.orthoimage import Orthoimage
 from ...foundation.errors import InputError
 from ...ground.crs_operations import operations_of
 from ...ground.geodesy import metres_per_degree
 from ..opening.datasets import gdal_messages
+from .georeference import Georeference
 from .images import GdalRaster
-
-ALIGNED_PX = 0.01  # pixels may lie so far beside those of another orthoimage and still count as the same
-SAME_RESOLUTION = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +87,11 @@ def offset_of(first: OrthoRaster, second: OrthoRaster) -> tuple[int, int] | None
         return None
     size = np.array([first.geotransform[1], first.geotransform[5]])
     other = np.array([second.geotransform[1], second.geotransform[5]])
-    if np.abs(other / size - 1.0).max() > SAME_RESOLUTION:
+    if np.abs(other / size - 1.0).max() > 1e-7:
         return None
     offset = np.array([second.geotransform[k] - first.geotransform[k] for k in (0, 3)]) / size
     whole = np.rint(offset)
-    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= ALIGNED_PX else None
+    return (int(whole[0]), int(whole[1])) if np.abs(offset - whole).max() <= 0.01 else None  # pixels are the same ones
 
 
 def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
@@ -110,3 +112,56 @@ def regrid(ortho: OrthoRaster, like: OrthoRaster) -> OrthoRaster:
         raise InputError(f"{ortho.path}: cannot be brought onto the pixels of {like.path} ({reason})")
     del result
     return OrthoRaster(ortho.path, GdalRaster(path), like.crs, like.geotransform)
+
+
+@dataclass(frozen=True, eq=False)
+class BandMean:
+    """The mean of an image's bands, which is what a panchromatic sensor sees of them; valid where all are."""
+
+    bands: tuple[GdalRaster, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of samples and lines."""
+        return self.bands[0].size
+
+    def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """As `Raster.read`."""
+        total, valid = np.zeros((lines, samples), dtype=np.float32), np.ones((lines, samples), dtype=bool)
+        for band in self.bands:
+            grey, known = band.read(sample, line, samples, lines)
+            total += np.where(known, grey, 0)
+            valid &= known
+        return np.where(valid, total / np.float32(len(self.bands)), np.float32(0.0)), valid
+
+
+def open_reference(path: str, band: int | None = None, epoch: float | None = None) -> Orthoimage:
+    """Open an orthoimage.
+
+    Parameters
+    ----------
+    path : str
+        Any raster that GDAL opens, with a CRS and a geotransform.
+    band : int, optional
+        The band that is used, 1 is the first; by default the mean of all but alpha.
+    epoch : float, optional
+        Year in which a CRS fixed to a plate is brought to WGS84.
+
+    Returns
+    -------
+    Orthoimage
+        Its grey values on the ground.
+
+    Raises
+    ------
+    InputError
+        It cannot be opened, or has no CRS or geotransform.
+    """
+    first = GdalRaster(path, band or 1)
+    place = Georeference(first.dataset, path, "orthoimage", epoch=epoch)
+    meanings = [first.dataset.GetRasterBand(n + 1).GetColorInterpretation() for n in range(first.dataset.RasterCount)]
+    shown = [number for number, meaning in enumerate(meanings, 1) if meaning != gdal.GCI_AlphaBand]
+    several = band is None and len(shown) > 1
+    raster = BandMean(tuple(GdalRaster(path, number) for number in shown)) if several else first
+    uses = place.operations.uses_at(path, place.nodes_lonlat())
+    return Orthoimage(raster, place.to_grid, place.to_lonlat, path, uses)

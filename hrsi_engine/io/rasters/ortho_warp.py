@@ -25,14 +25,21 @@ RESAMPLING = {
     "near": 1, "bilinear": 1, "cubic": 2, "cubicspline": 2, "lanczos": 3, "average": 1, "rms": 1, "mode": 1, "max": 1,
     "min": 1, "med": 1, "q1": 1, "q3": 1,
 }  # fmt: skip
-NOWHERE = -1e9  # image position of pixels whose terrain is not known
-SCRATCH = "CPL_TMPDIR", "/vsimem"
 
 
 @thresholds
-class WARPING:
-    """How pixels of the map and of the image relate."""
+class CHUNKS:
+    """How an orthoimage is cut into chunks that are warped and written."""
 
+    tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
+    columns_per_row: int = threshold(
+        2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as some 50 rows"
+    )
+    least_rows: int = threshold(128, "px", "fewest rows of a chunk")
+    same_size: float = threshold(1.5, "", "share by which a chunk's part of the image may be longer than a tile")
+    warped_share: float = threshold(
+        0.85, "", "share of the time that the chunks of a COG take; the rest goes into the finished format", "measured"
+    )
     same_scale: float = threshold(
         1.05, "", "a pixel of the map up to so many times as long counts as one of the image", "as GDAL's warper"
     )
@@ -135,12 +142,19 @@ def warp_chunk(
 
     positions : (2, m, n) sample, line at every ``step``-th pixel, NaN where there is none (then ``step`` is 1)
     """
-    window = _image_window(source.size, positions, warp.reach_px)
-    if window is None:
+    # First sample and line, samples and lines of the part of the image that is needed
+    flat = positions.reshape(2, -1)
+    low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
+    if np.isnan(low).any():
         return None
-    whole = not source.has_gaps and _is_inside(source.size, positions)
+    first = np.clip(np.floor(low) - warp.reach_px, 0, source.size)
+    extent = np.clip(np.ceil(high) + warp.reach_px + 1, 0, source.size) - first
+    if not (extent > 0.0).all():
+        return None
+    sample, line, samples, lines = np.r_[first, extent].astype(int).tolist()
+    whole = not source.has_gaps and not np.isnan(flat).any()
+    whole = whole and bool((low >= 0.0).all() and (high <= np.array(source.size) - 1.0).all())
     # A window of the image as a dataset in memory, its mask as an alpha band
-    sample, line, samples, lines = window.tolist()
     bands, mask = source.read(sample, line, samples, lines)
     image = gdal.GetDriverByName("MEM").Create("", samples, lines, len(bands), source.data_type)
     for number, values in enumerate(bands, 1):
@@ -153,8 +167,8 @@ def warp_chunk(
     target = _make_target(source, columns, rows, warp.nodata or 0.0, _with_alpha(source, warp, whole))
     table = f"/vsimem/hrsi-{secrets.token_hex(8)}.tif"
     try:
-        with gdal_messages() as messages, config_option(*SCRATCH):
-            _write_table(table, positions, window[:2] - 0.5)
+        with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
+            _write_table(table, positions, first - 0.5)
             target.SetMetadata(_geolocation_metadata(table, step), "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
         if not done:
@@ -162,16 +176,6 @@ def warp_chunk(
         return _read_pixels(source, target, warp, whole)
     finally:
         gdal.Unlink(table)
-
-
-def _image_window(size: tuple[int, int], positions: np.ndarray, reach: int) -> np.ndarray | None:
-    """Return first sample and line, samples and lines of the part of the image that a chunk needs."""
-    flat = positions.reshape(2, -1)
-    low, high = np.fmin.reduce(flat, axis=1), np.fmax.reduce(flat, axis=1)
-    if np.isnan(low).any():
-        return None
-    low, high = np.clip(np.floor(low) - reach, 0, size), np.clip(np.ceil(high) + reach + 1, 0, size)
-    return np.r_[low, high - low].astype(int) if (high > low).all() else None
 
 
 def _with_alpha(source: OrthoSource, warp: Warp, whole: bool) -> bool:
@@ -202,7 +206,7 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
     dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 2, gdal.GDT_Float64, options)
     for axis in range(2):
         values = positions[axis] - origin[axis]
-        values[np.isnan(values)] = NOWHERE
+        values[np.isnan(values)] = -1e9  # of pixels whose terrain is not known
         dataset.GetRasterBand(axis + 1).WriteArray(values)
     del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
 
@@ -216,12 +220,6 @@ def _geolocation_metadata(table: str, step: int) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _is_inside(size: tuple[int, int], positions: np.ndarray) -> bool:
-    """Tell whether all positions lie in the image."""
-    low, high = positions.reshape(2, -1).min(axis=1), positions.reshape(2, -1).max(axis=1)
-    return bool((low >= 0.0).all() and (high <= np.array(size) - 1.0).all())
-
-
 def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarpAppOptions:
     """Return GDAL's options.
 
@@ -229,7 +227,7 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
     chunk. The table of the way back from image to map is not needed and made as small as can be. Chunks run in
     parallel, so none needs threads inside, each of which would copy the tables.
     """
-    scale = 1.0 / warp.scale if warp.scale > WARPING.same_scale else 1.0
+    scale = 1.0 / warp.scale if warp.scale > CHUNKS.same_scale else 1.0
     options = [
         f"XSCALE={scale!r}", f"YSCALE={scale!r}", "SOURCE_EXTRA=100000", "SRC_FILL_RATIO_HEURISTICS=NO",
         "NUM_THREADS=1",
@@ -261,12 +259,9 @@ def _read_pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: b
         if valid is not None:
             same &= valid
         if same.any():
-            values[same] = _next_to(warp.nodata, values.dtype)
+            dtype = values.dtype  # by the smallest step that it has
+            if np.issubdtype(dtype, np.integer):
+                values[same] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
+            else:
+                values[same] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
     return Pixels(values, None)
-
-
-def _next_to(nodata: float, dtype: np.dtype) -> float:
-    """Return the smallest step away from a value that a data type has."""
-    if np.issubdtype(dtype, np.integer):
-        return nodata - 1 if nodata == np.iinfo(dtype).max else nodata + 1
-    return float(np.nextafter(dtype.type(nodata), dtype.type(np.inf)))

@@ -21,42 +21,20 @@ from osgeo import gdal
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_text
 from ...foundation.progress import Progress, advance, stage
-from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
 from ..rpc_files.write import create_copy
 from ..safety.content_marks import content_mark
 from ..safety.leftovers import open_hidden_folder
 from ..safety.replacing import replacing
-from .ortho_warp import OrthoSource, Pixels, Warp, warp_chunk
+from .ortho_warp import CHUNKS, OrthoSource, Pixels, Warp, warp_chunk
 
 #: Metadata items; in the default domain, because GDAL's COG driver drops others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
-
-
-@thresholds
-class CHUNKS:
-    """How an orthoimage is cut into chunks that are warped and written."""
-
-    tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
-    columns_per_row: int = threshold(
-        2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as some 50 rows"
-    )
-    least_rows: int = threshold(128, "px", "fewest rows of a chunk")
-    same_size: float = threshold(1.5, "", "share by which a chunk's part of the image may be longer than a tile")
-    warped_share: float = threshold(
-        0.85, "", "share of the time that the chunks of a COG take; the rest goes into the finished format", "measured"
-    )
-
-
-_PREDICTED = ("deflate", "lzw", "zstd")
 TILED = ("TILED=YES", f"BLOCKXSIZE={CHUNKS.tile_px}", f"BLOCKYSIZE={CHUNKS.tile_px}", "BIGTIFF=IF_SAFER")
 INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # else a second file that would have to be renamed, too
 #: By the choice of `format`: GDAL driver, its options besides the compression.
 FORMATS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "cog": (
-        "COG",
-        (f"BLOCKSIZE={CHUNKS.tile_px}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER"),
-    ),  # copies overviews that are there
+    "cog": ("COG", (f"BLOCKSIZE={CHUNKS.tile_px}", "OVERVIEWS=AUTO", "BIGTIFF=IF_SAFER")),  # copies overviews
     "gtiff": ("GTiff", TILED),
 }
 COMPRESSION = ("deflate", "lzw", "zstd", "none")
@@ -153,7 +131,7 @@ class OrthoFormat:
         """
         driver, options = FORMATS[self.name]
         found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
-        if self.compression in _PREDICTED:
+        if self.compression != "none":
             found.append("PREDICTOR=YES" if driver == "COG" else f"PREDICTOR={2 if is_integer else 3}")
         return found
 
@@ -184,8 +162,7 @@ class OrthoFigures:
 
 def fingerprint(made_from: Mapping[str, Any]) -> str:
     """Return a short text that differs when anything differs that an orthoimage is made from."""
-    text = json_text(made_from, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+    return hashlib.sha256(json_text(made_from, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def stamp_of(path: str) -> str | None:

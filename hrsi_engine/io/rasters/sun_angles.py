@@ -11,6 +11,7 @@ the other contradicts the angles in the same file by 20 degrees.
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -33,12 +34,9 @@ _ELEVATION = re.compile(
     rf"(?<![a-z])(?:{_SUN}el(?:ev(?:ation)?)?|illuminationElevationAngle){_TO_VALUE}({_NUMBER})", re.I
 )
 _DATE, _CLOCK = r"(\d{4})-?(\d\d)-?(\d\d)", r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)?"
-_TIME_NAMES = (
-    "FIRSTLINETIME", "ACQUISITIONDATETIME", "Acquisition Date/Time", "acquisition_date", "acquired", "acquisitionTime",
-
-)  # fmt: skip
+_TIME_NAMES = "FIRSTLINETIME|ACQUISITIONDATETIME|Acquisition Date/Time|acquisition_date|acquired|acquisitionTime"
 _TIMES = (
-    re.compile(rf"(?<![a-z])(?:{'|'.join(_TIME_NAMES)}){_TO_VALUE}{_DATE}[T ]?{_CLOCK}", re.I),
+    re.compile(rf"(?<![a-z])(?:{_TIME_NAMES}){_TO_VALUE}{_DATE}[T ]?{_CLOCK}", re.I),
     re.compile(rf"IMAGING_DATE{_TO_VALUE}{_DATE}.*?IMAGING_TIME{_TO_VALUE}{_CLOCK}", re.S),
 )
 #: Names of files that tell the time: Airbus (``PHR1B_P_201709281038393_SEN``), then Planet (``20191015_073816_ssc1``).
@@ -57,9 +55,6 @@ class SUN:
     lowest_deg: float = threshold(
         2.0, "deg", "lowest sun that images are taken by; a lower one means that the time is not that of the image"
     )
-
-
-_DOMAINS = ("", "IMD", "IMAGERY")  #: of GDAL's metadata
 
 
 class SunReading(NamedTuple):
@@ -103,20 +98,16 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
         yield f"the STAC item {item.id}", item.sun_text()
     dataset, _message = open_dataset(path)
     if dataset is not None:
-        for domain in _DOMAINS:
+        for domain in ("", "IMD", "IMAGERY"):
             told = metadata_of(dataset, domain)
             if told:
                 where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
                 yield where, "\n".join(f"{name}={value}" for name, value in told.items())
     files = siblings(path)
     for name in _side_names(os.path.splitext(os.path.basename(path))[0].lower()):
-        file = files.get(name)
-        if file is None:
-            continue
-        try:
-            yield os.path.basename(file), read_text(file)
-        except InputError:  # too large, not to be read: what is told of the sun is not worth an error
-            continue
+        if name in files:
+            with suppress(InputError):  # too large, not to be read: what is told of the sun is not worth an error
+                yield os.path.basename(files[name]), read_text(files[name])
 
 
 def _side_names(stem: str) -> tuple[str, ...]:

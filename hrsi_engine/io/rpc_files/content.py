@@ -14,10 +14,9 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ..opening.budgets import MOST_BYTES
-from ..opening.datasets import call_quiet, check_advice
+from ..opening.datasets import call_quiet, check_advice, read_virtual
 from ..opening.numbers import parse_finite
 from ..opening.plain_files import require_plain
-from ..opening.virtual_files import read_virtual
 
 HEAD_BYTES = 2**20  # enough to tell the format of a file
 SETTLED_NS = 2_000_000_000  # a folder unchanged for longer than clocks of file systems are coarse is listed once

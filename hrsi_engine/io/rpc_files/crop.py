@@ -3,17 +3,23 @@
 A geotransform without a coordinate system takes the image's pixels to the scene's: a shift, and where the crop was
 reduced, enlarged, mirrored or turned, any affine map. Its pixels count from the corner. Lines are counted down, or up
 as negative numbers. Airbus products start at 0.5, because their first pixel's centre is 1; tools without that habit
-start at 0. Both give the first pixel (0, 0): the fraction 0.5 is taken off. A geotransform with a coordinate system,
-or one whose pixels are no pixels of a scene (degrees, a map's metres), is a map's and places nothing here.
+start at 0. Both give the first pixel (0, 0): the fraction 0.5 is taken off. A geotransform with a coordinate system, or
+one whose pixels are no pixels of a scene (degrees, a map's metres), is a map's and places nothing here.
 
 An RPC *inside* the image (GeoTIFF tag, NITF, VRT, PAM) is that of its pixels and is never moved. An RPC *beside* it may
-be of the scene or of the crop (when it was written for the crop, by GDAL or by this program). OFF - SCALE tells
-them apart: it is the first sample and line that the RPC was made for, near 0 in a scene's RPC and elsewhere in one that
-was moved. Where neither reading fits, the image is refused: placed at (0, 0) it would lie kilometres away.
+be of the scene or of the crop (when it was written for the crop, by GDAL or by this program). OFF - SCALE tells them
+apart: it is the first sample and line that the RPC was made for, near 0 in a scene's RPC and elsewhere in one that was
+moved. Where neither reading fits, the image is refused: placed at (0, 0) it would lie kilometres away.
+
+Of a chip in a NITF file GDAL gives the RPC00B of the full image. ICHIPB (STDI-0002, appendix B) lists the four corners
+of the chip (OP) and their place in the full image (FI), both counted from the outer corner of the first pixel, so that
+0.5 is its centre. Where the four pairs are a shift and a scale along each axis, the RPC's OFF and SCALE take it
+exactly; chips that are turned or warped are refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +29,7 @@ from ...camera.rpc import RPC
 from ...camera.rpc_fit import refit_rpc
 from ...foundation.errors import InputError, SolveError
 from ...foundation.thresholds import threshold, thresholds
+from ..opening.numbers import parse_finite
 
 Geotransform = tuple[float, float, float, float, float, float]
 
@@ -40,6 +47,12 @@ class CROPS:
         2.0, "px", "of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing"
     )
     turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
+    chip_corner_px: float = threshold(
+        1e-6,
+        "px",
+        "largest misfit of a shift and scale to the corners in ICHIPB of a NITF file",
+        "rounding of the fields",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +61,6 @@ class CropPlace:
 
     matrix: np.ndarray
     first: np.ndarray
-
-    @classmethod
-    def from_first_pixel(cls, sample: float, line: float) -> CropPlace:
-        """Return the place of a crop with the scene's pixels."""
-        return cls(np.eye(2), np.array([sample, line]))
 
     @classmethod
     def from_corner(cls, matrix: np.ndarray, corner: np.ndarray) -> CropPlace:
@@ -199,3 +207,34 @@ def _range_of(rpc: RPC) -> tuple[np.ndarray, np.ndarray]:
 
 def _corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+
+
+def apply_ichipb(path: str, rpc: RPC, metadata: Mapping[str, str]) -> tuple[RPC, str]:
+    """Return the RPC of a chip's own pixels and a note; unchanged and "" where the file has no ICHIPB.
+
+    Raises `InputError` where the chip is turned or warped against the full image, or a field is no number.
+    """
+    if "ICHIP_OP_COL_11" not in metadata:
+        return rpc, ""
+    (sample, sample_scale), (line, line_scale) = (_fit_axis(path, metadata, axis) for axis in ("COL", "ROW"))
+    chip = rpc.resample((sample_scale, line_scale), (sample, line))
+    return chip, f"ICHIPB applied: the chip begins at sample {sample:g}, line {line:g} of the full image"
+
+
+def _fit_axis(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float, float]:
+    """Return (shift, scale) of full = shift + scale * chip, in coordinates from the pixel centre."""
+    fields = [f"ICHIP_{side}_{axis}_{corner}" for side in ("OP", "FI") for corner in ("11", "12", "21", "22")]
+    values = {name: parse_finite(metadata.get(name, "")) for name in fields}
+    if None in values.values():
+        missing = next(name for name, value in values.items() if value is None)
+        raise InputError(f"{path}: ICHIPB field {missing} is missing or no number: get the file again")
+    chip, full = np.array([*values.values()], dtype=np.float64).reshape(2, 4) - 0.5
+    extent = chip.max() - chip.min()
+    if not extent > 0.0:
+        raise InputError(f"{path}: ICHIPB gives the chip no extent along {axis}: the file is damaged, get it again")
+    first, last = chip.argmin(), chip.argmax()
+    scale = (full[last] - full[first]) / extent
+    shift = full[first] - scale * chip[first]
+    if not scale > 0.0 or np.abs(shift + scale * chip - full).max() > CROPS.chip_corner_px:
+        raise InputError(f"{path}: ICHIPB turns or warps the chip, which is not supported: use the full image")
+    return float(shift), float(scale)

@@ -3,18 +3,22 @@
 ``ERR_BIAS`` and ``ERR_RAND`` are optional everywhere. A missing, empty or negative value means "not known" (None):
 GeoTIFF has no other way to leave them out than -1. Zero is kept as it stands in the file, except in OTB ``.geom``,
 where 0 is what the program writes when it knows nothing.
+
+At the end: what a reader of one format hands over, how a reader is described, and what is found for an image.
 """
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ...block.block import Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
-from ..opening.budgets import LEAST_SCALES, RPC_BUDGETS, RPC_RANGES
+from ..opening.budgets import RPC_BUDGETS, RPC_RANGES
 
 #: Fields of `RPC` with one number each, in the order of GeoTIFF tag 50844 (after ERR_BIAS and ERR_RAND).
 SCALARS = (
@@ -30,7 +34,6 @@ GDAL_NAMES = {key: key.upper() for key in (*ERRORS, *SCALARS)} | {key: f"{key.up
 STAC_NAMES = {name: f"rpc:{title.lower()}" for name, title in GDAL_NAMES.items()}
 _PLAIN_NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.ASCII)  # nothing else in the text: nearly all are so
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
-_UNIT = re.compile(r"\s*[,;]?(\s+[^\d\s.+-].*)?", re.ASCII)  # what may follow a number: its unit
 
 Text = str | Sequence[str]
 
@@ -61,7 +64,9 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         else:
             numbers[field] = np.array([_parse_number(where, f"{name} {i}", text) for i, text in enumerate(texts, 1)])
     for field in ERRORS:
-        numbers[field] = _parse_optional(where, names[field], values.get(field))
+        text = values.get(field)
+        is_told = isinstance(text, str) and text.strip()
+        numbers[field] = _error_or_none(_parse_number(where, names[field], text)) if is_told else None
     return check_rpc(where, RPC(**numbers), names)  # type: ignore[arg-type]
 
 
@@ -124,7 +129,7 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
             raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, get the file again")
     for field, (low, high) in RPC_RANGES.items():
         value = getattr(rpc, field)
-        if not (low <= value <= high and abs(value) >= LEAST_SCALES.get(field, 0.0)):
+        if not low <= abs(value) <= high:
             raise InputError(f"{where}: {names[field]} is {value:g}, no RPC has that: get the file again")
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
@@ -152,18 +157,13 @@ def _parse_number(where: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
     if not isinstance(text, str) or not text.strip():
         raise InputError(f"{where}: {name} is missing: this is not a whole RPC, get the file again")
-    match = _NUMBER.match(text.strip())
-    value = _parse_double(match.group()) if match and _UNIT.fullmatch(text.strip()[match.end() :]) else math.nan
+    match, unit = _NUMBER.match(text.strip()), r"\s*[,;]?(\s+[^\d\s.+-].*)?"
+    is_number = match is not None and re.fullmatch(unit, text.strip()[match.end() :], re.ASCII)
+    value = _parse_double(match.group()) if match is not None and is_number else math.nan
     if not math.isfinite(value):
         advice = ", with a point before its decimals" if "," in text else ""
         raise InputError(f"{where}: {name} is {shorten(text)!r}: a number is needed{advice}")
     return value
-
-
-def _parse_optional(where: str, name: str, text: Text | None) -> float | None:
-    if not isinstance(text, str) or not text.strip():
-        return None
-    return _error_or_none(_parse_number(where, name, text))
 
 
 def _error_or_none(value: float) -> float | None:
@@ -207,3 +207,83 @@ def shorten(text: object, most: int = 40) -> str:
     """Return ``text`` cut to a length that fits an error message of one line."""
     line = " ".join(str(text).split())
     return line if len(line) <= most else line[: most - 1] + "…"
+
+
+# ---- readers -------------------------------------------------------------------------------------------------------
+
+Origin = tuple[float, float]  # (sample, line)
+
+
+@dataclass(frozen=True)
+class RpcReading:
+    """An RPC as one file gives it, image coordinates from the centre of the first pixel of *its* image.
+
+    ``size`` is that image's (samples, lines) where the file says so with certainty, ``height_m`` the ellipsoidal height
+    of its middle where the delivery states one, ``sensor`` what it calls the satellite.
+    """
+
+    rpc: RPC
+    size: tuple[int, int] | None = None
+    height_m: float | None = None
+    sensor: str = ""
+
+
+@dataclass(frozen=True)
+class RpcReader:
+    """How to recognise and read one format of RPC files.
+
+    title : as logs and reports name the format
+    beside : file names, in lower case, under which the format stands beside an image of a given stem (lower case)
+    recognises : whether a file is of this format, by its name (lower case) and its first bytes
+    read : the file's RPC; raises `InputError` only
+    tile_origin : (sample, line) of an image's first pixel in the file's scene, where the image is a tile of it
+    is_product : by its first bytes, whether a file describes a whole product; GDAL may open that as an image
+    read_beside : the RPC that the file has for an image, where that depends on the image; else as ``read``
+    """
+
+    title: str
+    beside: Callable[[str], tuple[str, ...]]
+    recognises: Callable[[str, bytes], bool]
+    read: Callable[[str], RpcReading]
+    tile_origin: Callable[[str, str], Origin | None] = lambda _image_path, _side_file: None
+    is_product: Callable[[bytes], bool] = lambda _head: False
+    read_beside: Callable[[str, str], RpcReading] | None = None
+
+
+@dataclass(frozen=True)
+class FoundRpc:
+    """The RPC of an image and where it came from.
+
+    Parameters
+    ----------
+    rpc : RPC
+        The camera.
+    source : str
+        Format and file, and what was done to it (crop origin, ICHIPB).
+    ignored : tuple of str
+        Other sources that were there and lost, with how far off they are where they are others.
+    size : tuple of int, optional
+        Samples and lines, where known.
+    tile : Tile, optional
+        Where the image lies in its scene, when it is a part of one.
+    height_m : float, optional
+        Ellipsoidal height of the scene's middle, where the delivery states it.
+    sensor : str
+        What the source calls the satellite; empty where it does not say.
+    stated_size : tuple of int, optional
+        Samples and lines that the source states for the image of the RPC, where that was not moved.
+    """
+
+    rpc: RPC
+    source: str
+    ignored: tuple[str, ...] = ()
+    size: tuple[int, int] | None = None
+    tile: Tile | None = None
+    height_m: float | None = None
+    sensor: str = ""
+    stated_size: tuple[int, int] | None = None
+
+    @property
+    def summary(self) -> str:
+        """One line for the log: what was used and what was not."""
+        return f"RPC from {self.source}" + (f"; not used: {', '.join(self.ignored)}" if self.ignored else "")

@@ -5,43 +5,44 @@ before its own ``.aux.xml`` (tried with GDAL 3.6; a test compares). For other im
 there GDAL's word counts where it has one. ``.geom`` and rpcm JSON, which GDAL does not read, come last. So an image has
 the same RPC here as in GDAL wherever GDAL finds one, except that a scene's RPC is moved to the crop and ICHIPB is
 applied. A source that would win but is damaged is an error, never skipped silently.
+
+`difference_px` tells how far two RPCs are apart on the image, and `require_same` whether a file gives back what was
+written.
 """
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from osgeo import gdal
 
-from ...block.block import Tile
+from ...block.block import Image, Tile
 from ...camera.rpc import RPC
-from ...foundation.errors import InputError
+from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of, open_dataset
-from ..opening.item_images import StacItem, item_of
-from ..opening.raster_datasets import open_raster
-from . import crop, dimap, enmap, geom, isd, nitf, pam, rpb, rpc_txt, rpcm_json, tiff_tag
+from ..opening.files import open_raster
+from ..opening.item_images import item_of
+from . import crop, fields, text_formats, tiff_tag, xml_formats
 from .content import finite_number, read_head, siblings
-from .fields import STAC_NAMES, numbers_of, rpc_from_gdal, rpc_from_json
-from .reading import FoundRpc, RpcReader, RpcReading
+from .fields import FoundRpc, RpcReader
 
 #: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.
 RPC_READERS: dict[str, RpcReader] = {
-    "rpb": rpb.READER,
-    "isd": isd.READER,
-    "rpc-txt": rpc_txt.READER,
-    "dimap": dimap.READER,
-    "kompsat": rpc_txt.KOMPSAT,
-    "enmap": enmap.READER,
-    "geom": geom.READER,
-    "rpcm-json": rpcm_json.READER,
+    "rpb": text_formats.RPB,
+    "isd": xml_formats.ISD,
+    "rpc-txt": text_formats.RPC_TXT,
+    "dimap": xml_formats.DIMAP,
+    "kompsat": text_formats.KOMPSAT,
+    "enmap": xml_formats.ENMAP,
+    "geom": text_formats.GEOM,
+    "rpcm-json": text_formats.RPCM_JSON,
 }
 #: Metadata of images made here, for what the vendor's files beside the original told.
 SENSOR_ITEM, HEIGHT_ITEM = "HRSI_SENSOR", "HRSI_GROUND_HEIGHT_M"
-#: Formats that win over the tag inside a GeoTIFF.
-BEFORE_THE_TAG = frozenset({"rpb", "isd", "rpc-txt", "dimap", "kompsat"})
 
 
 @thresholds
@@ -49,6 +50,7 @@ class RPC_SOURCES:
     """When two sources of an image's RPC say the same."""
 
     same_px: float = threshold(0.01, "px", "largest difference of two writings of one RPC", "the digits of the formats")
+    gdal_rounding_px: float = threshold(1e-4, "px", "largest difference by GDAL's rounding to 15 digits")
 
 
 #: What a log calls a source, and how its RPC is read: only the one that wins is.
@@ -143,11 +145,8 @@ def _describe_difference(rpc: RPC, read_other: Callable[[], FoundRpc]) -> str:
     if other == rpc:
         return ""
     steps = np.array([[0.0, 0.0, 0.0], *([x, y, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5))])
-    ground = np.array([rpc.long_off, rpc.lat_off, rpc.height_off]) + steps * [
-        rpc.long_scale,
-        rpc.lat_scale,
-        rpc.height_scale,
-    ]
+    scales = rpc.long_scale, rpc.lat_scale, rpc.height_scale
+    ground = np.array([rpc.long_off, rpc.lat_off, rpc.height_off]) + steps * scales
     off_px = float(np.max(np.hypot(*(rpc.project(ground) - other.project(ground)).T)))
     if off_px < RPC_SOURCES.same_px:
         return ""
@@ -188,56 +187,42 @@ def side_files(path: str) -> dict[str, list[str]]:
     """Return the RPC files that stand beside an image under its name, by format in the order of `RPC_READERS`."""
     files = siblings(path)
     stem = os.path.splitext(os.path.basename(path))[0].lower()
-    return {key: [file for name in reader.beside(stem) if (file := _find_side_file(files, name, path, reader))]
-            for key, reader in RPC_READERS.items()}  # fmt: skip
-
-
-def _find_side_file(files: dict[str, str], name: str, path: str, reader: RpcReader) -> str | None:
-    """Return the side file of a name where it is there and of the reader's format."""
-    file = files.get(name)
-    if file is None or file == path or not (path.startswith("/vsi") or os.path.isfile(file)):
-        return None
-    return file if reader.recognises(name, read_head(file)) else None
+    found: dict[str, list[str]] = {key: [] for key in RPC_READERS}
+    for key, reader in RPC_READERS.items():
+        for name in reader.beside(stem):
+            file = files.get(name, path)
+            is_there = file != path and (path.startswith("/vsi") or os.path.isfile(file))
+            if is_there and reader.recognises(name, read_head(file)):
+                found[key].append(file)
+    return found
 
 
 def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return every source of an image's RPC, the one that wins first: what its STAC item says, if it is of one."""
-    named = _of_item(path, dataset)
-    return [*named, *(source for source in _with_the_image(path, dataset) if source[0] not in dict(named))]
-
-
-def _of_item(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return the source that the STAC item of an image names, if any."""
+    named: list[Source] = []
     item = item_of(path)
-    if item is None:
-        return []
-    if item.rpc_fields:
-        title = f"rpc: fields of the STAC item {item.id}"
-        return [(title, partial(_read_item_fields, item, title))]
-    for file in item.rpc_files:
-        reader, _head = _reader_by_head(file)
-        if reader is not None:
-            return [_side_source(reader, file, path, dataset)]
-    return []
+    if item is not None and item.rpc_fields:
+        title, where = f"rpc: fields of the STAC item {item.id}", f"{item.source}, item {item.id!r}"
+        named = [(title, lambda: FoundRpc(fields.rpc_from_json(where, item.rpc_fields, fields.STAC_NAMES), title))]
+    elif item is not None:
+        readers = ((_reader_by_head(file)[0], file) for file in item.rpc_files)
+        named = [_side_source(reader, file, path, dataset) for reader, file in readers if reader is not None][:1]
+    is_tiff = dataset.GetDriver().ShortName == "GTiff"
+    found = _rank_of_tiff(path, dataset) if is_tiff else _rank_as_gdal(path, dataset)
+    return [*named, *(source for source in found if source[0] not in dict(named))]
 
 
-def _read_item_fields(item: StacItem, title: str) -> FoundRpc:
-    return FoundRpc(rpc_from_json(f"{item.source}, item {item.id!r}", item.rpc_fields, STAC_NAMES), title)
-
-
-def _with_the_image(path: str, dataset: gdal.Dataset) -> list[Source]:
-    """Return the sources in and beside an image, the one that wins first."""
-    if dataset.GetDriver().ShortName != "GTiff":
-        return _as_gdal_ranks(path, dataset)
+def _rank_of_tiff(path: str, dataset: gdal.Dataset) -> list[Source]:
+    """Return the sources in and beside a GeoTIFF, the one that wins first."""
     before: list[Source] = []
     after: list[Source] = []
     for key, files in side_files(path).items():
-        ranked = before if key in BEFORE_THE_TAG else after
+        ranked = before if key in ("rpb", "isd", "rpc-txt", "dimap", "kompsat") else after  # … over the tag inside
         ranked += [_side_source(RPC_READERS[key], file, path, dataset) for file in files]
     return [*before, *_sources_inside(path, dataset), *after]
 
 
-def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
+def _rank_as_gdal(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the sources of an image that is no GeoTIFF: first the one with the numbers that GDAL reports.
 
     A product file that GDAL opens as an image is the first source of its own.
@@ -251,18 +236,14 @@ def _as_gdal_ranks(path: str, dataset: gdal.Dataset) -> list[Source]:
     if not metadata:
         return sources
     for place, (reader, file) in enumerate(files):
-        if _reads_as(reader, file, metadata):
-            return [sources.pop(place), *sources]
+        with suppress(InputError):
+            ours, theirs = (
+                fields.numbers_of(reader.read(file).rpc),
+                fields.numbers_of(fields.rpc_from_gdal(file, metadata)),
+            )
+            if np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0):  # GDAL may have rounded them to 15 digits
+                return [sources.pop(place), *sources]
     return [*_sources_inside(path, dataset), *sources]
-
-
-def _reads_as(reader: RpcReader, file: str, metadata: dict[str, str]) -> bool:
-    """Return whether a side file is where GDAL's metadata come from; GDAL may have rounded them to 15 digits."""
-    try:
-        ours, theirs = numbers_of(reader.read(file).rpc), numbers_of(rpc_from_gdal(file, metadata))
-    except InputError:
-        return False
-    return np.allclose(ours[2:], theirs[2:], rtol=1e-13, atol=0.0)
 
 
 def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset) -> Source:
@@ -272,7 +253,7 @@ def _side_source(reader: RpcReader, file: str, path: str, dataset: gdal.Dataset)
 
 def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: gdal.Dataset) -> FoundRpc:
     """Return a side file's RPC, moved from the scene to the crop or tile that the image is."""
-    reading: RpcReading = reader.read_for(path, file)
+    reading = reader.read(file) if reader.read_beside is None else reader.read_beside(path, file)
     size = (dataset.RasterXSize, dataset.RasterYSize)
     geotransform, has_crs = dataset.GetGeoTransform(can_return_null=True), bool(dataset.GetProjection())
     try:
@@ -280,7 +261,8 @@ def _read_beside(reader: RpcReader, file: str, title: str, path: str, dataset: g
         if place is None:
             crop.require_place_in_scene(reading.rpc, geotransform, has_crs, size)
         origin = None if place is not None and place.moves else reader.tile_origin(path, file)
-        place = crop.CropPlace.from_first_pixel(*(origin or (0.0, 0.0))) if place is None or not place.moves else place
+        if place is None or not place.moves:
+            place = crop.CropPlace(np.eye(2), np.array(origin or (0.0, 0.0)))
         tile = None if origin is None or reading.size == size else Tile(os.path.abspath(file), origin, reading.size)
         whole = not place.moves or (reading.size == size and not place.mirrored)
         if whole or not crop.is_of_full_scene(reading.rpc, place, size):
@@ -297,20 +279,18 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
     """Return the RPC in the image itself (tag, NITF, VRT …) and that of its ``.aux.xml``."""
     name = os.path.basename(path)
     found: list[Source] = []
-    if tiff_tag.has_tag(path):
+    directory = tiff_tag.read_directory(path)
+    if directory is not None and directory.entry(tiff_tag.TAG_RPC) is not None:
         title = f"GeoTIFF tag of {name}"
         found.append((title, partial(_read_tag, path, title)))
     auxiliary = f"{path}.aux.xml"
-    if os.path.isfile(auxiliary) and (kept := pam.read_domain(auxiliary, "RPC")):
+    if os.path.isfile(auxiliary) and (kept := xml_formats.read_domain(auxiliary, "RPC")):
         title = f"PAM {os.path.basename(auxiliary)}"
-        found.append((title, partial(_read_domain, auxiliary, kept, title)))
+        found.append((title, partial(_read_metadata, auxiliary, kept, title, {})))
     if not found and (metadata := metadata_of(dataset, "RPC")):
         driver = dataset.GetDriver().ShortName
-        title = f"{driver} {name}"
-        if driver == "NITF":
-            found.append((title, partial(_read_nitf, path, metadata, title, metadata_of(dataset))))
-        else:
-            found.append((title, partial(_read_domain, path, metadata, title)))
+        title, tags = f"{driver} {name}", metadata_of(dataset) if driver == "NITF" else {}
+        found.append((title, partial(_read_metadata, path, metadata, title, tags)))
     return found
 
 
@@ -321,12 +301,61 @@ def _read_tag(path: str, title: str) -> FoundRpc:
     return FoundRpc(reading.rpc, title)
 
 
-def _read_domain(path: str, metadata: Mapping[str, str], title: str) -> FoundRpc:
-    """Return the RPC that GDAL says in the metadata domain of that name."""
-    return FoundRpc(rpc_from_gdal(path, metadata), title)
-
-
-def _read_nitf(path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str]) -> FoundRpc:
-    """Return the RPC of a NITF file, with ICHIPB of its ``tags`` applied to a chip."""
-    rpc, note = nitf.apply_ichipb(path, rpc_from_gdal(path, metadata), tags)
+def _read_metadata(path: str, metadata: Mapping[str, str], title: str, tags: Mapping[str, str]) -> FoundRpc:
+    """Return the RPC of GDAL's metadata domain, with ICHIPB of a NITF file's ``tags`` applied to a chip."""
+    rpc, note = crop.apply_ichipb(path, fields.rpc_from_gdal(path, metadata), tags)
     return FoundRpc(rpc, f"{title}, {note}" if note else title)
+
+
+# ---- comparing -----------------------------------------------------------------------------------------------------
+
+
+def difference_px(reference: RPC, other: RPC, size: tuple[int, int] | None = None) -> float:
+    """Return the largest distance (px) between the image points of two RPCs.
+
+    Compared on a 9 x 9 grid over the image (its ``size``, else OFF and SCALE) at the lowest, middle and highest
+    height of ``reference``; infinite where ``reference`` cannot be inverted and the two are not the same.
+    """
+    if same_numbers(reference, other):
+        return 0.0
+    grid = Image("", reference, size).grid_px(9, 9)
+    largest = -np.inf
+    for height in (*reference.height_range, reference.height_off):
+        ground, converged = reference.localize(grid, height)
+        if converged.any():
+            apart = other.project(ground[converged]) - reference.project(ground[converged])
+            largest = max(largest, float(np.hypot(*apart.T).max()))
+    return largest if np.isfinite(largest) else float("inf")
+
+
+def same_numbers(wanted: RPC, found: RPC) -> bool:
+    """Return whether the 90 numbers that make the camera are the same doubles."""
+    return fields.numbers_of(wanted)[len(fields.ERRORS) :] == fields.numbers_of(found)[len(fields.ERRORS) :]
+
+
+def require_same(path: str, wanted: RPC, found: RPC) -> None:
+    """Raise `OutputError` naming the first field whose doubles did not come back."""
+    if same_numbers(wanted, found):
+        return
+    for field in (*fields.SCALARS, *fields.POLYNOMIALS):
+        if not np.array_equal(getattr(wanted, field), getattr(found, field)):
+            raise OutputError(f"{path}: {field} did not read back as it was written: the disk or GDAL is at fault")
+
+
+def read_back_px(path: str, rpc: RPC) -> float:
+    """Return how far the RPC that GDAL gives for a written image is from ``rpc`` (px); our reader's for RPC files.
+
+    GDAL rounds the doubles of a GeoTIFF tag to 15 digits. Raises `OutputError` where GDAL finds no RPC or one farther
+    away than that can make it (`RPC_SOURCES.gdal_rounding_px`): then something beside the image wins.
+    """
+    found = read_rpc_file(path)
+    if found is not None:
+        return difference_px(rpc, found.rpc)
+    dataset = open_raster(path)
+    metadata = metadata_of(dataset, "RPC")
+    if not metadata:
+        raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
+    apart = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
+    if not apart <= RPC_SOURCES.gdal_rounding_px:
+        raise OutputError(f"{path}: GDAL gives another RPC, {apart:.3g} px away: remove older RPC files beside it")
+    return apart

@@ -20,10 +20,9 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import metadata_of
-from .compare import difference_px
 from .content import Element, finite_number, read_xml
 from .crop import CropPlace, crop_rpc
-from .find import read_rpc
+from .find import difference_px, read_rpc
 
 _Size = tuple[int, int]
 #: Metadata of images whose RPC was composed here: the size that it is for.

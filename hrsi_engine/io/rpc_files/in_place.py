@@ -7,32 +7,21 @@ that at any moment some complete RPC, old or new, is what a reader finds.
 """
 
 import os
-from collections.abc import Callable
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, silent
-from ..opening.raster_datasets import open_raster
+from ..opening.files import open_raster
 from ..safety.replacing import copy_bytes, require_not_read_only
 from ..safety.transactions import Transaction
 from . import tiff_tag
-from .compare import require_same
 from .content import siblings
 from .fields import numbers_of
-from .find import RPC_READERS, read_rpc, rpc_reader_of, side_files
+from .find import RPC_READERS, read_rpc, require_same, rpc_reader_of, side_files
 from .sidecars import PLAIN, keep_original, put_back, set_aside, stale_files, vendor_xml
-from .tiff_directory import read_directory
-from .write import UNTOLD, Lineage, write_geom, write_isd_xml, write_rpb, write_rpc_text, write_rpcm_json
+from .tiff_tag import read_directory
+from .write import SIDECARS, UNTOLD, Lineage, write_rpc_file
 
-#: Format of a sidecar -> what follows the image's stem, and the function that writes it.
-SIDECARS: dict[str, tuple[str, Callable[..., None]]] = {
-    "rpc-txt": ("_RPC.TXT", write_rpc_text), "rpb": (".RPB", write_rpb), "isd": (".xml", write_isd_xml),
-    "geom": (".geom", write_geom), "rpcm-json": (".json", write_rpcm_json),
-}  # fmt: skip
-#: Formats that hold nothing but the RPC, so that a vendor's file may be rewritten.
-_RPC_ONLY = ("rpc-txt", "rpb")
-#: Sidecars that GDAL reads, but takes after an ``.RPB``; it does not read the rest.
-_AFTER_RPB = ("rpc-txt", "isd")
 KEEPS_NONE = "keeps no original RPC: it was not written in place by this program, or is restored already"
 
 
@@ -87,10 +76,10 @@ def prepare_in_place(
     reader = rpc_reader_of(path)
     if reader is not None:
         key = next(key for key, other in RPC_READERS.items() if other is reader)
-        if key not in _RPC_ONLY:
+        if key not in ("rpc-txt", "rpb"):  # the others hold more than the RPC
             raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
         keep_original(path, changes, is_alone=True)
-        SIDECARS[key][1](path, rpc, replace=changes.replacing)
+        write_rpc_file(path, rpc, key, changes.replacing)
         return ()
     notices = _prepare_tag(path, rpc, changes, progress, lineage)
     if vendor_xml(path):
@@ -119,27 +108,18 @@ def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, 
     return ()
 
 
-def write_sidecar(path: str, rpc: RPC, kind: str = "rpc-txt") -> tuple[str, ...]:
-    """Write an RPC file of a ``kind`` of `SIDECARS`; return notices for the log: see `prepare_sidecar`."""
-    with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
-        notices = prepare_sidecar(path, rpc, changes, kind)
-        changes.commit()
-    return notices
-
-
 def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-txt") -> tuple[str, ...]:
     """Prepare an RPC file of a ``kind`` of `SIDECARS`; it appears when the changes are committed.
 
     A vendor's file of that name, in whatever case, is kept as ``<name>.original``. An ``.RPB`` of the same image, which
     would win over a new ``_RPC.TXT`` or ISD XML with another RPC, is set aside. Returns notices for the log.
     """
-    suffix, write = SIDECARS[kind]
     path = siblings(path).get(os.path.basename(path).lower(), path)
     keep_original(path, changes)
-    write(path, rpc, replace=changes.replacing)
-    if kind not in _AFTER_RPB:
+    write_rpc_file(path, rpc, kind, changes.replacing)
+    if kind not in ("rpc-txt", "isd"):  # which GDAL reads, but after an .RPB; it does not read the rest
         return ()
-    image = f"{path[: -len(suffix)]}.tif"
+    image = f"{path[: -len(SIDECARS[kind][0])]}.tif"
     stale = [set_aside(file, changes) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
     if kind == "isd":
         return tuple(stale)

@@ -11,35 +11,26 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ..safety.replacing import copy_bytes, take_permissions
 from ..safety.transactions import Transaction
-from . import geom, isd, rpb, rpc_txt, rpcm_json
-from .compare import same_numbers
 from .content import read_head, siblings
-from .find import read_rpc, rpc_reader_of, side_files
+from .find import read_rpc, rpc_reader_of, same_numbers, side_files
+from .text_formats import MARKS
+from .xml_formats import ISD_MARK
 
 ORIGINAL = ".original"
 #: Formats that can be set aside; the vendor's XML is left alone, because it holds more than the RPC.
 PLAIN = ("rpb", "rpc-txt", "kompsat")
-VENDOR_XML = ("isd", "dimap")
-_FORMATS = (rpb, rpc_txt, isd, geom, rpcm_json)
-_MARKS = tuple(module.WRITTEN_BY.encode() for module in _FORMATS)
 
 
 def is_ours(path: str) -> bool:
     """Return whether an RPC file was written by this program."""
     head = read_head(path)
-    return any(mark in head for mark in _MARKS)
-
-
-def plain_files(image_path: str) -> list[str]:
-    """Return the ``.RPB`` and ``_RPC.TXT`` files of an image, the one that wins first."""
-    beside = side_files(image_path)
-    return [file for key in PLAIN for file in beside[key]]
+    return any(mark.encode() in head for mark in (*MARKS.values(), ISD_MARK))
 
 
 def vendor_xml(image_path: str) -> list[str]:
     """Return the vendor's XML files of an image, which also win over an RPC inside it."""
     beside = side_files(image_path)
-    return [file for key in VENDOR_XML for file in beside[key]]
+    return [file for key in ("isd", "dimap") for file in beside[key]]
 
 
 def is_rpc_file(path: str) -> bool:
@@ -114,14 +105,15 @@ def put_back(image_path: str, names: set[str], changes: Transaction) -> tuple[st
 
 def stale_files(image_path: str, rpc: RPC) -> list[str]:
     """Return the ``.RPB`` and ``_RPC.TXT`` files of an image that hold another RPC than ``rpc``."""
-    return [file for file in plain_files(image_path) if not _holds_rpc(file, rpc)]
-
-
-def _holds_rpc(path: str, rpc: RPC) -> bool:
-    try:
-        return same_numbers(rpc, read_rpc(path).rpc)
-    except InputError:
-        return False
+    beside, stale = side_files(image_path), []
+    for file in (file for key in PLAIN for file in beside[key]):
+        try:
+            is_same = same_numbers(rpc, read_rpc(file).rpc)
+        except InputError:
+            is_same = False
+        if not is_same:
+            stale.append(file)
+    return stale
 
 
 def free_the_way(target_path: str, source_path: str, rpc: RPC, changes: Transaction) -> tuple[str, ...]:

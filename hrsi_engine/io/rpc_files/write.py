@@ -12,16 +12,16 @@ from ...camera.rpc import RPC
 from ...foundation.errors import Cancelled, InputError, OutputError
 from ...foundation.progress import Progress, silent
 from ..opening.datasets import gdal_messages, metadata_of, open_dataset
-from ..opening.raster_datasets import open_raster
+from ..opening.files import open_raster
 from ..safety.replacing import copy_bytes, replacing
 from ..safety.transactions import Transaction
-from . import geom, isd, pam, rpb, rpc_txt, rpcm_json, tiff_tag
-from .compare import require_same
+from . import tiff_tag
 from .fields import gdal_metadata, numbers_of, rpc_from_gdal
-from .find import read_rpc
-from .reading import RpcReading
+from .find import RPC_READERS, read_rpc, require_same
 from .sidecars import free_the_way
-from .tiff_directory import read_directory
+from .text_formats import geom_text, rpb_text, rpc_txt_text, rpcm_json_text
+from .tiff_tag import read_directory
+from .xml_formats import isd_text, without_domain
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,11 @@ class Lineage:
 UNTOLD = Lineage()
 #: What gives a hidden name to write to: `replacing`, or a transaction's, by which the file appears with others.
 Replace = Callable[[str], AbstractContextManager[str]]
+#: Format of an RPC file that is written -> what follows the image's stem in its name, and its content.
+SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
+    "rpc-txt": ("_RPC.TXT", rpc_txt_text), "rpb": (".RPB", rpb_text), "isd": (".xml", isd_text),
+    "geom": (".geom", geom_text), "rpcm-json": (".json", rpcm_json_text),
+}  # fmt: skip
 
 
 def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Replace = replacing) -> None:
@@ -60,7 +65,7 @@ def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Repl
     OutputError
         The file cannot be written.
     """
-    _write_text(path, rpc, rpc_txt.text_of(rpc, lineage.items), rpc_txt.READER.read, replace)
+    write_rpc_file(path, rpc, "rpc-txt", replace, lineage)
 
 
 def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
@@ -80,29 +85,16 @@ def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     OutputError
         The file cannot be written.
     """
-    _write_text(path, rpc, rpb.text_of(rpc), rpb.READER.read, replace)
+    write_rpc_file(path, rpc, "rpb", replace)
 
 
-def write_isd_xml(path: str, rpc: RPC, replace: Replace = replacing) -> None:
-    """Write an ISD XML file with all digits, read it again and compare."""
-    _write_text(path, rpc, isd.text_of(rpc), isd.READER.read, replace)
-
-
-def write_geom(path: str, rpc: RPC, replace: Replace = replacing) -> None:
-    """Write a ``.geom`` file of the Orfeo ToolBox with all digits, read it again and compare."""
-    _write_text(path, rpc, geom.text_of(rpc), geom.READER.read, replace)
-
-
-def write_rpcm_json(path: str, rpc: RPC, replace: Replace = replacing) -> None:
-    """Write an rpcm JSON file with all digits, read it again and compare."""
-    _write_text(path, rpc, rpcm_json.text_of(rpc), rpcm_json.READER.read, replace)
-
-
-def _write_text(path: str, rpc: RPC, text: str, read: Callable[[str], RpcReading], replace: Replace) -> None:
+def write_rpc_file(path: str, rpc: RPC, kind: str, replace: Replace = replacing, lineage: Lineage = UNTOLD) -> None:
+    """Write a file of a ``kind`` of `SIDECARS` with all digits, read it again and compare."""
+    text = rpc_txt_text(rpc, lineage.items) if kind == "rpc-txt" else SIDECARS[kind][1](rpc)
     with replace(path) as temporary:
         with open(temporary, "w", encoding="ascii", errors="backslashreplace", newline="\n") as file:
             file.write(text)
-        require_same(path, rpc, read(temporary).rpc)
+        require_same(path, rpc, RPC_READERS[kind].read(temporary).rpc)
 
 
 def write_geotiff_copy(
@@ -214,7 +206,7 @@ def _copy_companions(source_path: str, target_path: str, changes: Transaction) -
                 copy_bytes(source_path + suffix, temporary)
     if os.path.isfile(f"{source_path}.aux.xml"):
         with changes.replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
-            file.write(pam.without_domain(f"{source_path}.aux.xml", "RPC"))
+            file.write(without_domain(f"{source_path}.aux.xml", "RPC"))
 
 
 def create_copy(

@@ -16,8 +16,7 @@ from typing import BinaryIO
 from osgeo import gdal
 
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import call_quiet, open_dataset
-from ..opening.virtual_files import virtual_status
+from ..opening.datasets import call_quiet, open_dataset, virtual_status
 
 
 @thresholds
@@ -40,9 +39,6 @@ class CONTENT_SAMPLING:
     )
 
 
-_READ_BYTES = 2**20
-
-
 def content_mark(path: str) -> str:
     """Return a text that differs when the content of a dataset differs: its file, side files, sources of a VRT.
 
@@ -50,7 +46,10 @@ def content_mark(path: str) -> str:
     its size, time and beginning. 32 hexadecimal digits; all zeros where nothing can be read, as of a connection string.
     """
     if path.startswith("/vsi"):
-        archive = _find_archive(path)
+        # The file of this machine that the path leads into: behind /vsizip/ what follows is relative, or begins with /
+        start = path.find("/", 1) + 1
+        ends = [len(path), *(at for at in range(len(path) - 1, start, -1) if path[at] == "/")]
+        archive = next((path[start:end] for end in ends if os.path.isfile(path[start:end])), None)
         return _virtual_mark(path) if archive is None else files_mark([archive])
     dataset, _ = open_dataset(path)
     listed = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
@@ -93,7 +92,7 @@ def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[b
     """Yield the bytes of an unbuffered file at these places (start, length), block by block."""
     for start, length in places:
         file.seek(start)
-        while length > 0 and (block := file.read(min(length, _READ_BYTES))):
+        while length > 0 and (block := file.read(min(length, 2**20))):
             yield block
             length -= len(block)
 
@@ -101,13 +100,6 @@ def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[b
 def _change_times(descriptor: int) -> bytes:
     status = os.fstat(descriptor)
     return f"{status.st_mtime_ns}\0{status.st_ctime_ns}\0".encode()
-
-
-def _find_archive(path: str) -> str | None:
-    """Return the file of this machine that a virtual path leads into; None where there is none."""
-    start = path.find("/", 1) + 1  # behind /vsizip/; what follows is relative, or begins with a further slash
-    ends = [at for at in range(start + 1, len(path)) if path[at] == "/"]
-    return next((path[start:end] for end in [len(path), *reversed(ends)] if os.path.isfile(path[start:end])), None)
 
 
 def _virtual_mark(path: str) -> str:

@@ -24,10 +24,7 @@ from ...foundation.thresholds import threshold, thresholds
 
 FOLDER_PREFIX = ".hrsi-unfinished-"
 _WRITER = r"([0-9a-f]{8})-(\d+)-(\d+)"  # machine, process, its beginning
-_NAMES = tuple(
-    re.compile(pattern)
-    for pattern in (rf"{re.escape(FOLDER_PREFIX)}{_WRITER}-.*", rf"\..*\.{_WRITER}-[0-9a-f]{{8}}\.tmp.*")
-)
+_NAMES = rf"{re.escape(FOLDER_PREFIX)}{_WRITER}-.*", rf"\..*\.{_WRITER}-[0-9a-f]{{8}}\.tmp.*"
 
 
 @thresholds
@@ -98,7 +95,7 @@ def sweep(folder: str) -> list[str]:
 
 def is_dead(path: str) -> bool:
     """Return whether a name is that of an unfinished file or folder whose writer does not run any more."""
-    found = next((match for pattern in _NAMES if (match := pattern.fullmatch(os.path.basename(path)))), None)
+    found = next((match for pattern in _NAMES if (match := re.fullmatch(pattern, os.path.basename(path)))), None)
     if found is None:
         return False
     machine, pid, began = found.groups()

@@ -80,11 +80,14 @@ def take_permissions(path: str, temporary: str) -> None:
 
 def flush(path: str) -> None:
     """Have a file or folder written to the disk itself."""
-    if os.path.isdir(path):
-        with contextlib.suppress(OSError):  # some network file systems, and Windows, cannot flush folders
-            _flush_path(path, os.O_RDONLY)
-    else:
-        _flush_path(path, os.O_RDWR)
+    # some network file systems, and Windows, cannot flush folders
+    is_folder = os.path.isdir(path)
+    with contextlib.suppress(OSError) if is_folder else contextlib.nullcontext():
+        descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def flush_files(paths: Sequence[str]) -> None:
@@ -94,14 +97,6 @@ def flush_files(paths: Sequence[str]) -> None:
         return
     for path in paths:
         flush(path)
-
-
-def _flush_path(path: str, flags: int) -> None:
-    descriptor = os.open(path, flags)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def copy_bytes(source_path: str, target_path: str, progress: Progress = silent, message: str = "") -> None:

@@ -25,7 +25,7 @@ from typing import Any
 from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.json_values import json_text
-from ..opening.json_files import read_json
+from ..opening.files import read_json
 from .folder_lock import hold_lock, remove_dead_locks
 from .leftovers import is_unfinished, is_writer_running, sweep, temporary_name, writer
 from .replacing import flush, flush_files, require_not_read_only, take_permissions

@@ -16,7 +16,7 @@ from ...block.block import Raster
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.workers.streams import open_calls
+from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
 from .blobs import BLOB_PAIRS, Blobs, find_blobs
 from .corners import (

@@ -30,7 +30,7 @@ from ...foundation.pixel_filters import SCHARR, blur, box_mean, compute_smaller_
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import threshold, thresholds
-from ...foundation.workers.streams import open_calls
+from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
 from ...surface.dem import HeightSurface, Status, intersect_surface, surface_heights
 from ..window_matching.correlation import compute_orientation_field, correlate_orientations, find_correlation_peak

@@ -1,20 +1,46 @@
-"""Results of finished parts of a long run, one file each, so that a run that was stopped continues."""
+"""Files of arrays by name (``.npz``), which `numpy.load` reads: uncompressed, and nothing in them is executed.
+
+`PartStore` keeps results of finished parts of a long run, one file each, so that a run that was stopped continues.
+"""
 
 import io
 import os
 import re
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from ...foundation.errors import InputError
 from ..opening.budgets import require_size
-from ..opening.virtual_files import VIRTUAL, list_virtual, read_virtual, write_virtual
+from ..opening.datasets import VIRTUAL, list_virtual, read_virtual, write_virtual
 from .leftovers import sweep
 from .replacing import replacing
 
-_KEY = re.compile(r"[A-Za-z0-9_.-]+")
+#: What reading a damaged file raises.
+DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipFile, NotImplementedError)
+
+
+def write_arrays(path: str, arrays: Mapping[str, Any]) -> None:
+    """Write arrays by name, in one step."""
+    with replacing(path) as temporary:
+        np.savez(temporary, **arrays)
+
+
+def read_arrays(file: str | BinaryIO) -> dict[str, np.ndarray]:
+    """Return the arrays of a file; one of `DAMAGED` where they cannot be read.
+
+    Nothing may take more memory than the file has bytes, so compressed ones are refused.
+    """
+    with zipfile.ZipFile(file) as archive:
+        if any(part.compress_type != zipfile.ZIP_STORED for part in archive.infolist()):
+            raise ValueError("it is compressed")
+    if not isinstance(file, str):
+        file.seek(0)
+    with np.load(file, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 class PartStore:
@@ -41,11 +67,7 @@ class PartStore:
         path = str(self._path(key))
         try:
             require_size(path, "result")
-            content = io.BytesIO(read_virtual(path) or b"") if self.is_virtual else path
-            with np.load(content, allow_pickle=False) as file:
-                if any(part.compress_type != zipfile.ZIP_STORED for part in file.zip.infolist()):
-                    return None  # `save` compresses nothing, so that nothing can unfold
-                return {name: file[name] for name in file.files}
+            return read_arrays(io.BytesIO(read_virtual(path) or b"") if self.is_virtual else path)
         except Exception:  # whatever zipfile, NumPy and the decoders raise of bytes that nobody wrote
             return None
 
@@ -64,6 +86,6 @@ class PartStore:
             file.write(content.getbuffer())
 
     def _path(self, key: str) -> Path:
-        if not _KEY.fullmatch(key):
+        if not re.fullmatch(r"[A-Za-z0-9_.-]+", key):
             raise ValueError(f"{key!r} is no key")
         return (self.folder if self.is_virtual else Path(os.path.realpath(self.folder))) / f"{key}.npz"

@@ -1,0 +1,159 @@
+"""Plots as SVG: distributions of normalised residuals, residual vectors over an image, bars; the arrows of drawings."""
+
+import html
+import math
+from collections.abc import Mapping
+from statistics import NormalDist
+
+import numpy as np
+
+HISTOGRAM_WIDTH, HISTOGRAM_HEIGHT = 360.0, 230.0
+LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
+SIGMAS_SHOWN = 5.0  # sigmas shown
+QUANTILES = 160
+
+
+def draw_histogram(values: np.ndarray, label: str) -> str:
+    """Return the histogram of normalised values as density, with the standard normal curve over it.
+
+    values : (n,) residuals over their standard deviations; label : text alternative
+    """
+    edges = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 41)
+    counts, _ = np.histogram(np.clip(values, -SIGMAS_SHOWN, SIGMAS_SHOWN), edges)
+    density = counts / max(len(values), 1) / (edges[1] - edges[0])
+    middle = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 101)
+    curve = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
+    top = 1.08 * max(float(density.max(initial=0.0)), float(curve.max()))
+    parts = [_open_plot(label, [-4, -2, 0, 2, 4], [])]
+    for low, high, value in zip(edges[:-1], edges[1:], density, strict=True):
+        (x0, y), (x1, y1) = _place_point(low, value / top), _place_point(high, 0.0)
+        if value > 0.0:
+            parts.append(f'<rect class="bar" x="{x0:.1f}" y="{y:.1f}" width="{x1 - x0:.1f}" height="{y1 - y:.1f}"/>')
+    points = (_place_point(x, y / top) for x, y in zip(middle, curve, strict=True))
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    parts.append(f'<polyline class="normal" points="{path}"/>')
+    return "".join([*parts, "</svg>"])
+
+
+def draw_qq_plot(values: np.ndarray, label: str) -> str:
+    """Return the quantiles of normalised values against those of the normal distribution, with the line y = x.
+
+    values : (n,) residuals over their standard deviations; label : text alternative
+    """
+    parts = [_open_plot(label, [-4, -2, 0, 2, 4], [-4, -2, 0, 2, 4])]
+    (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
+    parts.append(f'<polyline class="normal" points="{x0:.1f},{y0:.1f} {x1:.1f},{y1:.1f}"/>')
+    if len(values):
+        probability = (np.arange(min(len(values), QUANTILES)) + 0.5) / min(len(values), QUANTILES)
+        expected, found = np.array([NormalDist().inv_cdf(p) for p in probability]), np.quantile(values, probability)
+        for x, y in zip(expected, np.clip(found, -SIGMAS_SHOWN, SIGMAS_SHOWN), strict=True):
+            at = _place_point(x, (y + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
+            parts.append(f'<circle class="quantile" cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="2"/>')
+    return "".join([*parts, "</svg>"])
+
+
+def _open_plot(label: str, x_ticks: list[int], y_ticks: list[int]) -> str:
+    """Return the opening of a plot with its axes."""
+    (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
+    parts = [
+        f'<svg class="plot" viewBox="0 0 {HISTOGRAM_WIDTH:.0f} {HISTOGRAM_HEIGHT:.0f}" role="img" '
+        f'aria-label="{html.escape(label)}">',
+        f'<path class="axis" d="M{x0:.1f},{y1:.1f}V{y0:.1f}H{x1:.1f}"/>',
+    ]
+    for tick in x_ticks:
+        x, y = _place_point(tick, 0.0)
+        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 15.0:.1f}" text-anchor="middle">{tick}</text>')
+    for tick in y_ticks:
+        x, y = _place_point(-SIGMAS_SHOWN, (tick + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
+        parts.append(f'<text class="tick" x="{x - 5.0:.1f}" y="{y + 4.0:.1f}" text-anchor="end">{tick}</text>')
+    return "".join(parts)
+
+
+def _place_point(x: float, share: float) -> tuple[float, float]:
+    """Return the drawing place of a value in sigmas and a share of the height."""
+    return (
+        LEFT + (x + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN) * (HISTOGRAM_WIDTH - LEFT - RIGHT),
+        HISTOGRAM_HEIGHT - BOTTOM - share * (HISTOGRAM_HEIGHT - TOP - BOTTOM),
+    )
+
+
+HEAD_UNITS, HEAD_SLOPE = 7.0, 0.45  # length of a head, and half its width for a unit of its length
+
+
+def make_arrow_path(x: float, y: float, dx: float, dy: float, head: float = HEAD_UNITS) -> str:
+    """Return the path (attribute ``d`` of SVG) of an arrow from x, y by dx, dy; empty for one too short to be seen.
+
+    ``head`` is the length of its head; that of a short arrow is shorter.
+    """
+    length = math.hypot(dx, dy)
+    if not length >= 0.5:  # a blot
+        return ""
+    ux, uy = dx / length, dy / length
+    back = min(head, 0.6 * length)
+    tip_x, tip_y = x + dx, y + dy
+    sides = [(tip_x - back * (ux + HEAD_SLOPE * s * uy), tip_y - back * (uy - HEAD_SLOPE * s * ux)) for s in (1, -1)]
+    (left_x, left_y), (right_x, right_y) = sides
+    return (
+        f"M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}L{left_x:.1f},{left_y:.1f}"
+        f"M{tip_x:.1f},{tip_y:.1f}L{right_x:.1f},{right_y:.1f}"
+    )
+
+
+def choose_round_length(longest: float) -> float:
+    """Return the longest of 1, 2, 5 times a power of ten that is not longer than ``longest``, which is above 0."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= longest * 1.000001)
+
+
+RESIDUALS_WIDTH, MARGIN = 560.0, 34.0
+
+
+def compute_typical_length(residual: np.ndarray) -> float:
+    """Return the 90th percentile of the lengths of residuals (n, 2)."""
+    return float(np.percentile(np.hypot(*residual.T), 90.0))
+
+
+def draw_residual_vectors(xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str) -> str:
+    """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
+
+    xy, residual : (n, 2) places and residuals, lines downwards; groups : (n,) they name the colour
+    unit : of the residuals, for the scale
+    """
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    scale = (RESIDUALS_WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
+    height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
+    typical = compute_typical_length(residual)
+    per_unit = 32.0 / typical if typical > 0.0 else 0.0  # drawing units of the 90th percentile
+    parts = [f'<svg class="card" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
+    for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
+        parts.append(_draw_arrow(x, y, dx, dy, str(group)))
+    if typical > 0.0:
+        length = choose_round_length(1.5 * typical)
+        parts.append(_draw_arrow(MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))
+        x = MARGIN + length * per_unit + 8.0
+        parts.append(f'<text x="{x:.1f}" y="{height - 10.0:.1f}">{length:g} {html.escape(unit)}</text>')
+    return "".join([*parts, "</svg>"])
+
+
+def _draw_arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
+    return f'<path class="v {html.escape(group)}" d="M{x:.1f},{y:.1f}h0{make_arrow_path(x, y, dx, dy, head=5.0)}"/>'
+
+
+def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
+    """Return bars by case, one for each group (thesis figures 2.7 and 2.21).
+
+    values : heights of the bars, ``values[case][group]``; unit : of the values
+    """
+    rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
+    largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0
+    height = 26.0 * len(rows) + 10.0
+    parts = [f'<svg class="bars" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
+    for number, (case, group, value) in enumerate(rows):
+        y = 26.0 * number + 6.0
+        length = 0.0 if not math.isfinite(value) else (RESIDUALS_WIDTH - 320.0) * value / largest
+        label = html.escape(f"{case}, {group}")
+        parts.append(f'<text x="4" y="{y + 14.0:.1f}">{label}</text>')
+        parts.append(f'<rect x="230" y="{y:.1f}" width="{length:.1f}" height="18" class="bar {html.escape(group)}"/>')
+        told = f"{value:.2f} {html.escape(unit)}" if math.isfinite(value) else "–"
+        parts.append(f'<text x="{236.0 + length:.1f}" y="{y + 14.0:.1f}">{told}</text>')
+    return "".join([*parts, "</svg>"])

@@ -1,0 +1,325 @@
+"""Heights of laser altimeters: which reader a file takes, and the one place where its rows are checked.
+
+`read_laser` takes granules of ICESat-2 and GEDI as the archives deliver them (HDF5: ATL06, ATL08, GEDI L2A), what
+SlideRule writes (GeoParquet, GeoPackage, CSV), or a vector layer with the fields ``height`` and ``sigma_h``. GeoParquet
+is read through PyArrow: GDAL has a driver for it only where it was built with one.
+
+A granule, read through GDAL, has a group for each beam, in it one of the product's points, whose arrays have one row a
+point. `PRODUCTS` says for each product how its arrays are called and which of them tell that a point is not to be
+trusted. Sources: the products' specifications (Smith et al., ATBD for ATL06; Neuenschwander et al., ATBD for ATL08;
+Dubayah et al., GEDI L2A data dictionary). All heights are ellipsoidal (WGS84, ITRF2014).
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from osgeo import gdal
+
+from ..block.laser import LaserPoints
+from ..foundation.errors import InputError
+from ..foundation.json_values import json_text
+from ..foundation.thresholds import threshold, thresholds
+from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
+from .opening.datasets import gdal_messages, quiet
+from .point_files.find import read_table, split_spec
+from .point_files.positions import Reference, ground_positions, has_positions
+from .point_files.table import NUMBER_FIELDS, PointTable, match_fields
+from .rpc_files.content import read_head
+
+
+def read_laser(
+    spec: str, height_datum: str = "ellipsoidal", ground_crs: str | None = None, epoch: float | None = None
+) -> LaserPoints:
+    """Return the laser points of a file.
+
+    spec : a granule (ATL06, ATL08, GEDI L2A), GeoParquet, or ``FILE[|layername=L]`` of points with the fields
+    ``height`` or ``h_mean``, and ``sigma_h`` or ``h_sigma``
+    height_datum : what heights of a layer refer to: ``ellipsoidal``, ``layer`` (as its CRS says), ``egm96``,
+    ``egm2008`` or a geoid grid file. Granules are always ellipsoidal
+    ground_crs : CRS of x and y in a file that names none; longitudes and latitudes are WGS84 there
+    epoch : year in which a CRS fixed to a plate is brought to WGS84
+
+    All points come back; those with impossible heights have a ``doubt``. `InputError` names file and field, and what to
+    do.
+    """
+    path, _layer = split_spec(spec)
+    head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""  # readers of point files say what is wrong
+    if head == HDF5_HEAD:
+        points = read_granule(path)
+    else:
+        table = read_parquet(path) if head.startswith(b"PAR1") else read_table(spec)
+        points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
+    wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
+    if not len(points) or wrong.all():
+        raise InputError(f"{points.source}: none of its points has a height that is on the ground: get it again")
+    return replace(points, doubt=np.where(wrong & (points.doubt == ""), "a height of no ground", points.doubt))
+
+
+def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
+    """Return the rows of a table that have a position and a height."""
+    if not len(table):
+        raise InputError(f"{table.source}: holds no points: name another file or layer")
+    if not has_positions(table):
+        raise InputError(
+            f"{table.source}: has no positions (point geometry, or fields lon and lat); its fields are "
+            f"{', '.join(table.field_names) or 'none'}: add them"
+        )
+    heights = table.columns.get("height")
+    if heights is None and (table.geometry is None or not np.isfinite(table.geometry[:, 2]).any()):
+        raise InputError(
+            f"{table.source}: has no heights: laser points need a field height (or h_mean), or points with z"
+        )
+    # Points without a height are left out, so that no DEM is asked for one
+    z = np.full(len(table), np.nan) if table.geometry is None else table.geometry[:, 2]
+    kept = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
+    if not kept.any():
+        raise InputError(f"{table.source}: none of its points has a height: name another file or layer")
+    if not kept.all():
+        columns = {name: column[kept] for name, column in table.columns.items()}
+        geometry = None if table.geometry is None else table.geometry[kept]
+        table = PointTable(table.source, columns, table.field_names, table.row_name, geometry, table.crs)
+    if table.geometry is None and not {"x", "y"} <= table.columns.keys():
+        reference = replace(reference, ground_crs="")
+    placed = ground_positions(table, reference)
+    nothing = np.full(len(table), np.nan)
+    sigma = table.columns.get("sigma_h", nothing)
+    sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}
+    ids = table.columns.get("id")
+    return LaserPoints.create(
+        placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=_name_tracks(table),
+        sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
+        photons=sources["photons"], canopy_m=sources["canopy"], source=table.source, operations=placed.operations,
+    )  # fmt: skip
+
+
+def _name_tracks(table: PointTable) -> np.ndarray:
+    """Return each row's track: as the file says, or by reference ground track and cycle."""
+    if "track" in table.columns:
+        return table.columns["track"]
+    text = np.full(len(table), "", dtype=str)
+    for field in ("rgt", "cycle"):  # what tells the passes of ICESat-2 apart; their beams share most errors
+        if field in table.columns:
+            number = np.char.mod("%g", table.columns[field])
+            text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
+    return text
+
+
+def read_parquet(path: str) -> PointTable:
+    """Return the known fields and the points of a GeoParquet file."""
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise InputError(
+            f"{path}: reading GeoParquet needs PyArrow (pip install pyarrow), or a GDAL with a Parquet driver; or save "
+            "the points as GeoPackage or CSV"
+        ) from None
+    try:
+        file = parquet.ParquetFile(path)
+        if file.metadata.num_rows > FILE_BUDGETS.laser_values:
+            raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
+                             "get it again")  # fmt: skip
+        # What the file says of its geometry
+        try:
+            geo = json.loads((file.schema_arrow.metadata or {}).get(b"geo", b"{}"))
+        except (ValueError, RecursionError):
+            geo = None
+        if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
+            raise InputError(f"{path}: its description of the geometry ('geo') is damaged: get it again")
+        names = list(file.schema_arrow.names)
+        found = {field: names[index] for field, index in match_fields(names).items() if field in NUMBER_FIELDS}
+        place = geo.get("primary_column", "geometry")
+        wanted = [*found.values(), *([place] if place in names else [])]
+        table = file.read(columns=wanted)
+        columns = {}
+        for field, name in found.items():
+            values = table.column(name).to_numpy()
+            if values.dtype.kind not in "iufb" and not all(v is None or isinstance(v, (int, float)) for v in values):
+                raise InputError(f"{path}: field {name!r} holds no numbers: correct it")
+            columns[field] = np.asarray(values, dtype=np.float64)  # NaN where it is null
+        geometry = _parse_points(path, table.column(place)) if place in names else None
+    except (ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): get it again") from None
+    crs = geo.get("columns", {}).get(place, {}).get("crs", "OGC:CRS84")
+    text = json_text(crs) if isinstance(crs, dict) else str(crs or "")
+    return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
+
+
+def _parse_points(path: str, column: Any) -> np.ndarray:
+    """Return points ``(n, 3)`` from their well-known binary; NaN for missing heights."""
+    texts = [value for value in column.to_pylist() if isinstance(value, bytes)]
+    lengths = {len(text) for text in texts}
+    if len(texts) != len(column) or len(lengths) > 1 or not lengths <= {21, 29}:
+        raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
+    place = np.full((len(texts), 3), np.nan)
+    for length in lengths:
+        axes = (length - 5) // 8
+        layout = np.dtype([("order", "u1"), ("code", "<u4"), ("xyz", "<f8", (axes,))])
+        rows = np.frombuffer(b"".join(texts), dtype=layout)
+        if (rows["order"] != 1).any() or (rows["code"] % 1000 != 1).any():
+            raise InputError(f"{path}: its geometry is not points alone: give a layer of points")
+        place[:, :axes] = rows["xyz"]
+    return place
+
+
+HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
+
+
+@thresholds
+class GRANULE_FILL:
+    """Which numbers of a granule stand for no value."""
+
+    largest: float = threshold(1e30, "m", "largest value", "the products fill with 3.4e38")
+    lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")
+
+
+#: A beam's arrays by our names, as far as the granule has them.
+BeamArrays = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Product:
+    """How a product is laid out.
+
+    beam, points : what the names of beams begin with; the group of points in a beam (empty: the beam itself)
+    arrays : our names -> paths of arrays below that group
+    doubts : why a point is not to be trusted -> array, comparison and number that tell which are not
+    stated_sigma_m : of a height, where the granule states none
+    """
+
+    title: str
+    beam: str
+    points: str
+    arrays: Mapping[str, str]
+    doubts: Mapping[str, tuple[str, Callable[[np.ndarray, float], np.ndarray], float]]
+    stated_sigma_m: float = float("nan")
+
+
+PRODUCTS: dict[str, Product] = {
+    "ATL06": Product(
+        "ICESat-2 ATL06", "gt", "land_ice_segments",
+        {
+            "lon": "longitude", "lat": "latitude", "height": "h_li", "sigma": "h_li_sigma",
+            "slope": "fit_statistics/dh_fit_dx", "misfit": "fit_statistics/h_rms_misfit",
+            "photons": "fit_statistics/n_fit_photons", "quality": "atl06_quality_summary",
+        },
+        {"flagged by the product": ("quality", np.not_equal, 0.0)},
+    ),
+    "ATL08": Product(
+        "ICESat-2 ATL08", "gt", "land_segments",
+        {
+            "lon": "longitude", "lat": "latitude", "height": "terrain/h_te_best_fit",
+            "misfit": "terrain/h_te_std", "slope": "terrain/terrain_slope", "photons": "terrain/n_te_photons",
+            "canopy": "canopy/h_canopy", "cloud": "cloud_flag_atm", "water": "segment_watermask",
+            "scattering": "msw_flag", "doubtful": "terrain_flg",
+        },
+        {
+            "cloud over the point": ("cloud", np.greater, 1.0),
+            "water": ("water", np.equal, 1.0),
+            "light scattered more than once": ("scattering", np.greater, 1.0),
+            "terrain flagged by the product": ("doubtful", np.equal, 0.0),
+        },
+    ),
+    "GEDI02_A": Product(
+        "GEDI L2A", "BEAM", "",
+        {
+            "lon": "lon_lowestmode", "lat": "lat_lowestmode", "height": "elev_lowestmode",
+            "sensitivity": "sensitivity", "quality": "quality_flag", "degraded": "degrade_flag",
+            "surface": "surface_flag", "modes": "num_detectedmodes", "heights": "rh",
+        },
+        {
+            "flagged by the product": ("quality", np.not_equal, 1.0),
+            "orbit or pointing degraded": ("degraded", np.greater, 0.0),
+            "far from the terrain known there": ("surface", np.equal, 0.0),
+            "too little sensitivity": ("sensitivity", np.less, 0.9),
+        },
+        stated_sigma_m=1.0,
+    ),
+}  # fmt: skip
+
+
+def read_granule(path: str) -> LaserPoints:
+    """Return all points of a granule with heights; raise `InputError` where it is none that is known."""
+    dataset = None
+    with gdal_messages() as messages:
+        dataset = gdal.OpenEx(path, gdal.OF_MULTIDIM_RASTER, allowed_drivers=["HDF5"])
+    if dataset is None:
+        if gdal.GetDriverByName("HDF5") is None:
+            raise InputError(f"{path}: this GDAL reads no HDF5: get the points as GeoParquet or CSV from SlideRule")
+        raise InputError(f"{path}: cannot be opened as HDF5 ({' '.join(messages) or 'damaged'}): get it again")
+    with quiet():
+        root = dataset.GetRootGroup()
+        for product in PRODUCTS.values():
+            found = list(_read_beams(path, root, product))
+            if found:
+                return _stack_beams(path, product, found)
+    titles = ", ".join(product.title for product in PRODUCTS.values())
+    raise InputError(f"{path}: is no granule that is known ({titles}): name another file")
+
+
+def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple[str, BeamArrays]]:
+    """Yield the beams of a product that have heights, with their arrays."""
+    for beam in root.GetGroupNames() or []:
+        if not beam.startswith(product.beam):
+            continue
+        place = f"/{beam}/{product.points}".rstrip("/")
+        arrays = {name: values for name, below in product.arrays.items()
+                  if (values := _read_array(path, root, f"{place}/{below}")) is not None}  # fmt: skip
+        if {"lon", "lat", "height"} <= arrays.keys():
+            count = len(arrays["height"])
+            damaged = [name for name, values in arrays.items() if len(values) != count]
+            if damaged:
+                raise InputError(f"{path}, {place}: {', '.join(sorted(damaged))} have another length than the heights: "
+                                 "get it again")  # fmt: skip
+            yield beam, arrays
+
+
+def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
+    """Return an array as numbers, NaN where it is filled; None where the granule has none of that name."""
+    try:
+        array = root.OpenMDArrayFromFullname(name)
+    except RuntimeError:
+        return None
+    if array is None:
+        return None
+    size = int(np.prod([dimension.GetSize() for dimension in array.GetDimensions()], dtype=np.float64))
+    if size > FILE_BUDGETS.laser_values:
+        raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: get it again")
+    values = None
+    with gdal_messages() as messages:
+        values = array.ReadAsArray()
+    if values is None:
+        raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): get it again")
+    numbers = np.asarray(values, dtype=np.float64)
+    return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GRANULE_FILL.lowest), np.nan, numbers)
+
+
+def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:
+    """Return the beams' points as one table."""
+    parts: dict[str, list[np.ndarray]] = {}
+    name = os.path.basename(path)
+    for beam, arrays in beams:
+        ground = np.column_stack([arrays["lon"], arrays["lat"], arrays["height"]])
+        known = np.flatnonzero(np.isfinite(ground).all(axis=1))
+        empty = np.full(len(ground), np.nan)
+        doubt = np.full(len(ground), "", dtype="U64")
+        for why, (name_of_array, compare, limit) in product.doubts.items():
+            if name_of_array in arrays:
+                doubt[compare(arrays[name_of_array], limit) & (doubt == "")] = why
+        canopy = arrays["heights"][:, -3] if arrays.get("heights", empty).ndim == 2 else arrays.get("canopy", empty)
+        columns = {
+            "ground": ground, "sigma_m": arrays.get("sigma", np.full(len(ground), product.stated_sigma_m)),
+            "slope": arrays.get("slope", empty), "misfit_m": arrays.get("misfit", empty),
+            "photons": arrays.get("photons", empty), "canopy_m": canopy, "doubt": doubt,
+            "track": np.full(len(ground), name),
+            "ids": np.char.add(f"{beam}-", np.arange(len(ground)).astype(str)),
+        }  # fmt: skip
+        for column, values in columns.items():
+            parts.setdefault(column, []).append(values[known])
+    joined = {column: np.concatenate(values) for column, values in parts.items()}
+    return LaserPoints.create(joined.pop("ground"), source=path, **joined)

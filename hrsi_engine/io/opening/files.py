@@ -1,0 +1,37 @@
+"""JSON files and rasters of any origin, read within their budgets and refused in words where they are none."""
+
+import json
+import os
+from typing import Any
+
+from osgeo import gdal
+
+from ...foundation.errors import InputError
+from .budgets import require_raster, require_size
+from .datasets import check_advice, open_dataset
+
+
+def read_json(path: str, kind: str) -> Any:
+    """Return what a JSON file (UTF-8, with or without a byte order mark) holds.
+
+    ``kind`` is what it is read as, one of `budgets.MOST_BYTES`. Raises `InputError` where it cannot be read, is too
+    large, or no JSON.
+    """
+    require_size(path, kind)
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            return json.load(file)
+    except (OSError, ValueError, RecursionError) as error:  # the last: brackets nested thousands deep
+        raise InputError(f"{path}: is no JSON that can be read ({error}): get the file again") from None
+
+
+def open_raster(path: str) -> gdal.Dataset:
+    """Return an image opened by GDAL; raise `InputError` where it is none."""
+    dataset, message = open_dataset(path)
+    if dataset is None and not path.startswith("/vsi") and ":" not in path and not os.path.exists(path):
+        raise InputError(f"{path}: no such file: check the path")
+    if dataset is None or dataset.RasterCount < 1:
+        reason = f" ({message})" if message else ""
+        raise InputError(f"{path}: neither an image nor an RPC file{reason}: {check_advice(path, 'check the file')}")
+    require_raster(path, dataset)
+    return dataset

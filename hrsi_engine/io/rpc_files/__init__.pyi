@@ -1,0 +1,35 @@
+"""RPC files: reading every format that images are delivered with, and writing RPCs back.
+
+`read_rpc` finds the RPC of an image or of an RPC file alone and says where it came from; `RPC_READERS` is the table of
+formats. The writers check what they wrote by reading it again and replace files in one step, so that a killed
+process leaves the old file or the new one.
+"""
+
+# Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
+
+from .fields import FoundRpc as FoundRpc
+from .fields import RpcReader as RpcReader
+from .fields import RpcReading as RpcReading
+from .find import RPC_READERS as RPC_READERS
+from .find import difference_px as difference_px
+from .find import read_back_px as read_back_px
+from .find import read_rpc as read_rpc
+from .find import read_rpc_or_none as read_rpc_or_none
+from .find import rpc_for_image as rpc_for_image
+from .find import rpc_in_folder as rpc_in_folder
+from .find import rpc_of_dataset as rpc_of_dataset
+from .find import rpc_reader_of as rpc_reader_of
+from .in_place import KEEPS_NONE as KEEPS_NONE
+from .in_place import prepare_in_place as prepare_in_place
+from .in_place import prepare_restoring as prepare_restoring
+from .in_place import prepare_sidecar as prepare_sidecar
+from .in_place import require_in_place as require_in_place
+from .in_place import restore as restore
+from .in_place import write_in_place as write_in_place
+from .sidecars import free_the_way as free_the_way
+from .write import Lineage as Lineage
+from .write import prepare_geotiff_copy as prepare_geotiff_copy
+from .write import write_geotiff_copy as write_geotiff_copy
+from .write import write_rpb as write_rpb
+from .write import write_rpc_text as write_rpc_text
+from .write import write_vrt as write_vrt

@@ -1,0 +1,280 @@
+"""RPC files that are XML: those of Maxar, Airbus and EnMAP, and GDAL's own.
+
+* ISD XML of DigitalGlobe / Maxar (WorldView, GeoEye): ``<isd>`` with an ``<RPB>`` part. A product in tiles,
+  ``…_R1C2-…_P001.TIF``, has one file ``…-…_P001.XML``, whose ``<TIL>`` part places them.
+* DIMAP XML of Airbus, the RPC file and the product file ``DIM_*.XML`` that names it. The first pixel is (1, 1) in V2
+  (SPOT 6/7, Pleiades) and (0, 0) in V3 (Pleiades Neo). The version decides about that, as in GDAL: the validity domain
+  (FIRST_ROW, FIRST_COL) agrees with it in whole scenes, but may also begin at -27 or inside the scene. Only the
+  ground-to-image half is used (``Inverse_Model`` in V2, ``GroundtoImage_Values`` in V3). The ERR_BIAS of these files is
+  the fit of the RPC in pixels, not the accuracy on the ground: it is not taken over. The RPC's HEIGHT_OFF may be a
+  fiction (4000 m in Pleiades Neo); the product file states the height of the scene's middle.
+* EnMAP's ``METADATA.XML`` of level 1B: an RPC for each band, ``navigation/RPC/bandID``, rows and columns from 0. The
+  bands of the VNIR camera come first, then those of SWIR. Of an image the first band is read, so that its RPC is that
+  of the image's first band. Source: EnMAP HSI Level 1B product specification, EN-PCV-ICD-2009.
+* GDAL's own side file ``<image>.aux.xml`` (PAM): metadata domain ``RPC``.
+"""
+
+import os
+import re
+from functools import partial
+
+from ...camera.rpc import RPC
+from ...foundation.errors import InputError
+from .content import Element, element_text, finite_number, positive_size, read_xml, siblings, xml_bytes
+from .fields import (
+    ERRORS,
+    POLYNOMIALS,
+    SCALARS,
+    Origin,
+    RpcReader,
+    RpcReading,
+    Text,
+    rpc_from_text,
+    shorten,
+    values_by_number,
+)
+from .text_formats import RPB_NAMES
+
+# ---- ISD -----------------------------------------------------------------------------------------------------------
+
+#: The root element, in any namespace.
+_ISD_ROOT = re.compile(rb"<([\w.-]+:)?isd[\s>]", re.IGNORECASE)
+ISD_MARK = "<!-- writtenBy HRSI -->"  #: in files of ours, which may be replaced
+ISD_NAMES = {name: title.upper() for name, title in RPB_NAMES.items()}
+_ISD_TILE = re.compile(r"_(r\d{1,3}c\d{1,3})(?=-)")
+
+
+def read_isd(path: str) -> RpcReading:
+    """Return the RPC of an ISD XML file and the size of its image (NUMCOLUMNS, NUMROWS)."""
+    root = read_xml(path)
+    part = next(root.iter("RPB"), None)
+    if part is None:
+        raise InputError(f"{path}: the RPB element is missing: this product was delivered without RPC")
+    values: dict[str, Text | None] = {name: element_text(part, ISD_NAMES[name]) for name in SCALARS}
+    values |= {name: text for name in ERRORS if (text := element_text(part, ISD_NAMES[name]) or "").strip("0. ")}
+    values |= {name: (element_text(part, ISD_NAMES[name]) or "").split() for name in POLYNOMIALS}
+    size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
+    return RpcReading(rpc_from_text(path, values, ISD_NAMES), size, sensor=element_text(root, "SATID") or "")
+
+
+def isd_text(rpc: RPC) -> str:
+    """Return the content of an ISD XML file that holds an RPC and nothing else, all digits."""
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {ISD_MARK}", " <RPB>", "  <SPECID>RPC00B</SPECID>"]
+    lines.append("  <IMAGE>")
+    for name in (*ERRORS, *SCALARS):  # GDAL wants all of them; an accuracy that is not known is 0
+        lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
+    for name in POLYNOMIALS:
+        numbers, tag = " ".join(map(repr, getattr(rpc, name).tolist())), ISD_NAMES[name]
+        lines.append(f"   <{tag}List><{tag}>{numbers}</{tag}></{tag}List>")
+    return "\n".join([*lines, "  </IMAGE>", " </RPB>", "</isd>"]) + "\n"
+
+
+def _find_tile(image_path: str, side_file: str) -> Origin | None:
+    """Return the product's (sample, line) of the first pixel of a tile ``…_R1C2-…``; None for other names.
+
+    Raises `InputError` where the product's file does not place the tile.
+    """
+    tile = _ISD_TILE.search(os.path.basename(image_path).lower())
+    if tile is None:
+        return None
+    for listed in read_xml(side_file).iter("TILE"):
+        named = _ISD_TILE.search((element_text(listed, "FILENAME") or "").lower())
+        sample, line = (finite_number(element_text(listed, name)) for name in ("ULCOLOFFSET", "ULROWOFFSET"))
+        if named is not None and named[1] == tile[1] and sample is not None and line is not None:
+            return sample, line
+    raise InputError(f"{image_path}: is a tile that {os.path.basename(side_file)} does not place: get that file again")
+
+
+ISD = RpcReader(
+    "ISD XML",
+    lambda stem: tuple(f"{name}.xml" for name in dict.fromkeys([stem, _ISD_TILE.sub("", stem)])),  # its product's, too
+    lambda name, head: _ISD_ROOT.search(head[:2000]) is not None,
+    read_isd,
+    _find_tile,
+)
+
+# ---- DIMAP ---------------------------------------------------------------------------------------------------------
+
+DIMAP_NAMES = {name: name.upper() for name in SCALARS} | {name: f"{name.upper()}_COEFF" for name in POLYNOMIALS}
+DIMAP_NAMES |= {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}
+#: Elements with the ground-to-image coefficients, V2 then V3.
+_GROUND_TO_IMAGE = ("Inverse_Model", "GroundtoImage_Values")
+#: The root element, in any namespace.
+_DIMAP_ROOT = re.compile(rb"<([\w.-]+:)?Dimap_Document[\s>]")
+_DIMAP_TILE = re.compile(r"_r(\d{1,3})c(\d{1,3})$")
+
+
+def read_dimap(path: str) -> RpcReading:
+    """Return the RPC of a DIMAP RPC file, or of the one that a product file names, with the scene's size and height."""
+    root = read_xml(path)
+    if _find_first(root, _GROUND_TO_IMAGE) is not None:
+        _name, product = _find_product(path)
+        described = None if product is None else read_xml(product)
+    else:
+        path, described = _find_rpc_file(path, root), root
+        root = read_xml(path)
+    reading = _read_model(path, root)
+    if described is None:
+        return reading
+    size = positive_size(element_text(described, "NCOLS"), element_text(described, "NROWS"))
+    centre = described.find(".//Dataset_Extent//Center")
+    height_m = None if centre is None else finite_number(element_text(centre, "H"))
+    return RpcReading(reading.rpc, reading.size or size, height_m, reading.sensor)
+
+
+def _read_model(path: str, root: Element) -> RpcReading:
+    model, validity = _find_first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
+    if model is None or validity is None:
+        raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: get the file again")
+    coefficients = {element.tag: element.text or "" for element in model}
+    values: dict[str, Text | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
+    values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
+    rpc = rpc_from_text(path, values, DIMAP_NAMES)
+    # Sample and line of the first pixel's centre as this version counts: 1 or 0
+    version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
+    first = {"2": 1, "3": 0}.get(version.strip()[:1])
+    if first is None:
+        raise InputError(f"{path}: METADATA_FORMAT version is {shorten(version)!r}: DIMAP versions 2 and 3 are known")
+    # The scene's size where the validity domain begins at the first pixel
+    domain = _find_first(root, ("Direct_Model_Validity_Domain", "ImagetoGround_Validity_Domain"))
+    told = {child.tag: (child.text or "").strip() for child in (domain if domain is not None else ())}
+    begins = told.get("FIRST_COL") == told.get("FIRST_ROW") == str(first)
+    last = positive_size(told.get("LAST_COL"), told.get("LAST_ROW")) if begins else None
+    size = None if last is None else (last[0] - first + 1, last[1] - first + 1)
+    return RpcReading(rpc.shift(-first, -first), size, sensor=element_text(root, "METADATA_PROFILE") or "")
+
+
+def _find_rpc_file(path: str, product: Element) -> str:
+    """Return the RPC file that a product file names; raise `InputError` that says what it is where it names none."""
+    model = product.find(".//Geoposition_Models//COMPONENT_PATH")
+    if model is None:
+        mission = " ".join(filter(None, (element_text(product, name) for name in ("MISSION", "MISSION_INDEX"))))
+        level = element_text(product, "PROCESSING_LEVEL") or element_text(product, "DATA_PROCESSING_LEVEL")
+        raise InputError(
+            f"{path}: a DIMAP product{f' of {shorten(mission)}' if mission else ''}"
+            f"{f', level {shorten(level)}' if level else ''}, which names no RPC file: this product was delivered "
+            "with orbit and attitudes or map coordinates instead; make an RPC from a grid of them with fit-rpc, or "
+            "order the sensor product with RPC"
+        )
+    named = model.get("href", "").replace("\\", "/")
+    file = siblings(path).get(named.removeprefix("./").lower())
+    if file is None:
+        raise InputError(f"{path}: names the RPC file {shorten(named, 80)!r}, which is not beside it: put it there")
+    return file
+
+
+def _find_product(rpc_file: str) -> tuple[str, str | None]:
+    """Return the name of the product file ``dim_x.xml`` beside ``RPC_x.XML``, and its path, if it is there."""
+    name = "dim_" + os.path.basename(rpc_file).lower().removeprefix("rpc_")
+    return name, siblings(rpc_file).get(name)
+
+
+def _find_first(root: Element, names: tuple[str, ...]) -> Element | None:
+    return next((element for name in names for element in root.iter(name)), None)
+
+
+def _is_dimap(name: str, head: bytes) -> bool:
+    is_named = name.startswith("rpc_") and name.endswith(".xml") and not _ISD_ROOT.search(head)
+    return is_named or _DIMAP_ROOT.search(head[:4000]) is not None
+
+
+def _is_product(head: bytes) -> bool:
+    return _DIMAP_ROOT.search(head[:4000]) is not None and not any(name.encode() in head for name in _GROUND_TO_IMAGE)
+
+
+def _dimap_names(stem: str) -> tuple[str, ...]:
+    """Return RPC_x.xml for IMG_x, its tiles IMG_x_R1C1 and groups of bands IMG_x_P_R1C1, and the image's own stem."""
+    image = stem.removeprefix("img_")
+    product = _DIMAP_TILE.sub("", image)
+    of_all_bands = re.sub(r"_(p|ms|pms|rgb|ned)$", "", product)  # as the RPC file of Pleiades Neo is
+    names = [f"rpc_{name}.xml" for name in (product, of_all_bands, image)]
+    return tuple(dict.fromkeys([*names, f"{stem}_rpc.xml", f"{stem}.xml"]))
+
+
+def _find_dimap_tile(image_path: str, side_file: str) -> Origin | None:
+    """Return the scene's (sample, line) of the first pixel of a tile ``IMG_x_R2C3``; None for other names.
+
+    The tile size stands in the product's ``DIM_x.XML``. Raises `InputError` where that is missing, but for the first
+    tile, which begins with its scene.
+    """
+    match = _DIMAP_TILE.search(os.path.splitext(os.path.basename(image_path))[0].lower())
+    if match is None:
+        return None
+    row, column = int(match[1]), int(match[2])
+    if (row, column) == (1, 1):
+        return 0.0, 0.0
+    name, product = _find_product(side_file)
+    if product is None:
+        raise InputError(f"{image_path}: is a tile, and {name} with the tile size is not beside it: put it there")
+    size = next(read_xml(product).iter("NTILES_SIZE"), None)
+    tile = None if size is None else positive_size(size.get("ncols"), size.get("nrows"))
+    if tile is None:
+        raise InputError(f"{product}: NTILES_SIZE with ncols and nrows is missing: get the file again")
+    return float((column - 1) * tile[0]), float((row - 1) * tile[1])
+
+
+DIMAP = RpcReader("DIMAP XML", _dimap_names, _is_dimap, read_dimap, _find_dimap_tile, _is_product)
+
+# ---- EnMAP ---------------------------------------------------------------------------------------------------------
+
+ENMAP_NAMES = {
+    name: name.upper().replace("LINE", "ROW").replace("SAMP", "COL") for name in (*SCALARS, *POLYNOMIALS)
+} | {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}  # fmt: skip
+#: The root element, in any namespace.
+_ENMAP_ROOT = re.compile(rb"<([\w.-]+:)?level_X[\s>]")
+
+
+def read_enmap(image_path: str, path: str) -> RpcReading:
+    """Return the RPC of an image's first band, and its size; the first of SWIR for an image of that name."""
+    root, swir = read_xml(path), os.path.splitext(image_path)[0].lower().endswith("_swir")
+    bands = [band for model in root.iter("RPC") for band in model.iter("bandID")]
+    if not bands:
+        raise InputError(f"{path}: EnMAP metadata without navigation/RPC: only products of level 1B have RPCs")
+    before = (root.findtext(".//vnir//channels") or "") if swir else "0"
+    number = int(before) if before.strip().isdigit() else -1
+    if not 0 <= number < len(bands):
+        raise InputError(f"{path}: has {len(bands)} RPCs and does not say which is the image's: get the file again")
+    entries = {element.tag.upper().replace("_", ""): element.text or "" for element in bands[number]}
+    values: dict[str, Text | None] = {key: entries.get(ENMAP_NAMES[key].replace("_", "")) for key in SCALARS}
+    for name in POLYNOMIALS:
+        key = ENMAP_NAMES[name].replace("_", "")
+        values[name] = values_by_number(entries, key, range(1, 21)) or values_by_number(entries, key, range(1, 21), 2)
+    size = positive_size(element_text(root, "widthOfScene"), element_text(root, "heightOfScene"))
+    return RpcReading(rpc_from_text(path, values, ENMAP_NAMES), size)
+
+
+def _is_enmap(name: str, head: bytes) -> bool:
+    return name.endswith(".xml") and _ENMAP_ROOT.search(head[:4000]) is not None and b"EnMAP" in head
+
+
+def _enmap_names(stem: str) -> tuple[str, ...]:
+    product, _, rest = stem.partition("-spectral_image")
+    return (f"{product}-metadata.xml",) if rest else ()
+
+
+ENMAP = RpcReader(
+    "EnMAP metadata", _enmap_names, _is_enmap, partial(read_enmap, ""), is_product=lambda _: True,
+    read_beside=read_enmap,
+)  # fmt: skip
+
+# ---- PAM -----------------------------------------------------------------------------------------------------------
+
+
+def read_domain(path: str, domain: str) -> dict[str, str]:
+    """Return one metadata domain of the dataset (not of its bands), empty where there is none.
+
+    Raises `InputError` where the file is not well-formed XML.
+    """
+    for element in read_xml(path).findall("Metadata"):
+        if element.get("domain") == domain:
+            return {item.get("key", ""): item.text or "" for item in element.findall("MDI")}
+    return {}
+
+
+def without_domain(path: str, domain: str) -> bytes:
+    """Return the content of a ``.aux.xml`` file with one metadata domain left out."""
+    root = read_xml(path)
+    for element in root.findall("Metadata"):
+        if element.get("domain") == domain:
+            root.remove(element)
+    return xml_bytes(root)
