@@ -13,11 +13,12 @@ __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "adjustment": "AdjustOptions Adjustment adjust",
     "refinement": "MODELS",
     "refinement.estimate": "Control",
-    "refinement.refine": "compare_models refine_rpc",
+    "refinement.refine": "refine_rpc",
     "refinement.selection": "choose_model",
     "measurement": "TieOptions find_tie_points",
     "plausibility": "check_block",
     "results.residuals": "compute_residuals",
     "results.verdict": "judge",
     "io": "open_image read_rpc",
+    "laboratory.direct_methods": "compare_models",
 })  # fmt: skip

@@ -174,7 +174,12 @@ def find_common_drift(
     ])  # fmt: skip
     basis, size, _ = np.linalg.svd(modes, full_matrices=False)
     basis = basis[:, size > COMMON_DRIFT.least_mode * size[0]]
-    alike = _count_points_per_patch(observations, images) if only_ties else 1.0
+    points = patches = 0  # how many image points stand for one that errs by itself
+    for index in images.tolist() if only_ties else ():
+        xy = observations.xy[observations.by_image[index]]
+        points += len(xy)
+        patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
+    alike = max(points / max(patches, 1), 1.0)
     return CommonDrift(camera, own, sigma[own], basis, alike, np.zeros((basis.shape[1], basis.shape[1])))
 
 
@@ -202,13 +207,3 @@ def _derive_fields(
         monomials = np.stack([np.prod((away_m / reach_m) ** power, axis=1) for power in powers], axis=1)
         fields = at.by_ground[:, :, :, None] * monomials[:, None, None, :]
         yield index, at.by_values.reshape(2 * len(xy), -1), -fields.reshape(2 * len(xy), -1)
-
-
-def _count_points_per_patch(observations: Observations, images: np.ndarray) -> float:
-    """Return how many image points of a part stand for one that errs by itself, at least 1."""
-    points = patches = 0
-    for index in images.tolist():
-        xy = observations.xy[observations.by_image[index]]
-        points += len(xy)
-        patches += len(np.unique(np.floor(xy / COMMON_DRIFT.patch_px), axis=0))
-    return max(points / max(patches, 1), 1.0)

@@ -15,7 +15,7 @@ The scale of the parallaxes is that of a normal distribution on a uniform backgr
 A measurement takes part in the start where it agrees with half of the others of its point that it was compared with.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
@@ -38,15 +38,13 @@ class PARALLAX:
     neighbours: int = threshold(4, "rays", "rays of a long track that each ray is compared with, to either side")
     quantile: float = threshold(
         0.3, "",
-        "share of an image pair's parallaxes that are right for sure: (1 - 0.4)² = 0.36 with 40 % wrong "
-        "measurements",
+        "share of an image pair's parallaxes that are right for sure: (1 - 0.4)² = 0.36 with 40 % wrong measurements",
         "least quantile of squares (Rousseeuw and Leroy 1987)",
     )  # fmt: skip
     sample: int = threshold(64, "parallaxes", "parallaxes of an image pair that choose its plane")
     planes_tried: int = threshold(
         80, "planes",
-        "planes tried besides level ones: 98 % of the samples hit three right parallaxes where 36 % are "
-        "right",
+        "planes tried besides level ones: 98 % of the samples hit three right parallaxes where 36 % are right",
         "probability: 1 - (1 - 0.36³)^80",
     )  # fmt: skip
     least_for_plane: int = threshold(20, "parallaxes", "fewer carry a constant only")
@@ -87,10 +85,13 @@ def find_agreeing_measurements(
     used : (m,) mask of the points to compare; the measurements of all others count as agreeing
     """
     agreeing = np.ones(observations.count, dtype=bool)
+    parts: list[np.ndarray] = []  # of points with equal numbers of measurements, two or more
+    for length, points in observations.by_length.items():
+        chosen = points[used[points]]
+        if length >= 2 and len(chosen):
+            parts += np.array_split(chosen, 1 + len(chosen) * length // (2 * POINTS_AT_ONCE))
     with ThreadPoolExecutor(thread_count(0)) as pool:
-        found = list(
-            pool.map(partial(_compute_parallaxes, equations, observations, state), _split_by_length(observations, used))
-        )
+        found = list(pool.map(partial(_compute_parallaxes, equations, observations, state), parts))
     if not found:
         return agreeing
     pairs = Parallaxes(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
@@ -103,14 +104,6 @@ def find_agreeing_measurements(
         compared += np.bincount(rows, minlength=len(compared))
         agreed += np.bincount(rows, weights=near, minlength=len(compared))
     return np.asarray(2.0 * agreed >= compared)
-
-
-def _split_by_length(observations: Observations, used: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield points with equal numbers of measurements, two or more."""
-    for length, points in observations.by_length.items():
-        chosen = points[used[points]]
-        if length >= 2 and len(chosen):
-            yield from np.array_split(chosen, 1 + len(chosen) * length // (2 * POINTS_AT_ONCE))
 
 
 def _compute_parallaxes(
@@ -157,7 +150,14 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 
     An image pair with few parallaxes has a constant instead; with less than three nothing to compare.
     """
-    order, rows, bounds = _sort_by_image_pair(observations, pairs)
+    one, other = observations.image[pairs.first], observations.image[pairs.second]
+    number = np.min_scalar_type(len(observations.images))  # the fewer bytes, the faster they are sorted
+    smaller, larger = np.minimum(one, other).astype(number), np.maximum(one, other).astype(number)
+    order = np.lexsort((larger, smaller))
+    begins = np.ones(len(order), dtype=bool)
+    begins[1:] = (np.diff(smaller[order]) != 0) | (np.diff(larger[order]) != 0)
+    bounds = np.r_[np.flatnonzero(begins), len(order)]  # where pairs of images begin, and the last one ends
+    rows = np.where(one > other, pairs.second, pairs.first)[order]  # on the first image
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
@@ -175,8 +175,9 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         planes, tilted = np.zeros((len(part), 3)), size >= PARALLAX.least_for_plane
         kept = (PARALLAX.sample * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
         samples = terms[picked], y[picked], sigma[picked], kept
-        planes[~tilted, :1] = _fit_constants(nearest, *(sample[~tilted] for sample in samples))
         planes[tilted] = _fit_planes(nearest, three, *(sample[tilted] for sample in samples))
+        samples = samples[0][:, :, :1], *samples[1:]
+        planes[~tilted, :1] = _fit_planes(nearest, None, *(sample[~tilted] for sample in samples))
         here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
@@ -193,53 +194,45 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
     return departure, judged
 
 
-def _sort_by_image_pair(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the order of the parallaxes by image pairs, their rows on the first image, and where pairs begin and end.
-
-    The last is one longer than there are pairs.
-    """
-    one, other = observations.image[pairs.first], observations.image[pairs.second]
-    number = np.min_scalar_type(len(observations.images))  # the fewer bytes, the faster they are sorted
-    smaller, larger = np.minimum(one, other).astype(number), np.maximum(one, other).astype(number)
-    order = np.lexsort((larger, smaller))
-    begins = np.ones(len(order), dtype=bool)
-    begins[1:] = (np.diff(smaller[order]) != 0) | (np.diff(larger[order]) != 0)
-    bounds = np.r_[np.flatnonzero(begins), len(order)]
-    return order, np.where(one > other, pairs.second, pairs.first)[order], bounds
-
-
 def _fit_planes(
-    nearest: Nearest, three: np.ndarray, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+    nearest: Nearest, three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
     """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
 
     ``three (p, t, 3)`` are the numbers of the parallaxes that planes are laid through; ``terms (p, s, 3)`` are 1 and
-    the position in the image; ``kept (p,)`` is how many parallaxes are right for sure, less one.
+    the position in the image; ``kept (p,)`` is how many parallaxes are right for sure, less one. Without ``three``
+    there are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have the constant alone.
     """
-    level = np.zeros((*y.shape, 3))
-    level[:, :, 0] = y
-    pair = np.arange(len(y))[:, None, None]
-    tried = np.concatenate([level, _lay_planes_through(terms[pair, three], y[pair, three])], axis=1)
+    tried = np.zeros((*y.shape, terms.shape[2]))
+    tried[:, :, 0] = y
+    if three is not None:
+        tried = np.concatenate([tried, _lay_planes_through(terms, y, three)], axis=1)
     plane = tried[np.arange(len(y)), nearest(terms, y, sigma, tried, kept)]
-    flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])
+    flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
         weight = _weigh_nearest(y - (terms @ plane[:, :, None])[:, :, 0], sigma, kept)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
-        normal[:, range(3), range(3)] += flat * weight.sum(axis=1)[:, None]
+        normal[:, range(len(flat)), range(len(flat))] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
     return plane
 
 
-def _fit_constants(
-    nearest: Nearest, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
-) -> np.ndarray:
-    """Return the constant ``(p, 1)`` of image pairs with too few parallaxes for a plane, found as `_fit_planes` are."""
-    constant, one = y[:, :, None], terms[:, :, :1]
-    level = constant[np.arange(len(y)), nearest(one, y, sigma, constant, kept)]
-    for _ in range(PLANE_STEPS):
-        weight = _weigh_nearest(y - level, sigma, kept)
-        level = ((weight * y).sum(axis=1) / weight.sum(axis=1))[:, None]
-    return level
+def _lay_planes_through(terms: np.ndarray, y: np.ndarray, three: np.ndarray) -> np.ndarray:
+    """Return the planes ``(p, t, 3)`` through three parallaxes each, by Cramer's rule; level ones of three on a line.
+
+    Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
+    """
+    pair = np.arange(len(y))[:, None, None]
+    (first, second, third), y_of_three = np.moveaxis(terms[pair, three], 2, 0), y[pair, three]
+    minors = np.stack([
+        _multiply_as_vectors(second, third), _multiply_as_vectors(third, first), _multiply_as_vectors(first, second),
+    ], axis=-2)  # fmt: skip
+    area = (minors[..., 0, :] * first).sum(axis=-1)
+    spread = np.abs(area) > LEAST_AREA
+    through = (minors * y_of_three[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
+    through[~spread] = 0.0
+    through[~spread, 0] = y_of_three[~spread, 0]
+    return through
 
 
 def _weigh_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -247,24 +240,6 @@ def _weigh_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) ->
     apart = np.abs(residual) / sigma
     limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
     return np.where(apart <= limit, 1.0 / sigma**2, 0.0)
-
-
-def _lay_planes_through(terms: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the planes ``(…, 3)`` through three parallaxes each, by Cramer's rule; level ones of three on a line.
-
-    Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
-    """
-    first, second, third = (terms[..., k, :] for k in range(3))
-    minors = np.stack(
-        [_multiply_as_vectors(second, third), _multiply_as_vectors(third, first), _multiply_as_vectors(first, second)],
-        axis=-2,
-    )
-    area = (minors[..., 0, :] * first).sum(axis=-1)
-    spread = np.abs(area) > LEAST_AREA
-    plane = (minors * y[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
-    plane[~spread] = 0.0
-    plane[~spread, 0] = y[~spread, 0]
-    return plane
 
 
 def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ a say (its image points E left out; the survey says where it is) is predicted wi
 to which comes, for a model that delivers a part of the drift only, the rest of it at the image point.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import special
@@ -21,7 +21,7 @@ from scipy import special
 from ..foundation.large_arrays import any_of_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.image_space import IMAGE_SPACE, ImagePolynomial, add_drift_parameters
-from ..refinement.selection import DRIFTING, NESTED_MODELS, select_simplest
+from ..refinement.selection import DRIFTING, NESTED_MODELS
 from .blunders.discrepancies import Discrepancies, compute_derivatives
 from .delivery import compute_gain, sum_squares
 from .equations import NormalEquations, choose_camera_system
@@ -41,24 +41,6 @@ class DELIVERY:
     risk: float = threshold(0.01, "", "error probability of the chi² test whether the same is a drift at all")
 
 
-@dataclass(frozen=True, eq=False)
-class LeftOutPredictions:
-    """Squared leave-one-out errors of GCPs in px², mean over the images of each, by model ``(g,)``."""
-
-    squared: Mapping[str, np.ndarray]
-    too_simple: tuple[str, ...] = ()
-
-    @property
-    def rmse_px(self) -> dict[str, float]:
-        """RMS errors (2D) by model."""
-        return {name: float(np.sqrt(np.mean(squared))) for name, squared in self.squared.items()}
-
-    def choose_model(self) -> tuple[str, str]:
-        """Return the simplest model within one standard error of the best, and the reason."""
-        judged = {name: squared for name, squared in self.squared.items() if name not in self.too_simple}
-        return select_simplest(judged, standard_errors=1.0)
-
-
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
     """Return the GCPs that hold a solution and whose surveys ``(m, 3)`` say where they are on every image."""
     known = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
@@ -68,10 +50,11 @@ def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.nd
 
 def predict_left_out(
     problem: Problem, loop: GaussNewton, solution: Solution, control: Discrepancies
-) -> LeftOutPredictions:
-    """Return the leave-one-out predictions of the GCPs of ``control`` by the model, and by those nested in it.
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Predict the GCPs of ``control`` without each, by the model and by those nested in it.
 
-    Its factors are those in the system of the loop.
+    Its factors are those in the system of the loop. Returned are, by model, the squared errors ``(g,)`` in px², mean
+    over the images of each GCP; and the models that are too simple: the drift that they leave shows in the ties.
     """
     gcps, values = len(control.points), solution.state.values
     errors, change = [], np.zeros((values.size, gcps))
@@ -82,7 +65,7 @@ def predict_left_out(
         change[:, gcp] = control.by_unknown[out].T @ normal
     camera, asked = problem.camera, problem.model.name
     if not isinstance(camera, ImagePolynomial):
-        return LeftOutPredictions({asked: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])})
+        return {asked: np.array([np.mean(np.sum(error**2, axis=1)) for error in errors])}, ()
     without = values[:, :, None] - loop.system.solve(change.reshape(*values.shape, gcps))
     squares, derivatives = (
         sum_squares(problem, camera, solution),
@@ -116,7 +99,7 @@ def predict_left_out(
             error = errors[gcp] + np.einsum("kcp,kp->kc", derivatives[point][0], drift)
             of_model.append(np.mean(np.sum(error**2, axis=1)))
         squared[name] = np.array(of_model)
-    return LeftOutPredictions(squared, tuple(too_simple))
+    return squared, tuple(too_simple)
 
 
 def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndarray:

@@ -33,7 +33,7 @@ class CameraDelivery(NamedTuple):
 def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> CameraDelivery:
     """Return the cameras of the model, and the points by them."""
     squares = compute_drift_squares(problem, solution)
-    gain = _solve_gain(problem, loop, squares)
+    gain = compute_drift_gain(problem, loop, squares)
     if gain is None:
         return CameraDelivery(solution.state.values, solution.state.ground, solution.normals.residual, squares)
     values = absorb_drift(solution.state.values, gain)
@@ -42,12 +42,8 @@ def deliver_cameras(problem: Problem, loop: GaussNewton, solution: Solution) -> 
     return CameraDelivery(values, ground, equations.compute_residuals(State(values, ground)), squares)
 
 
-def compute_drift_gain(problem: Problem, loop: GaussNewton, solution: Solution) -> np.ndarray | None:
+def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
     """Return what the delivered values take over of the drift, ``(cameras, p, q - p)``; None without a drift."""
-    return _solve_gain(problem, loop, compute_drift_squares(problem, solution))
-
-
-def _solve_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
     p, q = len(problem.model.parameters), squares.shape[1]
     return None if p == q else compute_gain(squares, loop.prior_weight, np.arange(p), np.arange(p, q))
 

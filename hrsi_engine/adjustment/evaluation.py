@@ -141,7 +141,14 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     first, second, key = first[order], second[order], key[order]
     begin = np.flatnonzero(np.diff(key, prepend=-1))
     group = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(key)))
-    normal = _compute_null_vectors(np.concatenate([fit.by_ground[first], fit.by_ground[second]], axis=1), begin, group)
+    # The left null vectors, signed 3 x 3 minors of B (n, 4, 3), those of a pair of images to one side
+    both = np.concatenate([fit.by_ground[first], fit.by_ground[second]], axis=1)
+    normal = np.stack([(-1.0) ** row * np.linalg.det(np.delete(both, row, axis=1)) for row in range(4)], axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal *= np.where(np.einsum("nk,nk->n", normal, normal[begin][group]) < 0.0, -1.0, 1.0)[:, None]
+    middle = np.add.reduceat(normal[:, :2], begin)
+    largest = middle[np.arange(len(begin)), np.argmax(np.abs(middle), axis=1)]
+    normal *= np.where(largest >= 0.0, 1.0, -1.0)[group, None]
     across = np.einsum("nk,nk->n", normal, np.concatenate([fit.fit_px[first], fit.fit_px[second]], axis=1))
     lines = np.linalg.norm(normal.reshape(-1, 2, 2), axis=2)  # n is (n1, n2): n1 is normal to the line in image 1
     epipolar = across[:, None] / np.maximum(lines, 1e-12)
@@ -198,19 +205,6 @@ def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFi
         typical = float(robust_sigma(np.concatenate([pair.left_px for pair in pairs]))) if pairs else 0.0
         wrong &= largest > reject * max(typical, 1e-9)
     return wrong
-
-
-def _compute_null_vectors(derivatives: np.ndarray, begin: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return unit vectors n ``(n, 4)`` with n'B = 0 of derivatives B ``(n, 4, 3)``, those of a group to one side.
-
-    The components are the signed 3 x 3 minors of B.
-    """
-    vectors = np.stack([(-1.0) ** row * np.linalg.det(np.delete(derivatives, row, axis=1)) for row in range(4)], axis=1)
-    vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
-    vectors *= np.where(np.einsum("nk,nk->n", vectors, vectors[begin][group]) < 0.0, -1.0, 1.0)[:, None]
-    middle = np.add.reduceat(vectors[:, :2], begin)
-    largest = middle[np.arange(len(begin)), np.argmax(np.abs(middle), axis=1)]
-    return np.asarray(vectors * np.where(largest >= 0.0, 1.0, -1.0)[group, None])
 
 
 def compute_survey_residuals_px(block: Block) -> np.ndarray:

@@ -23,7 +23,7 @@ from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.progress import Progress, silent
 from ..ground.geodesy import move_ground
-from .delivery import absorb_drift, compute_drift_gain
+from .delivery import absorb_drift, compute_drift_gain, compute_drift_squares
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
 from .gauss_newton import Weighting
 from .intersection import estimate_start_positions, form_point_equations
@@ -39,15 +39,6 @@ class _PointEquations(NamedTuple):
     observations: Observations
     weighting: Weighting
     ground: np.ndarray
-
-
-class _PointReintersection(NamedTuple):
-    """Points by the cameras delivered: equations, state, weights (n,) and normals there."""
-
-    equations: NormalEquations
-    state: State
-    weight: np.ndarray
-    normals: Normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +69,8 @@ class Follower:
         """Adjust a block; raises what `adjust` raises."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
-        self._gain = compute_drift_gain(self._problem, self._loop, self._last)
+        squares = compute_drift_squares(self._problem, self._last)
+        self._gain = compute_drift_gain(self._problem, self._loop, squares)
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
         self._system: CameraSystem = choose_camera_system(self._pattern)
@@ -131,7 +123,8 @@ class Follower:
     def _select_now(self, block: Block) -> _PointEquations:
         """Return what the points of a block say; a measurement that is as it was weighs what it weighed."""
         whole = self._problem.observations
-        observations = self._with_cameras(select_observations(block, self._problem.options.check_as_ties))
+        selected = select_observations(block, self._problem.options.check_as_ties)
+        observations = replace(selected, camera_of_image=whole.camera_of_image)
         weight = 1.0 / observations.sigma_px**2
         survey = observations.survey_weight.copy()
         names = block.points.ids[observations.points]
@@ -192,8 +185,13 @@ class Follower:
 
     # ---- positions -------------------------------------------------------------------------------------------------
 
-    def _prepare_reintersection(self, others: Collection[str]) -> _PointReintersection | None:
-        """Return the known points and some others, seen by the delivered cameras; None without any."""
+    def _prepare_reintersection(
+        self, others: Collection[str]
+    ) -> tuple[NormalEquations, State, np.ndarray, Normals] | None:
+        """Return equations of the known points and some others by the delivered cameras; None without any.
+
+        With them come the state, the weights ``(n,)`` of the image points and the normals there.
+        """
         problem, points = self._problem, self._problem.observations.points
         wanted = problem.block.known[points] | np.isin(self._ids, list(others))
         wanted &= finite_rows(self.result.ground[points])
@@ -204,7 +202,7 @@ class Follower:
         delivered = absorb_drift(self._last.state.values, self._gain)
         state = State(delivered, self.result.ground[points[wanted]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
-        return _PointReintersection(equations, state, weighting.image, normals)
+        return equations, state, weighting.image, normals
 
     def _reintersect_points(self, delivered: np.ndarray, edited: Collection[str]) -> np.ndarray:
         """Return the positions of the watched points ``(points, 3)`` by other cameras, NaN for edited ones."""
@@ -226,9 +224,6 @@ class Follower:
         return ground
 
     # ---- looking up ------------------------------------------------------------------------------------------------
-
-    def _with_cameras(self, observations: Observations) -> Observations:
-        return replace(observations, camera_of_image=self._problem.observations.camera_of_image)
 
     @cached_property
     def _place_of(self) -> dict[str, int]:

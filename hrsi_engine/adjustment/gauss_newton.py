@@ -18,7 +18,6 @@ from ..ground.geodesy import move_ground
 from .common_drift import CommonDrift
 from .equations import (
     CameraSystem,
-    Cofactors,
     NormalEquations,
     Normals,
     Pattern,
@@ -134,13 +133,10 @@ class GaussNewton:
 
         return self._descend(begin, robust, tolerance, progress)
 
-    def compute_cofactors(self, solution: Solution) -> tuple[np.ndarray | None, Cofactors | None]:
-        """Return the cofactors of the cameras on the pattern and those of points and image points, None if unknown."""
+    def compute_camera_cofactors(self, solution: Solution) -> np.ndarray | None:
+        """Return the cofactors of the cameras on the pattern, None if they are not known."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
-        cameras = self.system.compute_cofactors()
-        if cameras is None:
-            return None, None
-        return cameras, self.equations.compute_cofactors(solution.state, solution.weight, solution.normals, cameras)
+        return self.system.compute_cofactors()
 
     def _descend(self, begin: Callable[[], Solution], robust: str, tolerance: float, progress: Progress) -> Solution:
         """Descend from the solution that ``begin`` makes: none here holds its equations when it is left behind."""
@@ -209,13 +205,9 @@ class GaussNewton:
             State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
         )
         braked = 0.5 * self.system.compute_damping_cost(by_values)
-        promised = 0.5 * (float(np.sum(right * by_values)) + _point_gain(at)) + braked
+        # what the points would bring with the cameras as they are
+        of_points = np.einsum("mi,mij,mj->m", at.normals.point_right, at.normals.inverse, at.normals.point_right)
+        by_points = float(of_points @ at.weighting.contributes)
+        promised = 0.5 * (float(np.sum(right * by_values)) + by_points) + braked
         self.history.append(Iteration(at.cost, promised, damping))
         return Step(ahead, promised, braked)
-
-
-def _point_gain(at: Solution) -> float:
-    """Return the part of the predicted decrease that the points would bring with the cameras as they are."""
-    right = at.normals.point_right
-    gain = np.einsum("mi,mij,mj->m", right, at.normals.inverse, right)
-    return float(gain @ at.weighting.contributes)

@@ -5,11 +5,9 @@ the first measurement carried from its image's centre by the camera's derivative
 in the middle of the RPC's height range: the cameras are nearly linear, a few steps close the rest.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from ..block.block import Image, stack_of
+from ..block.block import stack_of
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from ..refinement.model import RefinementModel
@@ -26,43 +24,35 @@ class START:
     closure_m: float = threshold(10.0, "m", "step at which the ray of an image's centre is settled: it is a start")
 
 
-def estimate_start_positions(observations: Observations, height_m: float | None = None) -> np.ndarray:
+def estimate_start_positions(observations: Observations) -> np.ndarray:
     """Return approximate positions ``(m, 3)``; surveyed coordinates at their survey."""
-    if height_m is None:
-        known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-        height_m = float(np.median(known)) if len(known) else None
     first = observations.first[:-1]
     if not len(first):
         return np.empty((0, 3))
     seen, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in seen.tolist()]
-    centre, outwards = _locate_centres(images, height_m)
-    offset = observations.xy[first] - np.array([one.centre_px for one in images]).reshape(-1, 2)[image]
-    step = np.zeros((len(first), 3))
-    step[:, :2] = (outwards[image] @ offset[:, :, None])[:, :, 0]
-    ground = move_ground(centre[image], step)
-    return np.where(observations.survey_weight > 0.0, observations.survey, ground)
-
-
-def _locate_centres(images: Sequence[Image], height_m: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ground positions ``(k, 3)`` of images' centres and the metres east, north per pixel ``(k, 2, 2)``."""
-    rpcs, stack, centre_px = [image.rpc for image in images], stack_of(images), [image.centre_px for image in images]
-    ground = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs]).reshape(-1, 3)
-    if height_m is not None:
-        ground[:, 2] = height_m
+    rpcs, stack, centre_px = [one.rpc for one in images], stack_of(images), np.array([one.centre_px for one in images])
+    # The ground positions (k, 3) of the images' centres, and the metres east, north per pixel there
+    centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs])
+    known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    if len(known):
+        centre[:, 2] = np.median(known)
     outwards, moving = np.zeros((len(images), 2, 2)), np.arange(len(images))
     for _ in range(CENTRE_STEPS):
         if not len(moving):
             break
-        at, by_ground = stack.project_with_metric_jacobian(moving, ground[moving])
+        at, by_ground = stack.project_with_metric_jacobian(moving, centre[moving])
         outwards[moving] = np.linalg.pinv(by_ground[:, :, :2])
         step = np.zeros((len(moving), 3))
-        step[:, :2] = (outwards[moving] @ (np.array(centre_px)[moving] - at)[:, :, None])[:, :, 0]
-        ground[moving] = move_ground(ground[moving], step)
+        step[:, :2] = (outwards[moving] @ (centre_px[moving] - at)[:, :, None])[:, :, 0]
+        centre[moving] = move_ground(centre[moving], step)
         moving = moving[~(np.abs(step).max(axis=1) < START.closure_m)]
     for number in moving.tolist():  # slower, and safer with odd RPCs
-        ground[number] = rpcs[number].localize(centre_px[number][None], ground[number, 2]).ground[0]
-    return ground, outwards
+        centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
+    step = np.zeros((len(first), 3))
+    step[:, :2] = (outwards[image] @ (observations.xy[first] - centre_px[image])[:, :, None])[:, :, 0]
+    ground = move_ground(centre[image], step)
+    return np.where(observations.survey_weight > 0.0, observations.survey, ground)
 
 
 def intersect_points(

@@ -90,9 +90,7 @@ class JointPrior:
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior to reduced normal equations at ``values (cameras, p)``."""
-        known, (rows, columns) = self.known, self.pairs
-        turned = (self.camera[known.rows] > self.camera[known.columns])[:, None, None]
-        blocks = np.where(turned, known.blocks.transpose(0, 2, 1), known.blocks)
+        known, (rows, columns), blocks = self.known, self.pairs, self._turn_blocks()
         merged = (rows == columns) & (known.rows != known.columns)  # two cameras that are one now
         blocks[merged] += blocks[merged].transpose(0, 2, 1)
         np.add.at(normals.blocks, pattern.find_blocks(rows, columns), blocks)
@@ -106,13 +104,13 @@ class JointPrior:
         """Return how many of the parameters come from the prior: the trace of S Q, for ``cofactors`` on the pattern."""
         known = self.known
         rows, columns = self.pairs
-        both = np.einsum(
-            "bij,bij->b",
-            np.where((self.camera[known.rows] > self.camera[known.columns])[:, None, None],
-                     known.blocks.transpose(0, 2, 1), known.blocks),
-            cofactors[pattern.find_blocks(rows, columns)],
-        )  # fmt: skip
+        both = np.einsum("bij,bij->b", self._turn_blocks(), cofactors[pattern.find_blocks(rows, columns)])
         return float(np.sum(np.where(known.rows == known.columns, both, 2.0 * both)))
+
+    def _turn_blocks(self) -> np.ndarray:
+        """Return the blocks of S in the order of `pairs`."""
+        turned = (self.camera[self.known.rows] > self.camera[self.known.columns])[:, None, None]
+        return np.where(turned, self.known.blocks.transpose(0, 2, 1), self.known.blocks)
 
     def _gradient(self, values: np.ndarray) -> np.ndarray:
         """Return S (x - c), ``(c, p)``."""

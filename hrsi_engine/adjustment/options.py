@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..foundation.options import option, options, threads_option
 from ..foundation.thresholds import threshold, thresholds
-from ..refinement.model_table import BLOCK_MODEL_NAMES
-from ..refinement.options import RULE_NAMES
+from ..refinement.model_table import BLOCK_MODEL_NAMES, RULE_NAMES
 
 if TYPE_CHECKING:
     from ..block.laser import LaserPoints
@@ -88,9 +87,8 @@ class AdjustOptions:
     test_sigmas: bool = option(
         True,
         "Test the sigmas of the observations by the residuals and estimate them where they fail, and how much the "
-        "images drift; without, all are as given",
-        advanced=True,
-    )
+        "images drift; without, all are as given", advanced=True,
+    )  # fmt: skip
     variance_components: bool = option(
         False,
         "Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and adjust with them",

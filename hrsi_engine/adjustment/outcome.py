@@ -30,7 +30,7 @@ from .result import (
     VarianceComponent,
 )
 from .statistics.precision import Precision, compute_deletion_tests
-from .statistics.shared_shifts import SharedErrors, propagate_pointing, propagate_shifts
+from .statistics.shared_shifts import propagate_pointing, propagate_shifts
 from .weak_geometry import RAY_GEOMETRY
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
@@ -131,13 +131,13 @@ def assemble_adjustment(
         survey_factors=(horizontal, height, correlated),
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
-        shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared.shifts),
+        shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared[0]),
     )
 
 
 def _scale_covariances(
     problem: Problem, found: RoundFindings, solution: Solution, precise: Precision, cameras: CameraDelivery,
-    sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: SharedErrors | None,
+    sigma0: float, alike: np.ndarray, placed: np.ndarray, shared: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
     """Return the one set of covariances, in m², from which sigmas, ellipses, predictions and the headline follow.
 
@@ -169,9 +169,9 @@ def _scale_covariances(
     widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
     of_shifts: np.ndarray | float = 0.0
     if shared is not None:
-        covariance, others = covariance - shared.excess, others - shared.excess
-        others = others + shared.shifts @ shared.shifts.swapaxes(1, 2)
-        of_shifts = np.sum(shared.shifts**2, axis=2)
+        shifts, excess = shared
+        covariance, others = covariance - excess, others - excess + shifts @ shifts.swapaxes(1, 2)
+        of_shifts = np.sum(shifts**2, axis=2)
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
     expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
@@ -186,11 +186,27 @@ def _count_points_alike(problem: Problem, loop: GaussNewton) -> np.ndarray:
     return alike[problem.observations.camera_of_image]
 
 
-def _propagate_shared_errors(problem: Problem, loop: GaussNewton, solution: Solution) -> SharedErrors | None:
-    """Return what errors of coordinate operations and of the pointing of passes do, None without any."""
+def _propagate_shared_errors(
+    problem: Problem, loop: GaussNewton, solution: Solution
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return what errors of coordinate operations and of the pointing of passes do to points, None without any.
+
+    That is by how much one standard deviation of each error moves a point, ``(m, 3, e)``; and what the covariances hold
+    of them already, as if they were independent, ``(m, 3, 3)``.
+    """
     observations = problem.observations
     of_surveys = problem.block.points.operation_shifts_m(observations.points)
-    operations, passes = of_surveys[observations.surveyed].any(), _find_cameras_of_passes(problem)
+    operations, passes = of_surveys[observations.surveyed].any(), []
+    # The cameras of each pass that has several, where only what is believed of its pointing holds them
+    believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
+    for part in problem.parts:
+        if part.gcps or part.places:
+            believed[observations.camera_of_image[part.images]] = False
+    for images in find_passes(observations.images):
+        cameras = np.unique(observations.camera_of_image[images])
+        cameras = cameras[believed[cameras]]
+        believed[cameras] = False  # tiles of one camera may begin at different seconds
+        passes += [cameras] if len(cameras) > 1 else []
     if not operations and not passes:
         return None
     moved, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
@@ -203,23 +219,7 @@ def _propagate_shared_errors(problem: Problem, loop: GaussNewton, solution: Solu
         shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
         moved.append(shifts)
         excess += too_much
-    return SharedErrors(np.concatenate(moved, axis=2), excess)
-
-
-def _find_cameras_of_passes(problem: Problem) -> list[np.ndarray]:
-    """Return the cameras of each pass that has several, where only what is believed of its pointing holds them."""
-    observations = problem.observations
-    believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
-    for part in problem.parts:
-        if part.gcps or part.places:
-            believed[observations.camera_of_image[part.images]] = False
-    found = []
-    for images in find_passes(observations.images):
-        cameras = np.unique(observations.camera_of_image[images])
-        cameras = cameras[believed[cameras]]
-        believed[cameras] = False  # tiles of one camera may begin at different seconds
-        found += [cameras] if len(cameras) > 1 else []
-    return found
+    return np.concatenate(moved, axis=2), excess
 
 
 def _join_cameras(
@@ -252,7 +252,17 @@ def _describe_measurements(
     """
     block, rows, count = problem.block, problem.observations.rows, len(problem.block.measurements)
     kept = (solution.weight > 0.0) & placed
-    redundancy_numbers, statistic = _compute_reliability(problem, solution, precise, found.tie_variance)
+    # Redundancy numbers, and test values in standard deviations by the tie points' own variance factor; NaN where a
+    # measurement has no say
+    judged = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point])
+    redundancy_numbers = np.full((len(rows), 2), np.nan, dtype=np.float32)
+    statistic = np.full(len(rows), np.nan, dtype=np.float32)
+    parts = np.array_split(judged, 1 + len(judged) // ROWS_AT_ONCE) if precise.cameras is not None else ()
+    for part in parts:
+        weight, cofactors = solution.weight[part], precise.residuals[part]
+        redundancy_numbers[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
+        tests = compute_deletion_tests(solution.normals.residual[part], cofactors, weight)
+        statistic[part] = np.sqrt(tests / found.tie_variance)
     if found.failed is not None:
         statistic = np.where(np.isnan(statistic), found.failed, statistic)
     estimate = None
@@ -318,27 +328,6 @@ def _count_sums(problem: Problem, loop: GaussNewton, solution: Solution, precise
         "unknowns": positions + len(precise.parameters) * len(problem.model.parameters),
         "sigma0": float(np.sqrt(loop.sum_of_squares(solution) / redundancy)) if redundancy > 0.5 else 1.0,
     }  # fmt: skip
-
-
-def _compute_reliability(
-    problem: Problem, solution: Solution, precise: Precision, tie_variance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return redundancy numbers ``(n, 2)`` and test values ``(n,)`` in standard deviations.
-
-    The tests use the tie points' own variance factor. NaN where a measurement has no say.
-    """
-    judged = (solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point]
-    redundancy = np.full((len(judged), 2), np.nan, dtype=np.float32)
-    statistic = np.full(len(judged), np.nan, dtype=np.float32)
-    if precise.cameras is None:
-        return redundancy, statistic
-    rows = np.flatnonzero(judged)
-    for part in np.array_split(rows, 1 + len(rows) // ROWS_AT_ONCE):
-        weight, cofactors = solution.weight[part], precise.residuals[part]
-        redundancy[part] = np.clip(weight[:, None] * cofactors[:, [0, 1], [0, 1]], 0.0, 1.0)
-        tests = compute_deletion_tests(solution.normals.residual[part], cofactors, weight)
-        statistic[part] = np.sqrt(tests / tie_variance)
-    return redundancy, statistic
 
 
 def _number_parts(problem: Problem) -> np.ndarray:

@@ -38,7 +38,7 @@ from .gauss_newton import GaussNewton, Solution
 from .outcome import RoundFindings, compute_redundancy
 from .problem import Problem
 from .result import ModelTest
-from .statistics.precision import Precision, compute_camera_cofactors, compute_precision
+from .statistics.precision import Precision, compute_precision
 from .statistics.variance_components import (
     SURVEY_GROUPS,
     SURVEYS,
@@ -56,7 +56,7 @@ ROUNDS = 25
 
 
 @thresholds
-class SigmaThresholds:
+class SIGMA:
     """When sigmas are tested, estimated and settled."""
 
     settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
@@ -72,9 +72,6 @@ class SigmaThresholds:
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
     of_stated_sigmas: float = threshold(4.0, "observations", "what given sigmas count for in the common test")
     least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
-
-
-SIGMA = SigmaThresholds()
 
 
 @dataclass(eq=False)
@@ -135,36 +132,29 @@ class SigmaEstimation:
             return False
         precise = self.precision_at(loop, solution)
         self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
-        self.tests = [
-            self._test_group(name, float(squares), float(freedom))
-            for name, (squares, freedom, _) in zip(self.groups.names, self.sums, strict=True)
-            if freedom >= VARIANCE.least_redundancy
-        ]
+        self.tests = []
+        for name, (squares, freedom, _) in zip(self.groups.names, self.sums.tolist(), strict=True):
+            if freedom >= VARIANCE.least_redundancy:
+                chance = 2.0 * min(special.chdtrc(freedom, squares), special.chdtr(freedom, squares))
+                ratio = float(np.sqrt(squares / freedom))
+                failed = chance < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
+                self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay.
         # With hardly any ties sigma0 is the factor of all.
         told = not self.problem.held and self.sums[:-SURVEYS:2, 1].sum() >= VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         least_px = SIGMA.of_camera_px if told else 0.0
-        stated_px = self._average_image_sigmas()
+        # The stated sigma of the image points of each group that has any, RMS
+        of_point, names = self.groups.of_image_point, self.groups.names[:-SURVEYS]
+        count = np.bincount(of_point, minlength=len(names))
+        squared = np.bincount(of_point, self.problem.observations.sigma_px**2, len(names))
+        stated_px = {name: float(np.sqrt(s / n)) for name, s, n in zip(names, squared, count, strict=True) if n}
         spoilt = any(
             test.ratio > max(most, least_px / stated_px[test.group]) for test in self.tests if test.group in stated_px
         )
         failed = any(test.failed for test in self.tests if not groups or test.group in groups) and not spoilt
         self.sigmas.free[:] = failed
         return failed
-
-    def _average_image_sigmas(self) -> dict[str, float]:
-        """Return the stated sigma of the image points of each group that has any, RMS in px."""
-        group, names = self.groups.of_image_point, self.groups.names[:-SURVEYS]
-        count = np.bincount(group, minlength=len(names))
-        squares = np.bincount(group, self.problem.observations.sigma_px**2, len(names))
-        return {name: float(np.sqrt(s / n)) for name, s, n in zip(names, squares, count, strict=True) if n}
-
-    def _test_group(self, name: str, squares: float, freedom: float) -> ModelTest:
-        larger, smaller = special.chdtrc(freedom, squares), special.chdtr(freedom, squares)
-        ratio = float(np.sqrt(squares / freedom))
-        failed = 2.0 * min(larger, smaller) < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
-        return ModelTest(name, ratio, freedom, bool(failed))
 
     def correct_sigmas(
         self, loop: GaussNewton, solution: Solution, control: Callable[[Solution, np.ndarray], Discrepancies]
@@ -191,8 +181,10 @@ class SigmaEstimation:
             if change < SIGMA.settled:
                 self.sigmas.factor, self.sigmas.of_image = before, of_image
         else:
-            own, cofactors = compute_camera_cofactors(loop, solution)
-            variances = own.diagonal(axis1=1, axis2=2)
+            cofactors = loop.compute_camera_cofactors(solution)
+            if cofactors is None:  # of such a system nothing is estimated
+                return 0.0
+            variances = cofactors[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
             freedom = max(compute_redundancy(self.problem, loop, solution, variances, cofactors), 0.0)
             stated = SIGMA.of_stated_sigmas
             unit_variance = max((stated + loop.sum_of_squares(solution)) / (stated + freedom), 1.0)

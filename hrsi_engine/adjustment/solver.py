@@ -8,18 +8,20 @@ import numpy as np
 
 from ..block.block import Block, Role
 from ..foundation.errors import SolveError, list_ids
+from ..foundation.large_arrays import any_of_rows
 from ..foundation.progress import Progress, advance, silent, stage
 from ..foundation.workers.threads import one_thread_calls
-from ..refinement.selection import NESTED_MODELS
+from ..ground.geodesy import ground_difference_m
+from ..refinement.selection import NESTED_MODELS, select_simplest
 from .blunders.snooping import Snooping
-from .cross_validation import cross_validate
 from .delivered_model import DELIVERY, deliver_as, find_judging_gcps, predict_left_out
+from .delivery import deliver_cameras
 from .equations.nested_dissection import SingularSystemError
-from .gauss_newton import Solution
+from .gauss_newton import GaussNewton, Solution
 from .options import AdjustOptions
 from .outcome import assemble_adjustment
 from .problem import Problem, prepare_problem
-from .result import Adjustment
+from .result import Adjustment, CrossValidation
 from .sigma_estimation import ROUNDS, SIGMA, SigmaEstimation
 from .statistics.precision import Precision, compute_precision
 
@@ -142,12 +144,14 @@ class Adjuster(Snooping):
             return precise
         control = self.compute_control(self.solution, gcps)
         self.loop.system.factorise(self.solution.normals.blocks, self.loop.prior_weight)
-        found = predict_left_out(problem, self.loop, self.solution, control)
+        squared, too_simple = predict_left_out(problem, self.loop, self.solution, control)
         name, reason = choice.model, choice.reason
         if self.sigmas.drifts and choice.model in NESTED_MODELS:
-            name, reason = found.choose_model()
+            judged = {name: errors for name, errors in squared.items() if name not in too_simple}
+            name, reason = select_simplest(judged, standard_errors=1.0)
             reason = f"the images' drift is estimated from the block as a variance component; {reason}"
-        choice = replace(choice, model=name, reason=reason, delivered=found.rmse_px)
+        delivered = {name: float(np.sqrt(np.mean(errors))) for name, errors in squared.items()}
+        choice = replace(choice, model=name, reason=reason, delivered=delivered)
         if name != problem.model.name:
             now = deliver_as(name, problem, self.loop, self.solution, precise)
             problem, self.loop, self.solution, precise = now
@@ -175,3 +179,39 @@ class Adjuster(Snooping):
             else:
                 self.solution = self.loop.continue_from(self.solution, *how)
         return sigmas.precision_at(self.loop, self.solution)
+
+
+def cross_validate(
+    problem: Problem, loop: GaussNewton, solution: Solution, survey_weight: np.ndarray, progress: Progress
+) -> CrossValidation:
+    """Return survey - prediction of every GCP that holds the ``solution``; ``survey_weight (m, 3)`` are its surveys.
+
+    Each GCP in turn is a check point, predicted by the adjustment of all the others: with a handful of them there are
+    none to spare for checking. The adjustments start from the full one and take two or three passes each. A left-out
+    GCP has no say at all: neither survey nor measurements. One on one image is predicted on its ray at the surveyed
+    height; its height error does not exist.
+    """
+    observations = problem.observations
+    chosen = np.flatnonzero(solution.weighting.contributes & any_of_rows(survey_weight > 0.0))
+    error = np.full((len(chosen), 3), np.nan)
+    rays = observations.count_rays(solution.weighting.image > 0.0)
+    for number, point in enumerate(chosen.tolist()):
+        advance(progress, number / len(chosen), "cross-validation")
+        left = survey_weight.copy()
+        left[point, :2] = 0.0
+        if rays[point] >= 2:
+            left[point, 2] = 0.0
+        weighting = problem.survey_weighting(solution.weighting.image, left, solution.weighting.points)
+        contributes = weighting.contributes.copy()
+        contributes[point] = False
+        without = loop.iterate(
+            solution.state, replace(weighting, contributes=contributes), problem.options.robust,
+            problem.options.tolerance, silent,
+        )  # fmt: skip
+        survey = observations.survey[point : point + 1]
+        predicted = deliver_cameras(problem, loop, without).ground[point : point + 1]
+        error[number] = ground_difference_m(survey, predicted)[0]
+        if rays[point] < 2:
+            error[number, 2] = np.nan
+    ids = problem.block.points.ids[observations.points[chosen]]
+    return CrossValidation(tuple(str(name) for name in ids), error)

@@ -22,9 +22,6 @@ class RAY_GEOMETRY:
     weak_angle_deg: float = threshold(3.0, "°", "rays that converge by less know heights badly", "1 / tan 3° = 19")
 
 
-OPEN_ANGLE = "less than moves a pixel over the RPC's height range"
-
-
 def set_point_priors(
     observations: Observations, ground: np.ndarray, dem: HeightSurface | None, sigma_dem_m: float | None
 ) -> tuple[PointPriors, list[str]]:
@@ -61,26 +58,17 @@ def set_point_priors(
     known = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
     priors.target[open_height, 2] = np.median(known) if len(known) else middle[open_height]
     priors.weight[open_height, 2] = 1.0 / reach[open_height] ** 2
-    return priors, _warn_of_images(observations, weak, open_height)
-
-
-def _warn_of_images(observations: Observations, weak: np.ndarray, open_height: np.ndarray) -> list[str]:
-    """Name the images most of whose points have weak or no heights."""
-    found = []
-    for points, consequence in (
-        (open_height, f"{OPEN_ANGLE}: the heights of these points are held by the RPCs' height range only"),
-        (
-            weak & ~open_height,
-            f"less than {RAY_GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain",
-        ),
-    ):
-        # The images most of whose points are weak
-        count = len(observations.images)
-        all_points = np.bincount(observations.image, minlength=count)
-        share = np.bincount(observations.image[points[observations.point]], minlength=count) / np.maximum(all_points, 1)
+    # Name the images most of whose points have weak or no heights
+    warnings, count = [], len(observations.images)
+    all_points = np.maximum(np.bincount(observations.image, minlength=count), 1)
+    by_range = "moves a pixel over the RPC's height range: the heights of these points are held by the RPCs' height"
+    uncertain = f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain"
+    for points, consequence in ((open_height, f"{by_range} range only"), (weak & ~open_height, uncertain)):
+        share = np.bincount(observations.image[points[observations.point]], minlength=count) / all_points
         images = [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
         if images:
-            found.append(
-                f"most rays of image {list_ids(images)} converge by {consequence}; give a DEM to hold them better"
+            warnings.append(
+                f"most rays of image {list_ids(images)} converge by less than {consequence}; give a DEM to hold them "
+                "better"
             )
-    return found
+    return priors, warnings

@@ -3,19 +3,11 @@
 from ..block.block import Block
 from ..foundation.reasons import Level, Reason
 from ..surface.dem import HeightSurface
+from . import places
 from .accuracy import estimate_accuracies
 from .control import collect_control
 from .control_reasons import HEIGHT_CODES, find_control_reasons
 from .identities import find_spelling_reasons
-from .places import (
-    find_crops,
-    find_dem_reasons,
-    find_duplicate_images,
-    find_height_reasons,
-    find_points_outside,
-    find_reordered_rpcs,
-)  # fmt: skip
-from .survey import find_dependent_check_points, find_rounding_reasons
 from .ties import find_tie_reasons
 
 #: Reasons that explain points outside an image.
@@ -47,18 +39,16 @@ def check_block(
     accuracies = estimate_accuracies(block.images, sigma_shift_px, sigma_drift)
     control = collect_control(block, accuracies)
     reasons = [] if control is None else find_control_reasons(control)
-    reasons += find_rounding_reasons(block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)]))
-    reasons += find_dependent_check_points(block) + find_spelling_reasons(block, accuracies)
-    reasons += find_height_reasons(block, contradicted=bool(reasons))
+    reasons += places.find_rounding_reasons(
+        block, accuracies, max([Level.DOUBTFUL, *(reason.level for reason in reasons)])
+    )
+    reasons += places.find_dependent_check_points(block) + find_spelling_reasons(block, accuracies)
+    reasons += places.find_height_reasons(block, contradicted=bool(reasons))
     reasons += find_tie_reasons(block, accuracies)
-    reasons += [] if surface is None else find_dem_reasons(block, surface)
-    reasons += find_points_outside(block) + find_crops(block) + find_reordered_rpcs(block)
-    reasons += find_duplicate_images(block)
-    return sorted(_drop_consequences(reasons), key=lambda reason: -reason.level)
-
-
-def _drop_consequences(reasons: list[Reason]) -> list[Reason]:
-    """Leave out reasons that follow from others, and repeated codes (one mistake found in GCPs and in ties)."""
+    reasons += [] if surface is None else places.find_dem_reasons(block, surface)
+    reasons += places.find_points_outside(block) + places.find_crops(block) + places.find_reordered_rpcs(block)
+    reasons += places.find_duplicate_images(block)
+    # Leave out reasons that follow from others, and repeated codes (one mistake found in GCPs and in ties)
     codes = {reason.code for reason in reasons}
     kept: list[Reason] = []
     for reason in reasons:
@@ -74,4 +64,4 @@ def _drop_consequences(reasons: list[Reason]) -> list[Reason]:
         )
         if not follows:
             kept.append(reason)
-    return kept
+    return sorted(kept, key=lambda reason: -reason.level)

@@ -14,8 +14,15 @@ from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
 from .accuracy import ACCURACY, SIMULATED
-from .control import CONTROL_FIT, ControlFit, ControlMeasurements, compute_sightlines, fit_control
-from .groups import Disagreement, find_disagreement
+from .control import (
+    CONTROL_FIT,
+    ControlFit,
+    ControlMeasurements,
+    Disagreement,
+    compute_sightlines,
+    find_disagreement,
+    fit_control,
+)
 from .identities import find_image_permutation, find_point_permutation
 from .slips import PIXEL_SLIPS, RPC_SLIPS, Slip, estimate_common_lift, iterate_ground_slips
 
@@ -66,7 +73,15 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     """Return what is wrong with the surveyed points of a block; empty where they fit."""
     given = fit_control(control)
     apart = find_disagreement(given)
-    if not _is_suspicious(given) and apart is None:
+    # A right block hardly ever is suspicious, so that mistakes are worth a try
+    lift, sigma = estimate_common_lift(given.control, given.shift_m)
+    suspicious = (
+        not given.fits
+        or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
+        or bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
+        or (sigma > 0.0 and abs(lift / sigma) > SLIP.suspicious_sigmas)
+    )
+    if not suspicious and apart is None:
         return []
     named_slip, datum, rivals = _find_best_slip(control, given)
     if named_slip is not None:
@@ -77,17 +92,6 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
     if not given.fits:
         return [_make_misfit_reason(control, given, rivals)]
     return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
-
-
-def _is_suspicious(given: ControlFit) -> bool:
-    """Return whether mistakes are worth a try: a right block hardly ever is suspicious."""
-    lift, sigma = estimate_common_lift(given.control, given.shift_m)
-    return (
-        not given.fits
-        or bool((given.scatter > CONTROL_FIT.usual_scatter).any())
-        or bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
-        or (sigma > 0.0 and abs(lift / sigma) > SLIP.suspicious_sigmas)
-    )
 
 
 # ---- the mistake that explains -------------------------------------------------------------------------------------

@@ -41,24 +41,17 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     reason = points.doubt.astype("U64")
     for wrong, why in tests:
         reason = np.where((reason == "") & wrong, why, reason)
-    good = np.flatnonzero(reason == "")
-    lonely = good[find_track_outliers(points.select(good))]
-    reason[lonely] = "stands out from its neighbours on the track"
-    return reason
-
-
-def find_track_outliers(points: LaserPoints) -> np.ndarray:
-    """Return which points differ from the median height of their neighbours on the track by more than slopes explain.
-
-    False where a point has too few neighbours.
-    """
-    result = np.zeros(len(points), dtype=bool)
-    order = np.argsort(points.track, kind="stable")
-    names = points.track[order]
+    # Which points differ from the median height of their neighbours on the track by more than slopes explain; not where
+    # a point has too few neighbours
+    kept = np.flatnonzero(reason == "")
+    good = points.select(kept)
+    off = np.zeros(len(good), dtype=bool)
+    order = np.argsort(good.track, kind="stable")
+    names = good.track[order]
     for rows in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1 if len(order) else []):
         if len(rows) <= 3:
             continue
-        ground, height = points.ground[rows], points.ground[rows, 2]
+        ground, height = good.ground[rows], good.ground[rows, 2]
         away = ground[:, :2] - ground[0, :2]
         away[:, 0] = wrap_degrees(away[:, 0])
         metres = away * metres_per_degree(ground[:1])[:, :2]
@@ -73,7 +66,8 @@ def find_track_outliers(points: LaserPoints) -> np.ndarray:
         middle = np.nanmedian(others, axis=1)
         spread = 1.4826 * np.nanmedian(np.abs(others - middle[:, None]), axis=1)
         reach = np.nanmedian(np.where(there, distance, np.nan)[enough], axis=1)
-        noise = np.hypot(spread, np.nan_to_num(points.sigma_m[rows][enough]))
+        noise = np.hypot(spread, np.nan_to_num(good.sigma_m[rows][enough]))
         allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * noise
-        result[rows[enough]] = np.abs(height[enough] - middle) > allowed
-    return result
+        off[rows[enough]] = np.abs(height[enough] - middle) > allowed
+    reason[kept[off]] = "stands out from its neighbours on the track"
+    return reason

@@ -1,20 +1,24 @@
-"""Points outside their images, heights outside the RPCs' range, a DEM off the block, crops, duplicate images."""
+"""Points outside their images, rounded or copied surveys, heights outside the RPCs' range, a DEM off, twins."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from ..block.block import Block, Image
+from ..block.block import Block
 from ..block.imaging_geometry import is_crop
+from ..block.points import Role, are_apart
 from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
-from ..ground.geodesy import to_ecef
+from ..ground.geodesy import metres_per_degree, to_ecef
 from ..surface.dem import HeightSurface, surface_heights
+from .accuracy import ImageAccuracy
 from .slips import FEET_M, find_undulations
 
 
@@ -49,6 +53,18 @@ class PLACEMENT:
 A_TO_B = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 7, 11, 14, 17, 12, 15, 18, 13, 16, 19])
 #: Where rays are looked at, in half extents from the middle of the RPC's image.
 RAY_PLACES = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]])
+
+
+@thresholds
+class SURVEY:
+    """When surveyed coordinates were rounded, or check points are copies of GCPs."""
+
+    coarse_decimals: int = threshold(5, "decimals", "of a degree: more harm no image", "theory: 1e-5 degrees are 1.1 m")
+    decimal_slack: float = threshold(1e-6, "", "of the last decimal: what reading, writing and a turn of 360° leave")
+    fewest_points: int = threshold(4, "points", "from which on not all coordinates are round by chance")
+    harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
+    copied_share: float = threshold(0.5, "", "share of check points measured where GCPs are that makes them copies")
+    same_target_px: float = threshold(1.5, "px", "measurements nearer than this may be of one target")
 
 
 def find_points_outside(block: Block) -> list[Reason]:
@@ -198,8 +214,14 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
 
 def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed ones."""
-    reasons = []
-    covered = np.array([_compute_coverage(image, block, surface) for image in block.images])
+    reasons, shares = [], []  # of each image the share of its ground grid at which the DEM has a height
+    known = block.points.ground[block.known, 2]
+    for image in block.images:
+        height = float(np.median(known)) if len(known) else image.middle_height_m
+        grid = image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid, margin=-0.05)
+        ground = image.rpc.localize(grid, float(np.clip(height, *image.rpc.height_range))).ground
+        shares.append(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
+    covered = np.array(shares)
     if covered.mean() < PLACEMENT.covered_share:
         ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
         reasons.append(
@@ -242,17 +264,6 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
             )
         )  # fmt: skip
     return reasons
-
-
-def _compute_coverage(image: Image, block: Block, surface: HeightSurface) -> float:
-    """Return the share of an image's ground grid at which the DEM has a height."""
-    known = block.points.ground[block.known, 2]
-    height = float(np.median(known)) if len(known) else image.middle_height_m
-    low, high = image.rpc.height_range
-    ground = image.rpc.localize(
-        image.grid_px(PLACEMENT.coverage_grid, PLACEMENT.coverage_grid, margin=-0.05), float(np.clip(height, low, high))
-    ).ground
-    return float(np.isfinite(surface_heights(surface, ground[:, :2])).mean())
 
 
 def find_duplicate_images(block: Block) -> list[Reason]:
@@ -326,3 +337,80 @@ def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: n
     return HeightDifference(
         middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")
     )
+
+
+# ---- surveyed coordinates alone --------------------------------------------------------------------------------------
+
+
+def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
+    """Return the reason for longitudes and latitudes rounded more coarsely than their sigmas and half a pixel.
+
+    A rounding error is uniform over one step of the last decimal: its standard deviation is step / sqrt(12).
+    ``level`` is that of the reason.
+    """
+    points = np.unique(block.measurements.point[block.known[block.measurements.point]])
+    ground = block.points.ground[points]
+    if len(points) < SURVEY.fewest_points or not np.isfinite(ground[:, :2]).all():
+        return []
+    for decimals in range(SURVEY.coarse_decimals + 1):
+        scaled = ground[:, :2] * 10.0**decimals
+        if (np.abs(scaled - np.rint(scaled)) < SURVEY.decimal_slack).all():
+            break
+    else:
+        return []
+    step_m = float(metres_per_degree(ground)[:, :2].max()) * 10.0**-decimals
+    sigma = step_m / np.sqrt(12.0)
+    stated = float(np.median(np.nan_to_num(block.points.sigma_m[points, 0], posinf=np.inf)))
+    if sigma < max(stated, SURVEY.harmful_px * min(accuracy.gsd_m for accuracy in accuracies)):
+        return []
+    ids = tuple(block.points.ids[points].tolist())
+    return [
+        Reason(
+            "coordinates-rounded", level,
+            f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: they are rounded to "
+            f"{step_m:.3g} m, an error of {sigma:.2g} m (standard deviation)",
+            "take them with at least 7 decimals of a degree; where there are none, give a sigma_xy that says so",
+            points=ids,
+        )
+    ]  # fmt: skip
+
+
+def find_dependent_check_points(block: Block) -> list[Reason]:
+    """Return the reason for check points at the places of GCPs, on the ground or in the images: they check nothing.
+
+    Copies of GCPs, with a little noise or surveyed again, are mostly measured at the same pixels of every image.
+    """
+    points = np.unique(block.measurements.point)
+    known = points[finite_rows(block.points.ground[points])]
+    role = block.points.role[known]
+    gcps, checks = known[role == Role.GCP], known[role == Role.CHECK]
+    if not (len(gcps) and len(checks)):
+        return []
+    ground = block.points.ground
+    _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
+    same = ~are_apart(ground[checks], ground[gcps[nearest]])
+    # Which are measured at the same pixels as the nearest GCP, of every image that has both
+    rows, alike = block.measurements, np.zeros(len(checks), dtype=bool)
+    compared = np.flatnonzero(np.isin(rows.point, np.concatenate([checks, gcps])))  # not the ties, which are many
+    at: dict[int, dict[int, int]] = {}  # rows of each point, by image
+    columns = compared.tolist(), rows.point[compared].tolist(), rows.image[compared].tolist()
+    for row, point, image in zip(*columns, strict=True):
+        at.setdefault(point, {})[image] = row
+    for number, (one, other) in enumerate(zip(checks.tolist(), gcps[nearest].tolist(), strict=True)):
+        here, there = at[one], at[other]
+        apart = [float(np.hypot(*(rows.xy[here[k]] - rows.xy[there[k]]))) for k in here.keys() & there.keys()]
+        alike[number] = bool(apart) and max(apart) < SURVEY.same_target_px
+    if alike.mean() > SURVEY.copied_share:  # a few may stand beside a GCP by chance
+        same |= alike
+    if not same.any():
+        return []
+    ids = tuple(block.points.ids[checks[same]].tolist())
+    control = block.points.ids[gcps[nearest[same]]].tolist()
+    return [
+        Reason(
+            "check-is-control", Level.DOUBTFUL,
+            f"{len(ids)} of {len(checks)} check points lie where GCPs lie ({ids[0]} at {control[0]}"
+            f"{', …' if len(ids) > 1 else ''}): they tell nothing of the accuracy",
+            f"name other check points, or leave these out ({list_ids(ids)})", points=ids,
+        )
+    ]  # fmt: skip

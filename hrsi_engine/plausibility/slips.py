@@ -56,11 +56,6 @@ def _mirror_axis(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
     return turned
 
 
-def _scale_pixels(xy: np.ndarray, image: Image, factor: float) -> np.ndarray:
-    """Return coordinates of larger or smaller pixels; both images have their corner in common."""
-    return (xy + 0.5) * factor - 0.5
-
-
 def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
     """Return coordinates of the image of which this one is a copy turned clockwise by quarters of a circle."""
     across, down = (2.0 * image.centre_px) if quarters % 2 == 0 else (2.0 * image.centre_px)[::-1]
@@ -112,7 +107,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
                 "image-scale", f"image coordinates are those of an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
-            partial(_scale_pixels, factor=factor),
+            partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor),  # a corner is common to both
         )
         for factor, text in SCALES
     ),
@@ -156,10 +151,8 @@ def iterate_ground_slips(
 
 
 def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
-    yield (
-        Slip("lon-lat-swapped", "longitude and latitude are exchanged", "exchange the columns of the ground points"),
-        ground[:, [1, 0, 2]],
-    )
+    exchanged, how = "longitude and latitude are exchanged", "exchange the columns of the ground points"
+    yield Slip("lon-lat-swapped", exchanged, how), ground[:, [1, 0, 2]]
     for code, what, signs in (
         ("lon-sign", "the longitude has the wrong sign", [-1.0, 1.0, 1.0]),
         ("lat-sign", "the latitude has the wrong sign", [1.0, -1.0, 1.0]),
@@ -167,13 +160,8 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
     ):
         yield Slip(code, what, "change the sign: east and north are positive"), ground * signs
     for signs in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]):
-        yield (
-            Slip(
-                "lon-lat-swapped", "longitude and latitude are exchanged and one has the wrong sign",
-                "exchange the columns of the ground points; east and north are positive",
-            ),
-            ground[:, [1, 0, 2]] * signs,
-        )  # fmt: skip
+        what, advice = f"{exchanged} and one has the wrong sign", f"{how}; east and north are positive"
+        yield Slip("lon-lat-swapped", what, advice), ground[:, [1, 0, 2]] * signs
 
 
 def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -195,19 +183,14 @@ def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[Gro
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield UTM or 3 degree zones read as another one: zones are congruent, so that only the longitude changes."""
     away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
-    for width, code, what in ((6.0, "utm-zone", "UTM zone"), (3.0, "utm-zone", "3 degree zone")):
+    advice = "correct the CRS of the ground points (ground_crs, or that of the layer)"
+    for width, kind, burden in ((6.0, "UTM", 0.0), (3.0, "3 degree", 1.0)):
         zones = round(away / width)
         if zones and abs(zones) < 20:
             moved = ground.copy()
             moved[:, 0] = wrap_degrees(ground[:, 0] - zones * width)
-            yield (
-                Slip(
-                    code, f"the {what} is {abs(zones)} too far {'east' if zones > 0 else 'west'}",
-                    "correct the CRS of the ground points (ground_crs, or that of the layer)",
-                    0.0 if width == 6.0 else 1.0,
-                ),
-                moved,
-            )  # fmt: skip
+            what = f"the {kind} zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}"
+            yield Slip("utm-zone", what, advice, burden), moved
 
 
 def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -223,13 +206,8 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         zones = (zone - own + 30) % 60 - 30
         moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
-        yield (
-            Slip(
-                "hemisphere", f"the UTM zone is of the wrong hemisphere{also}",
-                "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)",
-            ),
-            moved,
-        )  # fmt: skip
+        advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
+        yield Slip("hemisphere", f"the UTM zone is of the wrong hemisphere{also}", advice), moved
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -242,13 +220,8 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
     for read, meant in ((utm, WEB_MERCATOR), (WEB_MERCATOR, utm), (utm, DEGREES), (WEB_MERCATOR, DEGREES)):
         moved = _reproject_misread(ground, read, meant)
         if moved is not None:
-            yield (
-                Slip(
-                    "other-projection", f"the ground points are in {names[meant]} but were read as {names[read]}",
-                    f"name the CRS that they have: ground_crs EPSG:{meant}",
-                ),
-                moved,
-            )  # fmt: skip
+            what = f"the ground points are in {names[meant]} but were read as {names[read]}"
+            yield Slip("other-projection", what, f"name the CRS that they have: ground_crs EPSG:{meant}"), moved
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
@@ -264,43 +237,23 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 
 def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
-    ground = control.ground
+    ground, heights = control.ground, "the heights of the ground points"
     for factor, what in ((FEET_M, "are in feet"), (1.0 / FEET_M, "were converted from feet though they were metres")):
-        yield (
-            Slip("height-unit", f"the heights of the ground points {what}", "give heights in metres"),
-            ground * [1.0, 1.0, factor],
-        )
+        yield Slip("height-unit", f"{heights} {what}", "give heights in metres"), ground * [1.0, 1.0, factor]
     found = find_undulations(ground)
     if found is not None:  # the models of the geoid differ by less than images can tell: any will do
         name, undulation = found
         middle = float(np.median(undulation))
         up = np.column_stack([np.zeros((len(ground), 2)), undulation])
-        yield (
-            Slip(
-                "height-datum",
-                f"the heights of the ground points are above the geoid ({middle:+.1f} m there), not ellipsoidal",
-                f"say what the heights are: height_datum {name}",
-            ),
-            ground + up,
-        )  # fmt: skip
-        yield (
-            Slip(
-                "height-datum",
-                f"the heights of the ground points are ellipsoidal but were converted as if above the geoid "
-                f"({middle:+.1f} m there)",
-                "say what the heights are: height_datum ellipsoidal",
-            ),
-            ground - up,
-        )  # fmt: skip
+        advice = "say what the heights are: height_datum"
+        what = f"{heights} are above the geoid ({middle:+.1f} m there), not ellipsoidal"
+        yield Slip("height-datum", what, f"{advice} {name}"), ground + up
+        what = f"{heights} are ellipsoidal but were converted as if above the geoid ({middle:+.1f} m there)"
+        yield Slip("height-datum", what, f"{advice} ellipsoidal"), ground - up
     lift, _ = estimate_common_lift(control, shift_m)
-    side = "high" if lift > 0.0 else "low"
-    yield (
-        Slip(
-            "height-offset", f"the heights of the ground points are {abs(lift):.0f} m too {side}",
-            "check what the heights refer to, and their unit", 8.0,
-        ),
-        ground - [0.0, 0.0, lift],
-    )  # fmt: skip
+    what = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
+    advice = "check what the heights refer to, and their unit"
+    yield Slip("height-offset", what, advice, 8.0), ground - [0.0, 0.0, lift]
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
@@ -342,22 +295,15 @@ def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
 def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     degrees = 1.0 / metres_per_degree(near[None])[0]
     place = round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1)
-    candidates = find_datum_shifts(*place)
-    for sign, what in (
+    for sign, said in (
         (1.0, "refer to {} but count as WGS84"),
         (-1.0, "were converted from {} though they were WGS84"),
     ):
-        for datum in candidates:
-            size = np.hypot(datum.east_m, datum.north_m)
+        for datum in find_datum_shifts(*place):
             step = sign * np.array([datum.east_m, datum.north_m, 0.0])
-            yield (
-                Slip(
-                    "horizontal-datum",
-                    f"the ground points {what.format(datum.name)} ({size:.0f} m there)",
-                    "name the CRS that the coordinates really have", 4.0,
-                ),
-                ground + step * degrees,
-            )  # fmt: skip
+            what = f"the ground points {said.format(datum.name)} ({np.hypot(*step[:2]):.0f} m there)"
+            advice = "name the CRS that the coordinates really have"
+            yield Slip("horizontal-datum", what, advice, 4.0), ground + step * degrees
 
 
 # ---- datums --------------------------------------------------------------------------------------------------------

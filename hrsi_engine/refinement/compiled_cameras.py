@@ -12,7 +12,7 @@ Arguments that the loops share
     out : residual (rows, 2), by_ground (rows, 2, 3), by_quantity (rows, 2, q) or (0, 2, 0), terms (rows, t)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,6 @@ from ..ground import ellipsoid
 from . import corrected_rays, pseudo_rays
 from .corrected_rays import linearise_by_rays
 from .image_space import ImagePolynomial, correct_in_image
-from .model import Structure
 from .object_coordinates import GroundPolynomial, correct_by_ground
 from .object_space import GroundCorrection, move_position, rotate_derivatives
 from .pseudo_rays import COLUMNS, compute_sensor_frame, draw_ray, localize_ray_ends, place_in_frame
@@ -36,11 +35,11 @@ register(*corrected_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
 
 
 @njit(**OPTIONS)
-def _linearise_image_polynomials(
+def _linearise_polynomials(
     points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
     out: Arrays,
 ) -> None:  # fmt: skip
-    """Write the equations of `image_space.ImagePolynomial`."""
+    """Write the equations of `image_space.ImagePolynomial`, or of `object_coordinates.GroundPolynomial` (3 powers)."""
     first, image, xy, _ = observed
     constants, coefficients, powers = formula
     residual, by_ground, _, terms = out
@@ -53,33 +52,12 @@ def _linearise_image_polynomials(
         for a in range(place[number], place[number + 1]):
             i = image[row]
             project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
-            correct_in_image(powers, constants, coefficients, i, residual, by_ground, terms, a)
-            residual[a, 0] = xy[row, 0] - residual[a, 0]
-            residual[a, 1] = xy[row, 1] - residual[a, 1]
-            row += 1
-
-
-@njit(**OPTIONS)
-def _linearise_ground_polynomials(
-    points: np.ndarray, place: np.ndarray, observed: Arrays, ground: np.ndarray, rpcs: Arrays, formula: Arrays,
-    out: Arrays,
-) -> None:  # fmt: skip
-    """Write the equations of `object_coordinates.GroundPolynomial`."""
-    first, image, xy, _ = observed
-    constants, coefficients, powers = formula
-    residual, by_ground, _, terms = out
-    scratch = np.empty(20)
-    for number in range(len(points)):
-        point = points[number]
-        lon, lat, height = ground[point, 0], ground[point, 1], ground[point, 2]
-        east, north = ellipsoid.metres_of_a_degree(lat, height)
-        row = first[point]
-        for a in range(place[number], place[number + 1]):
-            i = image[row]
-            project_point(rpcs, i, lon, lat, height, east, north, scratch, residual, by_ground, a)
-            correct_by_ground(
-                powers, constants, coefficients, i, lon, lat, height, east, north, residual, by_ground, terms, a
-            )
+            if powers.shape[1] == 2:
+                correct_in_image(powers, constants, coefficients, i, residual, by_ground, terms, a)
+            else:
+                correct_by_ground(
+                    powers, constants, coefficients, i, lon, lat, height, east, north, residual, by_ground, terms, a
+                )
             residual[a, 0] = xy[row, 0] - residual[a, 0]
             residual[a, 1] = xy[row, 1] - residual[a, 1]
             row += 1
@@ -183,39 +161,8 @@ class Family(NamedTuple):
 
 
 FAMILIES: dict[type, Family] = {
-    ImagePolynomial: Family(_linearise_image_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
-    GroundPolynomial: Family(_linearise_ground_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
+    ImagePolynomial: Family(_linearise_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
+    GroundPolynomial: Family(_linearise_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
     GroundCorrection: Family(_linearise_ground_corrections, lambda model: model.entries),
     PseudoSensor: Family(_linearise_pseudo_sensors, lambda model: model.used, COLUMNS, _write_rays),
 }
-
-
-class CameraTables:
-    """The cameras of a block, ready for the loop of their family."""
-
-    def __init__(
-        self, model: Any, images: Sequence[Image], by_image: Sequence[np.ndarray], image: np.ndarray, xy: np.ndarray,
-        first: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Take the images, the image points of each, and the columns that all loops share."""
-        family = FAMILIES[type(model)]
-        self.structure: Structure = model.structure
-        self.is_costly = family.columns > 0  # to evaluate: its equations are worth keeping
-        self._model, self._loop, self._table = model, family.loop, family.table(model)
-        self._rpcs = rpc_tables([one.rpc for one in images])
-        self._constants = np.stack([model.constants(one) for one in images])
-        table = np.empty((len(xy), family.columns))
-        for one, rows in zip(images, by_image, strict=True):
-            family.rays(one, xy, rows, table)
-        self._observed = (first, image, xy, table)
-
-    def coefficients(self, values: np.ndarray) -> np.ndarray:
-        """Return the coefficients ``(images, …)`` of the formula for the images' values ``(images, p)``."""
-        return np.asarray(self._model.coefficients(values))
-
-    def write_equations(
-        self, points: np.ndarray, place: np.ndarray, coefficients: np.ndarray, ground: np.ndarray, out: Arrays
-    ) -> None:
-        """Write the linearised equations of some points; the module's docstring says what."""
-        formula = (self._constants, coefficients, self._table)
-        self._loop(points, place, self._observed, ground, self._rpcs, formula, out)

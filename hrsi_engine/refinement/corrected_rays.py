@@ -26,12 +26,6 @@ def _rotate(angle: Number, first: Number, second: Number) -> Couple[Number]:
     return cos * first + sin * second, cos * second - sin * first
 
 
-def _differentiate_rotation(angle: Number, first: Number, second: Number) -> Couple[Number]:
-    """Return the derivative of `_rotate` by the angle."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return cos * second - sin * first, -cos * first - sin * second
-
-
 def _differentiate_tangents(change: Triple[Number], x: Number, y: Number, down: Number) -> Couple[Number]:
     """Return the change of a direction's tangents x, y for a ``change`` of the direction, ``down`` its -z."""
     return (change[0] + x * change[2]) / down, (change[1] + y * change[2]) / down
@@ -69,15 +63,13 @@ def _rotate_ray(
     x, y = _rotate(yaw, rolled_x, pitched_y)
     down = -rolled_z
     x, y = x / down, y / down
-    roll_z, roll_x = _differentiate_rotation(roll, pitched_z, tx)
-    roll_x, roll_y = _rotate(yaw, roll_x, 0.0)
-    by_roll = _differentiate_tangents((roll_x, roll_y, roll_z), x, y, down)
-    pitch_z, pitch_y = _differentiate_rotation(pitch, -1.0, ty)
-    pitch_z, pitch_x = _rotate(roll, pitch_z, 0.0)
-    pitch_x, pitch_y = _rotate(yaw, pitch_x, pitch_y)
+    # a rotation by an angle changes (a, b) by (b, -a)
+    roll_x, roll_y = _rotate(yaw, -rolled_z, 0.0)
+    by_roll = _differentiate_tangents((roll_x, roll_y, rolled_x), x, y, down)
+    pitch_z, pitch_x = _rotate(roll, pitched_y, 0.0)
+    pitch_x, pitch_y = _rotate(yaw, pitch_x, -pitched_z)
     by_pitch = _differentiate_tangents((pitch_x, pitch_y, pitch_z), x, y, down)
-    yaw_x, yaw_y = _differentiate_rotation(yaw, rolled_x, pitched_y)
-    by_yaw = yaw_x / down, yaw_y / down
+    by_yaw = y, -x
     by_sample = _differentiate_tangents(
         _rotate_direction(roll, pitch, yaw, rays[row, 8], rays[row, 10], 0.0), x, y, down
     )
@@ -211,6 +203,6 @@ def linearise_by_rays(
 
 #: Functions that compiled loops call.
 CORRECTION_FORMULAS = (
-    _rotate, _differentiate_rotation, _differentiate_tangents, _rotate_direction, _rotate_ray, intersect_frame_height,
+    _rotate, _differentiate_tangents, _rotate_direction, _rotate_ray, intersect_frame_height,
     linearise_by_rays,
 )  # fmt: skip

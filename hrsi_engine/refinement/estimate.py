@@ -171,11 +171,6 @@ class ObservationEquations:
     linearise: Linearise
     sigmas: np.ndarray
 
-    def select_point(self, index: int) -> ObservationEquations:
-        """Return the equations of one control point."""
-        control = self.control.select(np.array([index]))
-        return replace(self, control=control, linearise=self.model.equations(self.image, control.xy))
-
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
         """Return the weighted equations at ``values``; the ``roots`` of P are those of the values if not given."""
         control = self.control

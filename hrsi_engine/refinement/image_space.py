@@ -63,14 +63,22 @@ class ImagePolynomial:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on the observed positions."""
         constants = self.constants(image)[None]
+        return lambda values, ground: self.linearise(
+            constants, 0, values[None], ground, *image.rpc.project_with_metric_jacobian(ground)
+        )
 
-        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            computed, by_ground = image.rpc.project_with_metric_jacobian(ground)
-            terms, coefficients = np.empty((len(ground), len(self.powers))), self.coefficients(values)[None]
-            correct_in_image(self.powers, constants, coefficients, 0, computed, by_ground, terms, ALL_ROWS)
-            return Equations(computed, np.einsum("nm,cmp->ncp", terms, self.mixing), by_ground)
+    def linearise(
+        self, constants: np.ndarray, which: ImageIndex, values: np.ndarray, ground: np.ndarray,
+        computed: np.ndarray, by_ground: np.ndarray,
+    ) -> Equations:  # fmt: skip
+        """Return the equations of points of many images from what their RPCs say, which is overwritten.
 
-        return linearise
+        ``constants`` and ``values (images, …)`` are of the images, ``which`` is the number of each point's image.
+        """
+        terms = np.empty((len(ground), len(self.powers)))
+        coefficients = self.coefficients(values)
+        correct_in_image(self.powers, constants, coefficients, which, computed, by_ground, terms, ALL_ROWS)
+        return Equations(computed, np.einsum("nm,cmp->ncp", terms, self.mixing), by_ground)
 
     def constants(self, image: Image) -> np.ndarray:
         """Return the constants of an image for `correct_in_image` ``(3,)``: centre, px, and `Image.camera_pixel`."""
@@ -105,9 +113,7 @@ class ImagePolynomial:
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         folded = self._fold_affine(image, values)
-        if folded is not None:
-            return RefitRPC(folded, 0.0)
-        return refit_camera(image, lambda ground: self.project(image, values, ground))
+        return refit_camera(self, image, values) if folded is None else RefitRPC(folded, 0.0)
 
     def _compute_terms(self, image: Image, projected: np.ndarray) -> np.ndarray:
         """Return the derivatives of the correction, px, by the coefficients of the monomials, ``(n, m)``."""

@@ -1,12 +1,16 @@
 """The table of refinement models: one entry a model, from which it is made and from which declarations have its name.
 
-It imports no numerics, so that the command line knows the choices without loading them. The files of the
-families make the models (`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`,
-`laboratory.direct_methods`).
+Beside it stand the names of the rules that choose a model, and how to refine an image. The module imports no numerics,
+so that the command line knows the choices without loading them. The files of the families make the models
+(`image_space`, `object_coordinates`, `object_space`, `pseudo_sensor`, `laboratory.direct_methods`).
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
+
+from ..foundation.options import option, options
 
 
 class ModelEntry(NamedTuple):
@@ -86,6 +90,21 @@ DIRECT_TABLE = {
 #: Models for blocks and single images, and those for single images with GCPs only.
 BLOCK_MODEL_NAMES = (*IMAGE_SPACE_TABLE, *OBJECT_COORDINATES_TABLE, *OBJECT_SPACE_TABLE, *PSEUDO_SENSOR_TABLE)
 DIRECT_MODEL_NAMES = tuple(DIRECT_TABLE)
+#: Rules that choose a model from the GCPs (`selection.RULES`).
+RULE_NAMES = ("auto", "generic")
+
+
+@options
+class RefineOptions:
+    """How to refine an image from its GCPs."""
+
+    model: str = option(
+        "auto", "Correction of each image's RPC", choices=(*RULE_NAMES, *BLOCK_MODEL_NAMES, *DIRECT_MODEL_NAMES)
+    )
+    leave_out: bool = option(
+        True, "GCPs that disagree with the others are left out; they are named in any case", advanced=True
+    )
+
 
 Model = TypeVar("Model")
 

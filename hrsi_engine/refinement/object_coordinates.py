@@ -48,20 +48,22 @@ class GroundPolynomial:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on the observed positions."""
         constants = self.constants(image)[None]
+        return lambda values, ground: self.linearise(
+            constants, 0, values[None], ground, *image.rpc.project_with_metric_jacobian(ground)
+        )
 
-        def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
-            computed, by_ground = image.rpc.project_with_metric_jacobian(ground)
-            terms, coefficients = np.empty((len(ground), len(self.powers))), self.coefficients(values)[None]
-            lon, lat, height = ground.T
-            east, north = ellipsoid.metres_of_a_degree(lat, height)
-            correct_by_ground(
-                self.powers, constants, coefficients, 0, lon, lat, height, east, north,
-                computed, by_ground, terms, ALL_ROWS,
-            )  # fmt: skip
-            by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
-            return Equations(computed, by_values, by_ground)
-
-        return linearise
+    def linearise(
+        self, constants: np.ndarray, which: ImageIndex, values: np.ndarray, ground: np.ndarray,
+        computed: np.ndarray, by_ground: np.ndarray,
+    ) -> Equations:  # fmt: skip
+        """As `image_space.ImagePolynomial.linearise`."""
+        terms, (lon, lat, height) = np.empty((len(ground), len(self.powers))), ground.T
+        correct_by_ground(
+            self.powers, constants, self.coefficients(values), which, lon, lat, height,
+            *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
+        )  # fmt: skip
+        by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
+        return Equations(computed, by_values, by_ground)
 
     def constants(self, image: Image) -> np.ndarray:
         """Return an image's constants for `correct_by_ground` ``(7,)``.
@@ -88,9 +90,7 @@ class GroundPolynomial:
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit a new RPC."""
-        if not np.any(values):
-            return RefitRPC(image.rpc, 0.0)
-        return refit_camera(image, lambda ground: self.project(image, values, ground))
+        return refit_camera(self, image, values)
 
 
 def correct_by_ground(

@@ -118,9 +118,7 @@ class GroundCorrection:
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Fit a new RPC."""
-        if not np.any(values):
-            return RefitRPC(image.rpc, 0.0)
-        return refit_camera(image, lambda ground: self.project(image, values, ground))
+        return refit_camera(self, image, values)
 
 
 def move_position(

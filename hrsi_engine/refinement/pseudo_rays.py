@@ -69,11 +69,6 @@ class SensorFrame:
         cos, sin = np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)
         return np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
-    @property
-    def height_m(self) -> float:
-        """Height of the pseudo sensor in the middle of the image."""
-        return self.heights_m[1]
-
     @cached_property
     def axes(self) -> np.ndarray:
         """Rows: the X, Y and z axes in geocentric coordinates."""
@@ -92,39 +87,34 @@ class SensorFrame:
 #: derivatives of both by sample and line (those of X first); metres in X and Y by which the RPC lies beside the
 #: straight ray at half its height; z of the upper end, and how far below it the lower end lies; z of the pseudo
 #: sensor, and its change from line to line.
-STATION, TANGENT, STATION_BY_IMAGE, TANGENT_BY_IMAGE, SAG = (
-    slice(0, 2), slice(2, 4), slice(4, 8), slice(8, 12), slice(12, 14),
-)  # fmt: skip
-UPPER_END, SPAN, SENSOR_HEIGHT, SENSOR_HEIGHT_BY_LINE = 14, 15, 16, 17
+STATION, TANGENT, SENSOR_HEIGHT = slice(0, 2), slice(2, 4), 16
 COLUMNS = 18
 
 
 @lru_cache(maxsize=1024)
 def compute_sensor_frame(image: Image) -> SensorFrame:
     """Return the frame of an image: its origin below the middle of the image, on the ellipsoid."""
-    middle = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
-    if not np.isfinite(middle).all():
+    below = image.rpc.localize(image.camera_centre_px[None], image.rpc.height_off).ground[0]
+    if not np.isfinite(below).all():
         raise SolveError(f"{image.id}: the RPC has no ground position for the middle of the image: check that both fit")
     centre, half_size = image.camera_centre_px, image.camera_half_size_px
-    level = SensorFrame(LocalFrame(float(middle[0]), float(middle[1])), 0.0, centre, half_size)
+    level = SensorFrame(LocalFrame(float(below[0]), float(below[1])), 0.0, centre, half_size)
     ends = np.array([[u, v] for v in (-1.0, 0.0, 1.0) for u in (-1.0, 1.0)])
     rays = compute_pseudo_rays(image.rpc, level, centre + half_size * ends)
     on_datum = rays[:, STATION] + rays[:, SENSOR_HEIGHT, None] * rays[:, TANGENT]
     east, north = on_datum[3] - on_datum[2]
-    return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=_estimate_sensor_heights(rays))
-
-
-def _estimate_sensor_heights(rays: np.ndarray) -> tuple[float, float, float]:
-    """Return the sensor heights z of three lines: where the rays of the two ends of each are nearest to each other."""
+    # The sensor heights z of the three lines: where the rays of the two ends of each are nearest to each other
     apart = rays[1::2, STATION] - rays[::2, STATION]
     opening = rays[1::2, TANGENT] - rays[::2, TANGENT]
     with np.errstate(divide="ignore", invalid="ignore"):
-        first, middle, last = rays[::2, SENSOR_HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
+        z = rays[::2, SENSOR_HEIGHT] + np.sum(apart * opening, axis=1) / np.sum(opening**2, axis=1)
+    first, middle, last = z.tolist()
+    heights = first, middle, last
     if not SENSOR.least_height_m <= middle <= SENSOR.largest_height_m:
-        return (SENSOR.usual_height_m,) * 3
-    if not max(abs(first - middle), abs(last - middle)) <= SENSOR.largest_climb * middle:
-        return (float(middle),) * 3
-    return float(first), float(middle), float(last)
+        heights = (SENSOR.usual_height_m,) * 3
+    elif not max(abs(first - middle), abs(last - middle)) <= SENSOR.largest_climb * middle:
+        heights = (middle,) * 3
+    return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=heights)
 
 
 def localize_ray_ends(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

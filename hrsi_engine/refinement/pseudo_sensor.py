@@ -26,7 +26,6 @@ attitude error the ground lies where the vendor's RPC extrapolates badly.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,14 +41,7 @@ from .pseudo_rays import SENSOR, compute_pseudo_rays, compute_sensor_frame
 
 #: The corrected quantities; the first three are metres, the others radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
-X, Y, H, PSI_X, PSI_Y, YAW, PSI_Z = range(7)
-
-
-class RayIntersection(NamedTuple):
-    """Intersection of corrected rays with frame heights: ``xy (n, 2)`` m and ``by_image (n, 2, 2)`` m/px."""
-
-    xy: np.ndarray
-    by_image: np.ndarray
+YAW, PSI_Z = 5, 6  # numbers of two of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +67,12 @@ class PseudoSensor:
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
         """Return metres and radians; drifts are changes from the middle of the image to its edge."""
-        orientation = priors.orientation or _derive_orientation(image, priors)
-        share = self.drift_factor * compute_ground_area(image).reach_m / orientation.reach_m
+        reach_m, orientation = compute_ground_area(image).reach_m, priors.orientation
+        if orientation is None:  # the position and attitude errors that correspond to the priors in pixels
+            metres, height = 1.0 / float(compute_px_per_m([image])[0]), compute_sensor_frame(image).heights_m[1]
+            shift, change = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
+            orientation = Orientation(shift, shift / height, change, change / height, reach_m)
+        share = self.drift_factor * reach_m / orientation.reach_m
         position, drift = orientation.position_m, share * orientation.position_drift_m
         angle, angle_drift = orientation.attitude_rad, share * orientation.attitude_drift_rad
         table = np.array([[position, drift, drift]] * 3 + [[angle, angle_drift, angle_drift]] * 4)
@@ -135,11 +131,11 @@ class PseudoSensor:
         position = np.tile(image.camera_centre_px, (len(ground), 1))
         for _ in range(SENSOR.most_steps):
             rays = compute_pseudo_rays(image.rpc, frame, position)
-            hit = self._intersect(constants, coefficients, rays, position, place[:, 2])
+            xy, by_image = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
-            bad = ~np.isfinite(hit.by_image).all(axis=(1, 2))
-            regular = np.where(bad[:, None, None], np.eye(2), hit.by_image)
-            step = np.linalg.solve(regular, (place[:, :2] - hit.xy)[:, :, None])[:, :, 0]
+            bad = ~np.isfinite(by_image).all(axis=(1, 2))
+            regular = np.where(bad[:, None, None], np.eye(2), by_image)
+            step = np.linalg.solve(regular, (place[:, :2] - xy)[:, :, None])[:, :, 0]
             position = position + step
             if not np.nanmax(np.abs(step), initial=0.0) > SENSOR.closure_px:
                 break
@@ -169,7 +165,7 @@ class PseudoSensor:
         z = heights.copy()
         # The Earth curves away under the frame: iterate the frame height of each ellipsoidal height
         for _ in range(SENSOR.most_steps):
-            xy = self._intersect(constants, coefficients, rays, position, z).xy
+            xy, _ = self._intersect(constants, coefficients, rays, position, z)
             ground = frame.to_ground(np.column_stack([xy, z]))
             z = z + heights - ground[:, 2]
             if not np.nanmax(np.abs(heights - ground[:, 2])) > SENSOR.height_closure_m:
@@ -179,21 +175,13 @@ class PseudoSensor:
 
     def _intersect(
         self, constants: np.ndarray, coefficients: np.ndarray, rays: np.ndarray, position: np.ndarray, z: np.ndarray
-    ) -> RayIntersection:
-        """Return where the corrected rays of image points pass the frame heights ``z (n,)``."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return where corrected rays pass the frame heights ``z (n,)``, ``(n, 2)`` m, and ``(n, 2, 2)`` m/px there."""
         here = np.zeros_like(z), np.zeros_like(z)
         hit = intersect_frame_height(
             constants, coefficients, 0, rays, ALL_ROWS, position[:, 0], position[:, 1], z, here
         )
-        return RayIntersection(np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2))
-
-
-def _derive_orientation(image: Image, priors: Priors) -> Orientation:
-    """Return the position and attitude errors that correspond to the priors in pixels."""
-    metres = 1.0 / float(compute_px_per_m([image])[0])
-    height, reach = compute_sensor_frame(image).height_m, compute_ground_area(image).reach_m
-    shift, drift = priors.shift_px * metres, priors.drift * float(image.camera_half_size_px.max()) * metres
-    return Orientation(shift, shift / height, drift, drift / height, reach)
+        return np.column_stack(hit[0]), np.column_stack(hit[3]).reshape(-1, 2, 2)
 
 
 def _variant(

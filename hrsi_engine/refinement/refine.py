@@ -1,8 +1,9 @@
 """Refinement of one image's RPC from ground control: check the points, choose a model, estimate, compare."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -12,15 +13,26 @@ from ..block.block import Image
 from ..block.default_sigmas import DefaultSigmas
 from ..block.points import GroundPoints, ImagePoints, Role
 from ..camera.rpc import RPC
-from ..foundation.errors import InputError, SolveError
+from ..foundation.errors import InputError, SolveError, list_ids
+from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
+from ..ground.geodesy import distances_m, ground_difference_m
 from ..plausibility import check_block
-from .control_checks import check_control
 from .estimate import CONTROL_ONLY, Control, Estimate, estimate
+from .ground_area import compute_ground_area
 from .model import RefinementModel, RefitRPC
+from .model_table import RefineOptions
 from .models import MODELS
-from .options import RefineOptions
 from .selection import RULES, ModelChoice, SuspectGcp, find_suspects
+
+
+@thresholds
+class CONTROL:
+    """When GCPs of an image cannot be right, or do not determine it."""
+
+    farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
+    same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
+    least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
 
 
 @thresholds
@@ -145,15 +157,97 @@ def refine_image(
     warnings = check_control(image, control)
     choice = RULES[model]([(image, control)]) if model in RULES else None
     suspects = find_suspects(image, control) if choice is None else list(choice.suspects)
-    used, said = _leave_out_suspects(control, suspects, options.leave_out)
-    warnings += [*(choice.warnings if choice else ()), *said]
+    what = "it is left out" if options.leave_out else "it is kept"
+    warnings += choice.warnings if choice else ()
+    warnings += [
+        f"{one.image}: GCP {one.id} disagrees with the others by {one.deviation_px:.1f} px: {what}; check it"
+        for one in suspects
+    ]
+    keep = ~np.isin(control.ids, [suspect.id for suspect in suspects])
+    used = control.select(keep) if options.leave_out else control
     name = choice.model if choice else model
     if name not in models:
         raise InputError(f"unknown model {name!r}: choose one of {', '.join([*RULES, *models])}")
     chosen = models[name]
     found = solve_refinement(chosen, image, used)
-    return Refinement(
-        image, chosen, found, used, tuple(suspects), choice, (*warnings, *_warn_of_uncertainty(chosen, image, found))
+    if not found.converged:
+        warnings.append(f"{image.id}: model {name} {found.status}: its parameters are not to be trusted")
+    edge = edge_sigma_px(chosen, image, found)
+    if edge > UNCERTAINTY.warned_px:
+        warnings.append(
+            f"{image.id}: model {name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
+            "or choose a simpler `model`"
+        )
+    return Refinement(image, chosen, found, used, tuple(suspects), choice, tuple(warnings))
+
+
+def check_control(image: Image, control: Control) -> list[str]:
+    """Return warnings about the control of an image. Raises `InputError` that names the points.
+
+    An error where no result is possible (no point, no number, longitude and latitude swapped, another part of the
+    world), a warning where the points do not determine a model: on a line, at one place. Implausible inputs (heights in
+    feet, points outside the image) are found by `plausibility`.
+    """
+    if not len(control):
+        raise InputError(f"{image.id}: no GCP is measured on it: measure one, name its image file, or leave it out")
+    finite = finite_rows(control.ground) & finite_rows(control.xy)
+    sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
+    if not finite.all():
+        raise InputError(f"{image.id}: GCP {list_ids(control.ids[~finite])} has no number as coordinate: complete it")
+    if not sigmas.all():
+        raise InputError(
+            f"{image.id}: GCP {list_ids(control.ids[~sigmas])} has a sigma that is not above 0: correct it"
+        )
+    ids, count = np.unique(control.ids, return_counts=True)
+    if (count > 1).any():
+        raise InputError(
+            f"{image.id}: GCP {list_ids(ids[count > 1])} is given more than once: keep one measurement of it"
+        )
+    wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
+    if wild.any() and not _has_swapped_axes(image, control.ground)[wild].all():
+        raise InputError(
+            f"{image.id}: GCP {list_ids(control.ids[wild])} is at no longitude and latitude "
+            f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
+        )
+    swapped = _has_swapped_axes(image, control.ground)
+    if swapped.any():
+        raise InputError(
+            f"{image.id}: longitude and latitude of GCP {list_ids(control.ids[swapped])} are swapped: exchange them"
+        )
+    distance = _compute_distance_m(image, control.ground)
+    far = distance > CONTROL.farthest_m
+    if far.any():
+        raise InputError(
+            f"{image.id}: GCP {list_ids(control.ids[far])} lies {distance[far].max() / 1e3:.0f} km from the image: "
+            "check its coordinates and the CRS"
+        )
+    first, second = np.triu_indices(len(control), 1)
+    near = distances_m(control.ground[first], control.ground[second]) < CONTROL.same_place_m
+    warnings = [
+        f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
+        for first, second in islice(zip(first[near], second[near], strict=True), 8)
+    ]
+    if len(control) < 3:
+        return warnings
+    along, across = np.linalg.svd(control.xy - control.xy.mean(axis=0), compute_uv=False)
+    if across <= CONTROL.least_width * along:
+        where = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
+        warnings.append(
+            f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they tell nothing of the rest of the image; "
+            "spread them, or trust a shift only"
+        )
+    return warnings
+
+
+def _compute_distance_m(image: Image, ground: np.ndarray) -> np.ndarray:
+    middle = np.broadcast_to(compute_ground_area(image).middle, ground.shape)
+    return np.linalg.norm(ground_difference_m(ground, middle)[:, :2], axis=1)
+
+
+def _has_swapped_axes(image: Image, ground: np.ndarray) -> np.ndarray:
+    """Return which points are near the image only with longitude and latitude exchanged, ``(n,)`` bool."""
+    return (_compute_distance_m(image, ground) > CONTROL.farthest_m) & (
+        _compute_distance_m(image, ground[:, [1, 0, 2]]) < CONTROL.farthest_m
     )
 
 
@@ -194,74 +288,3 @@ def edge_sigma_px(model: RefinementModel, image: Image, found: Estimate) -> floa
     by_values = model.equations(image, corners)(found.values, ground).by_values
     variance = np.einsum("ncp,pq,ncq->n", by_values, found.covariance, by_values)
     return float(np.sqrt(np.nanmax(variance, initial=0.0)) * max(1.0, 1.0 / max(found.sigma0, 1e-12)))
-
-
-def _leave_out_suspects(control: Control, suspects: Iterable[SuspectGcp], leave_out: bool) -> tuple[Control, list[str]]:
-    """Return the control without the suspects, and a warning for each."""
-    listed = list(suspects)
-    what = "it is left out" if leave_out else "it is kept"
-    said = [
-        f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px: {what}; "
-        "check it"
-        for suspect in listed
-    ]
-    keep = ~np.isin(control.ids, [suspect.id for suspect in listed])
-    return (control.select(keep) if leave_out else control), said
-
-
-def _warn_of_uncertainty(model: RefinementModel, image: Image, found: Estimate) -> list[str]:
-    said = []
-    if not found.converged:
-        said.append(f"{image.id}: model {model.name} {found.status}: its parameters are not to be trusted")
-    edge = edge_sigma_px(model, image, found)
-    if edge > UNCERTAINTY.warned_px:
-        said.append(
-            f"{image.id}: model {model.name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
-            "or choose a simpler `model`"
-        )
-    return said
-
-
-@dataclass(frozen=True, eq=False)
-class ModelComparison:
-    """Residuals ``(n, 2)`` of a model at control and check points; ``note`` says why it failed."""
-
-    control_px: np.ndarray
-    check_px: np.ndarray
-    refinement: Refinement | None = None
-    note: str = ""
-
-
-def compare_models(
-    image: Image, control: Control, check: Control, models: Mapping[str, RefinementModel] = MODELS
-) -> dict[str, ModelComparison]:
-    """Return the residuals of every model with the same control and check points.
-
-    Parameters
-    ----------
-    image : Image
-        The image.
-    control : Control
-        Points used in the estimation.
-    check : Control
-        Points not used.
-    models : mapping of str to RefinementModel
-        The models, by name.
-
-    Returns
-    -------
-    dict
-        By the models' names.
-    """
-    table = {}
-    for name, model in models.items():
-        try:
-            refinement = Refinement(image, model, solve_refinement(model, image, control), control)
-            table[name] = ModelComparison(
-                refinement.residuals_px(control), refinement.residuals_px(check), refinement,
-                "" if refinement.estimate.converged else refinement.estimate.status,
-            )  # fmt: skip
-        except (InputError, SolveError) as error:
-            nothing = np.full((0, 2), np.nan)
-            table[name] = ModelComparison(nothing, nothing, None, str(error))
-    return table

@@ -46,8 +46,7 @@ class SELECTION:
     """Which model GCPs support, and which GCPs are blunders."""
 
     significance: float = threshold(
-        0.05, "",
-        "significance that the better prediction of a richer model must have",
+        0.05, "", "significance that the better prediction of a richer model must have",
         "Breiman et al. 1984, one standard error rule",
     )  # fmt: skip
     blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst of all GCPs", "Rosner 1983")

@@ -1,8 +1,8 @@
 """Corrected cameras of many images with few points on each, vectorised over images.
 
-The formulas of the families take one image's index or an array of them (`correct_in_image`), the RPCs are those of
-`camera.rpc_stack`. A new family is its formula on such arrays and an entry in `STACKED`; models without an entry are
-evaluated image by image. Both ways agree to rounding; why both stay: docs/decisions.md.
+The formulas of polynomials take one image's index or an array of them (`correct_in_image`), the RPCs are those of
+`camera.rpc_stack`. Models of other families are evaluated image by image. Both ways agree to rounding; why both stay:
+docs/decisions.md.
 
 Arguments that the functions share
     images : those of a block; which (n,) : the number of each point's image
@@ -10,16 +10,14 @@ Arguments that the functions share
     ground (n, 3) : lon, lat in degrees, ellipsoidal height in metres
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ..block.block import Image, stack_of
-from ..ground import ellipsoid
-from .image_space import ImagePolynomial, correct_in_image
-from .model import ALL_ROWS, Equations, RefinementModel
-from .object_coordinates import GroundPolynomial, correct_by_ground
+from .image_space import ImagePolynomial
+from .model import Equations, RefinementModel
+from .object_coordinates import GroundPolynomial
 
 
 def linearise_images(
@@ -31,9 +29,11 @@ def linearise_images(
     model, images, which, values, ground : see the module
     xy : (n, 2) sample, line
     """
-    stacked = STACKED.get(type(model))
-    if stacked is not None:
-        return stacked(model, images, which, values, ground)
+    if isinstance(model, ImagePolynomial | GroundPolynomial):
+        constants = np.array([model.constants(image) for image in images])
+        return model.linearise(
+            constants, which, values, ground, *stack_of(images).project_with_metric_jacobian(which, ground)
+        )
     n, p = len(ground), len(model.parameters)
     found = Equations(np.empty((n, 2)), np.empty((n, 2, p)), np.empty((n, 2, 3)))
     for index, rows in _group_by_image(which):
@@ -47,9 +47,8 @@ def project_to_images(
     model: RefinementModel, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
 ) -> np.ndarray:
     """Return the image points ``(n, 2)`` of ground points by the corrected cameras; see `RefinementModel.project`."""
-    stacked = STACKED.get(type(model))
-    if stacked is not None:
-        return stacked(model, images, which, values, ground).computed
+    if isinstance(model, ImagePolynomial | GroundPolynomial):
+        return linearise_images(model, images, which, np.empty((len(ground), 2)), values, ground).computed
     found = np.empty((len(ground), 2))
     for index, rows in _group_by_image(which):
         found[rows] = model.project(images[index], values[index], ground[rows])
@@ -69,42 +68,3 @@ def _group_by_image(which: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     order = np.argsort(which, kind="stable")
     numbers, first = np.unique(which[order], return_index=True)
     yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(which) else ()
-
-
-def _prepare_formula(
-    model: ImagePolynomial | GroundPolynomial, images: Sequence[Image], points: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the images' constants, and an empty array for the terms of all points."""
-    return np.array([model.constants(image) for image in images]), np.empty((points, len(model.powers)))
-
-
-def _linearise_image_polynomials(
-    model: ImagePolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
-) -> Equations:
-    """Return the equations of `image_space.ImagePolynomial`."""
-    computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = _prepare_formula(model, images, len(ground))
-    correct_in_image(model.powers, constants, model.coefficients(values), which, computed, by_ground, terms, ALL_ROWS)
-    return Equations(computed, np.einsum("nm,cmp->ncp", terms, model.mixing), by_ground)
-
-
-def _linearise_ground_polynomials(
-    model: GroundPolynomial, images: Sequence[Image], which: np.ndarray, values: np.ndarray, ground: np.ndarray
-) -> Equations:
-    """Return the equations of `object_coordinates.GroundPolynomial`."""
-    computed, by_ground = stack_of(images).project_with_metric_jacobian(which, ground)
-    constants, terms = _prepare_formula(model, images, len(ground))
-    lon, lat, height = ground.T
-    correct_by_ground(
-        model.powers, constants, model.coefficients(values), which, lon, lat, height,
-        *ellipsoid.metres_of_a_degree(lat, height), computed, by_ground, terms, ALL_ROWS,
-    )  # fmt: skip
-    by_values = np.kron(np.eye(2), terms[:, None, :]).reshape(len(ground), 2, 2 * terms.shape[1])
-    return Equations(computed, by_values, by_ground)
-
-
-#: Function that linearises many images of a family at once.
-STACKED: dict[type, Callable[[Any, Sequence[Image], np.ndarray, np.ndarray, np.ndarray], Equations]] = {
-    ImagePolynomial: _linearise_image_polynomials,
-    GroundPolynomial: _linearise_ground_polynomials,
-}

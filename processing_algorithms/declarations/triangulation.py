@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ...hrsi_engine.refinement.options import RefineOptions
+from ...hrsi_engine.refinement.model_table import RefineOptions
 from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
     AUTOMATIC_TIES,

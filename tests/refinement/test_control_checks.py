@@ -10,7 +10,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.refinement.estimate import Control
-from hrsi.hrsi_engine.refinement.options import RefineOptions
+from hrsi.hrsi_engine.refinement.model_table import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import refine_image, refine_rpc
 
 FOOT_M = 0.3048

@@ -11,6 +11,7 @@ from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
 
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.laboratory.direct_methods import compare_models
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     Noise,
@@ -21,8 +22,8 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.refinement import MODELS, selection
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
-from hrsi.hrsi_engine.refinement.options import RefineOptions
-from hrsi.hrsi_engine.refinement.refine import compare_models, refine_image
+from hrsi.hrsi_engine.refinement.model_table import RefineOptions
+from hrsi.hrsi_engine.refinement.refine import refine_image
 from hrsi.hrsi_engine.refinement.selection import choose_by_number, choose_by_prediction, choose_model
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 

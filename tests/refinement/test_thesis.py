@@ -10,7 +10,7 @@ from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.benchmarks.thesis_tables import check_residuals, edge_difference, generic_model, rmse
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import Control, estimate
-from hrsi.hrsi_engine.refinement.options import RefineOptions
+from hrsi.hrsi_engine.refinement.model_table import RefineOptions
 from hrsi.hrsi_engine.refinement.refine import refine_image
 
 

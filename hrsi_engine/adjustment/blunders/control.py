@@ -107,20 +107,18 @@ class VarianceFactor:
     @classmethod
     def estimate(cls, rest: Discrepancies, squares: float, freedom: float) -> VarianceFactor:
         """Return it for what is left, and its squares and their degrees of freedom."""
-        pooled = max((max(squares, 0.0) + GCP_TESTS.of_stated_sigmas) / (freedom + GCP_TESTS.of_stated_sigmas), 1.0)
+        stated = GCP_TESTS.of_stated_sigmas
+        pooled = max((max(squares, 0.0) + stated) / (freedom + stated), 1.0)
         worse = []
         for kind in (PLAN, HEIGHT, IMAGE):
             own = rest.kind == kind
             shares, total = rest.s.diagonal()[own].sum(), float(np.sum(rest.u[own] ** 2))
             if shares < 0.5:
                 continue
-            ratio = (total + GCP_TESTS.of_stated_sigmas) / (shares + GCP_TESTS.of_stated_sigmas)
-            if (
-                special.fdtrc(shares + GCP_TESTS.of_stated_sigmas, freedom + GCP_TESTS.of_stated_sigmas, ratio / pooled)
-                < GCP_TESTS.worse_significance
-            ):
-                worse.append((ratio, shares + GCP_TESTS.of_stated_sigmas))
-        return cls(pooled, freedom + GCP_TESTS.of_stated_sigmas, tuple(worse))
+            ratio = (total + stated) / (shares + stated)
+            if special.fdtrc(shares + stated, freedom + stated, ratio / pooled) < GCP_TESTS.worse_significance:
+                worse.append((ratio, shares + stated))
+        return cls(pooled, freedom + stated, tuple(worse))
 
     def compute_surprise(self, test: float, dimensions: int) -> float:
         """Return -log of the probability of a test value by chance."""

@@ -14,6 +14,13 @@ that the other k - 2 are wrong, is
     odds = (k e (1 - e) + e²) / (1 - e)² · chance / phi(y)        chance = 1 / (2 a), phi: the normal density
 
 (Bayes; the number of pairs that could agree is the same in both). Pairs with odds above `RAYS.credit` are doubtful too.
+
+**Error probabilities** are shared over all tests. ``reject_sigma`` names an error probability: that of an image point
+(two dimensions) this many standard deviations off. A block has thousands of tests, so that probability alone would
+accuse somebody in every clean block. The limit of the tie points is therefore that of Benjamini and Hochberg (1995): of
+all N points tested those R are wrong whose probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a
+clean block is accused in p of cases, and a bad one tested as sharply as the user asks. GCPs share the probability
+equally (Bonferroni).
 """
 
 import numpy as np
@@ -27,7 +34,6 @@ from ..observations import Observations
 from ..result import Decision
 from ..statistics.precision import compute_deletion_tests
 from ..weights import huber
-from .limits import compute_shared_limit, critical_value, error_probability
 
 MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against their mean
 
@@ -53,6 +59,16 @@ class TREND:
     sample: int = threshold(600, "measurements", "of an image that tell it: each coefficient to 0.1 sigma")
     steps: int = threshold(4, "steps", "of the robust fit")
     levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")
+
+
+@thresholds
+class FALSE_ALARMS:
+    """How often tests of many points may be wrong."""
+
+    false_share: float = threshold(
+        0.002, "",
+        "share of clean blocks in which a tie point is accused; of the points accused, share of those that are right",
+    )  # fmt: skip
 
 
 def estimate_tie_variance(
@@ -331,3 +347,28 @@ class PointRays:
         cofactor = prior[:, :, None, None] * np.eye(2) - seen
         tests = compute_deletion_tests(left.reshape(-1, 2), cofactor.reshape(-1, 2, 2), weight.ravel())
         return tests.reshape(count, length), np.einsum("akc,akc,ak->a", left, left, weight)
+
+
+# ---- error probabilities ---------------------------------------------------------------------------------------------
+
+
+def error_probability(sigmas: float) -> float:
+    """Return the probability that an image point lies more than ``sigmas`` off by chance."""
+    return float(np.exp(-0.5 * sigmas**2))
+
+
+def critical_value(sigmas: float, dimensions: int, candidates: int = 1) -> float:
+    """Return the limit of a chi² test with the error probability of ``sigmas``, shared by several ``candidates``."""
+    return float(special.chdtri(dimensions, error_probability(sigmas) / candidates))
+
+
+def compute_shared_limit(probability: np.ndarray, tests: int, sigmas: float) -> float:
+    """Return the limit in sigmas at which the wrong ones among many ``tests`` are found, at least ``sigmas``.
+
+    ``probability (k,)`` are those of the suspicious ones; all others are taken to be right.
+    """
+    ordered = np.sort(probability)
+    allowed = FALSE_ALARMS.false_share * np.arange(1, len(ordered) + 1) / max(tests, 1)
+    passed = np.flatnonzero(ordered <= allowed)
+    limit = allowed[passed[-1]] if len(passed) else FALSE_ALARMS.false_share / max(tests, 1)
+    return max(sigmas, float(np.sqrt(-2.0 * np.log(limit))))

@@ -5,7 +5,7 @@
 | normal_equations     | what the solver asks: normal equations with the points eliminated, cofactors   |
 | linearisation        | residuals and derivatives of any part of a block, for every model              |
 | elimination          | elimination of the points with NumPy                                           |
-| compiled_elimination | … compiled (elimination_kernels)                                               |
+| elimination_kernels  | … compiled                                                                     |
 | states               | unknowns, priors of the points, sums and cofactors                             |
 | pattern              | which cameras share points                                                     |
 | nested_dissection    | sparse Cholesky factors and inverse on the pattern                             |

@@ -23,8 +23,7 @@ class SYSTEM:
 
     most_factored: int = threshold(
         300_000, "cameras",
-        "more are solved by conjugate gradients: the factors of an affine block that large take some 12 "
-        "GB",
+        "more are solved by conjugate gradients: the factors of an affine block that large take some 12 GB",
     )  # fmt: skip
     nearby: float = threshold(1e-7, "", "relative error by a nearby matrix's factors; the next pass mends it")
     nearby_unknowns: int = threshold(500, "unknowns", "of fewer, new factors cost nothing and are exact")
@@ -170,14 +169,11 @@ class IterativeSystem(_UnitDiagonal):
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:
         pattern, p = self.pattern, self.pattern.parameters
         scaled = self.scale_blocks(blocks, prior_weight, damping)
-        upper = sparse.bsr_matrix((scaled, pattern.columns, pattern.start), shape=(pattern.cameras * p,) * 2).tocsr()
-        # The full matrix of a block-upper one, whose diagonal blocks are complete
-        entries = upper.tocoo()
-        off_diagonal = entries.row // p != entries.col // p
-        mirrored = sparse.coo_matrix(
-            (entries.data[off_diagonal], (entries.col[off_diagonal], entries.row[off_diagonal])), shape=entries.shape
-        )
-        self._matrix = sparse.csr_matrix(upper + mirrored)
+        place, shape = (pattern.columns, pattern.start), (pattern.cameras * p,) * 2
+        above = scaled.copy()
+        above[pattern.diagonal] = 0.0  # diagonal blocks are complete
+        lower = sparse.bsr_matrix((above, *place), shape=shape).T
+        self._matrix = sparse.csr_matrix(sparse.bsr_matrix((scaled, *place), shape=shape) + lower)
         self._parts = []
         for group in self._groups:
             chosen = slice(group[0] * p, (group[-1] + 1) * p)

@@ -8,7 +8,7 @@ others are evaluated image by image with NumPy, the whole block at once, and the
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,14 +61,20 @@ class NumbaCameras:
 
     by_parts = True  # a part is evaluated when it is asked for, at the ground as it then is
 
-    def __init__(self, observations: Observations, model: RefinementModel) -> None:
-        from ...refinement import compiled_cameras  # needs numba, and takes a second
+    def __init__(self, observations: Observations, model: Any) -> None:
+        from ...refinement.compiled_cameras import FAMILIES, rpc_tables  # need numba, and take a second
 
-        self._camera_of_image = observations.camera_of_image
-        self._cameras = compiled_cameras.CameraTables(
-            model, observations.images, observations.by_image, observations.image, observations.xy, observations.first
-        )
-        self.structure = self._cameras.structure
+        family, images = FAMILIES[type(model)], observations.images
+        self.structure: Structure = model.structure
+        self._model, self._camera_of_image = model, observations.camera_of_image
+        self._loop, self._table = family.loop, family.table(model)
+        self._is_costly = family.columns > 0  # to evaluate: its equations are worth keeping
+        self._rpcs = rpc_tables([image.rpc for image in images])
+        self._constants = np.stack([model.constants(image) for image in images])
+        rays = np.empty((observations.count, family.columns))
+        for image, rows in zip(images, observations.by_image, strict=True):
+            family.rays(image, observations.xy, rows, rays)
+        self._observed = observations.first, observations.image, observations.xy, rays
         self._kept: tuple[State, dict[int | None, Linearisation]] | None = None
 
     def linearise_at(self, state: State, keep: bool = False) -> LinearisePortion:
@@ -80,9 +86,9 @@ class NumbaCameras:
             kept = self._kept[1]
         else:
             kept = {}
-            if keep and self._cameras.is_costly:
+            if keep and self._is_costly:
                 self._kept = state, kept
-        coefficients = self._cameras.coefficients(state.values)[self._camera_of_image]
+        coefficients = np.asarray(self._model.coefficients(state.values))[self._camera_of_image]
         q, t = self.structure.quantities, self.structure.terms
 
         def linearise(part: Portion) -> Linearisation:
@@ -91,9 +97,10 @@ class NumbaCameras:
             rows = int(part.place[-1])
             by_quantity = np.empty((0, 2, 0)) if q is None else np.empty((rows, 2, q))
             out = np.empty((rows, 2)), np.empty((rows, 2, 3)), by_quantity, np.empty((rows, t))
-            self._cameras.write_equations(part.points, part.place, coefficients, state.ground, out)
+            formula = self._constants, coefficients, self._table
+            self._loop(part.points, part.place, self._observed, state.ground, self._rpcs, formula, out)
             found = Linearisation(out[0], out[1], None if q is None else by_quantity, out[3])
-            if keep and self._cameras.is_costly and part.number is not None:
+            if keep and self._is_costly and part.number is not None:
                 kept[part.number] = found
             return found
 

@@ -67,7 +67,7 @@ class NormalEquations:
         self.observations, self.pattern = observations, pattern
         self._elimination: NumpyElimination
         if is_wanted(max(observations.count, drawn_from) >= POINT_STEPS.worth_compiling):
-            from .compiled_elimination import NumbaElimination  # needs numba, and takes a second
+            from .elimination_kernels import NumbaElimination  # needs numba, and takes a second
 
             self._elimination, self.threads = NumbaElimination(observations, pattern), thread_count(threads)
         else:

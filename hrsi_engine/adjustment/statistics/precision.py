@@ -34,7 +34,6 @@ class RELIABILITY:
     least_redundancy: float = threshold(1e-3, "", "a residual with less says nothing of its observation")
 
 
-AREA_CELLS = 20  # along each side of what a block measures
 LEAST_SIGMA_M = 1e-6  # of a position: what is known without error has a CE90 all the same
 DIRECTIONS = 16  # of a half circle, over which an error ellipse is integrated; 1e-4 of a CE90
 #: What holds 90 % of normal errors: a circle, of the radial RMSE (NSSDA), and a band to both sides, of the RMSE.
@@ -63,22 +62,14 @@ class Precision:
         return self.cameras[loop.pattern.diagonal]
 
 
-def compute_camera_cofactors(loop: GaussNewton, solution: Solution) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the cofactors of each camera's own parameters ``(cameras, p, p)``, and all of them (see `Precision`)."""
-    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
-    cameras = loop.system.compute_cofactors()
-    if cameras is None:
-        return np.full((*loop.prior_weight.shape, loop.prior_weight.shape[1]), np.nan), None
-    return cameras[loop.pattern.diagonal], cameras
-
-
 def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
     """Return all cofactors at a solution."""
-    cameras, spread = loop.compute_cofactors(solution)
+    cameras = loop.compute_camera_cofactors(solution)
     n, m = len(solution.factor), len(solution.normals.inverse)
-    if cameras is None or spread is None:
+    if cameras is None:
         own = np.full(loop.prior_weight.shape, np.nan)
         return Precision(own, np.full((m, 3, 3), np.nan), np.full((n, 2, 2), np.nan), None)
+    spread = loop.equations.compute_cofactors(solution.state, solution.weight, solution.normals, cameras)
     own = cameras[loop.pattern.diagonal].diagonal(axis1=1, axis2=2)
     residuals = np.negative(spread.computed, out=spread.computed)
     weight = solution.weight
@@ -144,14 +135,6 @@ def _find_quantile_90(beyond: Callable[[float], np.ndarray], sigma: np.ndarray, 
         return None
     low, high = np.log(0.1 * sigma.min()), np.log(10.0 * sigma.max())
     return float(np.exp(optimize.brentq(lambda r: np.average(beyond(np.exp(r)), weights=weight) - 0.1, low, high)))
-
-
-def weigh_by_area(ground: np.ndarray) -> np.ndarray:
-    """Return by how much of the area each point ``(k, 3)`` stands for: those of one cell share it, ``(k,)``."""
-    low, high = ground[:, :2].min(axis=0, initial=np.inf), ground[:, :2].max(axis=0, initial=-np.inf)
-    share = (ground[:, :2] - low) / np.maximum(high - low, 1e-12)
-    cell = np.minimum((share * AREA_CELLS).astype(np.int64), AREA_CELLS - 1) @ [1, AREA_CELLS]
-    return np.asarray(1.0 / np.bincount(cell)[cell])
 
 
 def compute_semi_axes(covariance_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

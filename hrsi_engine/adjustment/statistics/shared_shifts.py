@@ -23,24 +23,12 @@ the rest common to the pass. With J the sum of the J_c the covariance is::
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ..gauss_newton import GaussNewton, Solution
-
-
-class SharedErrors(NamedTuple):
-    """What errors that many positions share do to the points ``(m, …)`` of the solver.
-
-    shifts : (m, 3, e) by how much one standard deviation of each error moves a point
-    excess : (m, 3, 3) what the covariances hold of them already, as if they were independent
-    """
-
-    shifts: np.ndarray
-    excess: np.ndarray
 
 
 def propagate_shifts(loop: GaussNewton, solution: Solution, surveyed: np.ndarray, shifts_m: np.ndarray) -> np.ndarray:

@@ -38,8 +38,7 @@ class VARIANCE:
     """Which sigmas can be estimated from residuals, and how far."""
 
     least_redundancy: float = threshold(
-        4.0, "",
-        "redundancy of a group below which its variance factor is known to no better than a third",
+        4.0, "", "redundancy of a group below which its variance factor is known to no better than a third",
         "1 / sqrt(2 r) of a variance component with redundancy r",
     )  # fmt: skip
     least_matched_px: float = threshold(0.02, "px", "no matching is better", "Förstner 1982, Grün 1985")
