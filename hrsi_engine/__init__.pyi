@@ -20,12 +20,12 @@ from .camera import fit_rpc as fit_rpc
 from .foundation import HrsiError as HrsiError
 from .io import open_image as open_image
 from .io import read_rpc as read_rpc
+from .laboratory.direct_methods import compare_models as compare_models
 from .measurement import TieOptions as TieOptions
 from .measurement import find_tie_points as find_tie_points
 from .plausibility import check_block as check_block
 from .refinement import MODELS as MODELS
 from .refinement.estimate import Control as Control
-from .refinement.refine import compare_models as compare_models
 from .refinement.refine import refine_rpc as refine_rpc
 from .refinement.selection import choose_model as choose_model
 from .results.residuals import compute_residuals as compute_residuals

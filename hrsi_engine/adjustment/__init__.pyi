@@ -15,9 +15,8 @@
 | variance_components | sigmas of groups of observations                                            |
 | drift_prior         | … and of the drifts of the images' corrections                              |
 | precision           | cofactors, error ellipses, reliability                                      |
-| cross_validation    | each GCP as a check point in turn                                           |
 | outcome             | the last solution as an `Adjustment`                                        |
-| solver              | `adjust`: the rounds of an adjustment                                       |
+| solver              | `adjust`: the rounds of an adjustment; each GCP as a check point in turn    |
 """
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.

@@ -3,9 +3,8 @@
 | module             | holds                                                                            |
 |--------------------|----------------------------------------------------------------------------------|
 | model              | the contract, priors                                                             |
-| model_table        | the models' names, titles and settings, one entry each; no numerics              |
+| model_table        | the models' names, titles and settings, how to refine an image; no numerics      |
 | models             | every model by its name                                                          |
-| options            | how to refine an image                                                           |
 | image_space        | bias compensation: polynomials of the image position                             |
 | object_coordinates | polynomials of the ground position, added in the image                           |
 | object_space       | corrections of the ground position                                               |
@@ -15,7 +14,6 @@
 | compiled_cameras   | the equations of many image points by compiled loops over the models' formulas   |
 | estimate           | parameters of one image from its GCPs                                            |
 | selection          | which model the GCPs support, and which GCPs disagree                            |
-| control_checks     | GCPs that cannot be right                                                        |
 | refine             | one image from GCPs: checks, selection, estimation, comparison of models         |
 """
 
