@@ -1557,6 +1557,69 @@ def strip(
     """
     ...
 
+def hand_over(
+    result: Path,
+    *,
+    to: Literal["cars", "s2p"] = "cars",
+    extent: str | None = None,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height_datum: str = "layer",
+    most_pairs: int = 8,
+    link: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """A project for the next program from an adjusted block, ready to run.
+
+    Writes a folder in which the next program runs with one printed command: the images with their
+    refined RPCs, the stereo pairs worth matching, an initial DEM of ellipsoidal heights, the program's
+    configuration, and the accuracy to expect. Pairs are chosen by convergence, sun, season and the
+    share of common tie points; the initial DEM is ``dem``, or a surface through the adjusted points.
+
+    Parameters
+    ----------
+    result : path
+        Output directory of an adjustment.
+    to : str, optional
+        The next program (one of cars, s2p; default cars).
+    extent : str, optional
+        Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind
+        it; by default all that the chosen pairs have in common.
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    height_datum : str, optional
+        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
+        egm2008 or a geoid grid file (default layer).
+    most_pairs : int, optional
+        Most stereo pairs, the best first (at least 1; default 8).
+    link : bool, optional
+        Refer to the images by VRTs instead of copying them (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def rpc_info(
     images: Images,
     *,

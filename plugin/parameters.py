@@ -209,6 +209,10 @@ def _extent(param: Param) -> QgsProcessingParameterDefinition:
     return made
 
 
+def _folder(param: Param) -> QgsProcessingParameterDefinition:
+    return QgsProcessingParameterFile(behavior=QgsProcessingParameterFile.Folder, **_common(param))
+
+
 def _choice(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param))
 
@@ -264,6 +268,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.INTEGER: Binding(_number, "parameterAsInt"),
     Kind.NUMBER: Binding(_number, "parameterAsDouble"),
     Kind.FLAG: Binding(QgsProcessingParameterBoolean, "parameterAsBool"),
+    Kind.RESULT: Binding(_folder, "parameterAsFile"),
     Kind.FOLDERS: Binding(_text, "parameterAsString"),
     Kind.OUTPUT_DIR: Binding(QgsProcessingParameterFolderDestination, "parameterAsFileOutput"),
 }

@@ -84,7 +84,10 @@ ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind
 def role_of(param: Param) -> str | None:
     """Return what kind of input an option takes; None where it names nothing that is read."""
     named = set(param.metavar.split("|")) & {"FILE", "DIR"}
-    if param.key.startswith("scheduler_") or param.key == "add_to":  # certificates, and a result: tests of their own
+    if param.key.startswith("scheduler_") or param.key in (
+        "add_to",
+        "result",
+    ):  # certificates, and a result: tests of their own
         return None
     if param.kind is Kind.OUTPUT_DIR or not (param.kind in READ_KINDS or named):
         return None

@@ -194,7 +194,7 @@ def test_help_of_every_algorithm_names_every_option(name, capsys):
     assert main([name, "--help"]) == 0
     out = capsys.readouterr().out
     for param in REGISTRY[name].params:
-        assert (param.metavar if param.name == "images" else f"--{param.name}") in out
+        assert (param.metavar if param.name in ("images", "result") else f"--{param.name}") in out
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, spell_arguments
+from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, Algorithm, spell_arguments
 from hrsi.processing_algorithms.interface.options import check_options
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,14 +41,14 @@ def test_page_and_help_agree_with_the_declaration(algorithm: Algorithm, site: Mo
     page = _plain(site.algorithm_page(algorithm).replace("\\|", "|").replace("`", ""))
     shown = _plain(algorithm_parser(algorithm).format_help())
     for param in algorithm.params:
-        spelling = f"--{param.name}" if param.kind is not Kind.IMAGES else param.metavar
+        spelling = f"--{param.name}" if param.kind not in POSITIONAL_KINDS else param.metavar
         for text in (page, shown):
             assert spelling in text
             assert _plain(spell_arguments(param.help, algorithm.params)) in text
             assert all(_plain(fact) in text for fact in value_facts(param)), param.name
     assert set(
         re.findall(r"(?<![\w-])--(?!no-)[a-z][a-z0-9-]*", site.algorithm_page(algorithm).split("\n## ", 1)[1])
-    ) >= {f"--{param.name}" for param in algorithm.params if param.kind is not Kind.IMAGES}
+    ) >= {f"--{param.name}" for param in algorithm.params if param.kind not in POSITIONAL_KINDS}
 
 
 def _plain(text: str) -> str:

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.facade.calls import function_name
 from hrsi.processing_algorithms.interface.command_parser import sections, value_facts, value_name
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, option_label, spell_arguments
+from hrsi.processing_algorithms.interface.declare import (
+    POSITIONAL_KINDS,
+    Algorithm,
+    Kind,
+    Param,
+    option_label,
+    spell_arguments,
+)
 
 sys.path.insert(0, str(Path(__file__).parent))
 from examples import COMMANDS, example_of  # beside this file
@@ -78,7 +85,8 @@ def _example(algorithm: Algorithm) -> Iterator[str]:
 
 
 def _opening(algorithm: Algorithm) -> Iterator[str]:
-    images = "".join(f" {value_name(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
+    words = [(value_name(param), param.kind) for param in algorithm.params if param.kind in POSITIONAL_KINDS]
+    images = "".join(f" {word}{'...' if kind is Kind.IMAGES else ''}" for word, kind in words)
     yield f"# {algorithm.name}"
     yield f"**{algorithm.title}.** {algorithm.summary}."
     yield f"```\nhrsi {algorithm.name} [options]{images}\n```"
@@ -98,7 +106,7 @@ def _options(algorithm: Algorithm) -> Iterator[str]:
 
 
 def _spelling(param: Param) -> str:
-    if param.kind is Kind.IMAGES:
+    if param.kind in POSITIONAL_KINDS:
         return f"`{value_name(param)}`"
     if param.kind is Kind.FLAG:
         return f"`--{param.name}`, `--no-{param.name}`"

@@ -39,6 +39,7 @@ COMMANDS = {
     "register": "block/image_1.tif block/image_2.tif --image-points 'triangulated/block.gpkg|layername=image_points' "
     "--output-dir registered",
     "evaluate": f"{BLOCK} --rpcs refined=triangulated --tracks none {BLOCK_POINTS} --output-dir compared",
+    "hand-over": "triangulated --to cars --output-dir handed",
     "write-rpc": "block/image_1.tif --rpc triangulated/image_1.tif --write vrt --output-dir written",
     "crop": "block/image_1.tif --window 40,60,100,80 --output-dir cropped",
     "strip": "cropped/image_1_crop.tif block/image_1.tif --output-dir joined",

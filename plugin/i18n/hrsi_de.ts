@@ -32,6 +32,10 @@
       <translation>4. Ansehen, was übrig bleibt: Der Block wird gespeichert, und Pfeile der Restklaffungen kommen in die Karte, rot, wo ein Punkt nicht passt.</translation>
     </message>
     <message>
+      <source>A project for the next program from an adjusted block, ready to run</source>
+      <translation>Ein Projekt für das nächste Programm aus einem ausgeglichenen Block, fertig zum Rechnen</translation>
+    </message>
+    <message>
       <source>A synthetic block with images, DEM, GCPs, noise and full truth</source>
       <translation>Ein synthetischer Block mit Bildern, DGM, Passpunkten, Rauschen und allen wahren Werten</translation>
     </message>
@@ -376,8 +380,16 @@
       <translation>Freies DGM, gemeinsamer Fehler</translation>
     </message>
     <message>
+      <source>Free DEM correlation</source>
+      <translation type="unfinished" />
+    </message>
+    <message>
       <source>Free DEM noise</source>
       <translation>Freies DGM, Rauschen</translation>
+    </message>
+    <message>
+      <source>Free DEM place</source>
+      <translation type="unfinished" />
     </message>
     <message>
       <source>Free DEM tree height</source>
@@ -468,6 +480,10 @@
       <translation>HRSI: Beispiel wird erzeugt</translation>
     </message>
     <message>
+      <source>Hand over to another program</source>
+      <translation>An ein anderes Programm übergeben</translation>
+    </message>
+    <message>
       <source>Heading</source>
       <translation>Flugrichtung</translation>
     </message>
@@ -528,6 +544,10 @@
       <translation>Bilder oder RPC-Dateien</translation>
     </message>
     <message>
+      <source>Images with refined RPCs</source>
+      <translation>Bilder mit verbesserten RPCs</translation>
+    </message>
+    <message>
       <source>Images with their RPCs</source>
       <translation>Bilder mit ihren RPCs</translation>
     </message>
@@ -558,6 +578,10 @@
     <message>
       <source>Laboratory</source>
       <translation>Labor</translation>
+    </message>
+    <message>
+      <source>Landform</source>
+      <translation type="unfinished" />
     </message>
     <message>
       <source>Largest</source>
@@ -614,6 +638,10 @@
     <message>
       <source>Lines</source>
       <translation>Zeilen</translation>
+    </message>
+    <message>
+      <source>Link</source>
+      <translation>Verweisen</translation>
     </message>
     <message>
       <source>Live</source>
@@ -686,6 +714,10 @@
     <message>
       <source>Most</source>
       <translation>Höchstens</translation>
+    </message>
+    <message>
+      <source>Most pairs</source>
+      <translation>Höchstzahl der Paare</translation>
     </message>
     <message>
       <source>Ms</source>
@@ -940,6 +972,10 @@
       <translation>Zurücksetzen</translation>
     </message>
     <message>
+      <source>Result</source>
+      <translation>Ergebnis</translation>
+    </message>
+    <message>
       <source>Robust</source>
       <translation>Robust</translation>
     </message>
@@ -1120,6 +1156,14 @@
       <translation>Schwelle der Superpunkte</translation>
     </message>
     <message>
+      <source>Surface kind</source>
+      <translation type="unfinished" />
+    </message>
+    <message>
+      <source>Surface search</source>
+      <translation type="unfinished" />
+    </message>
+    <message>
       <source>Take prediction</source>
       <translation>Erwartung nehmen</translation>
     </message>
@@ -1182,6 +1226,10 @@
     <message>
       <source>Ties</source>
       <translation>Verknüpfungspunkte</translation>
+    </message>
+    <message>
+      <source>To</source>
+      <translation>Ziel</translation>
     </message>
     <message>
       <source>Tracks</source>

@@ -70,7 +70,7 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
                 [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
     if options.earlier_cameras != FREE:
         return _observe_cameras(record)
-    earlier = _open_images(record)
+    earlier = open_block_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
     measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points alone
@@ -83,7 +83,7 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     )
 
 
-def _open_images(record: BlockRecord) -> tuple[Image, ...]:
+def open_block_images(record: BlockRecord) -> tuple[Image, ...]:
     """Return the images of a block with their cameras as they were before its adjustment."""
     paths = restore_image_paths((one.id, one.path, one.item) for one in record.images)
     missing = [path for path in paths if not os.path.exists(path) and not path.startswith("/vsi")]
@@ -100,7 +100,7 @@ def _observe_cameras(record: BlockRecord) -> EarlierBlock:
     if set(joint.images) != {one.id for one in record.images}:
         raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
     cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
-    images = join_named_bands(_open_images(record), [[joint.images[k] for k in members] for members in cameras])
+    images = join_named_bands(open_block_images(record), [[joint.images[k] for k in members] for members in cameras])
     return EarlierBlock(tuple(images), model=record.model, joint=joint)
 
 

@@ -375,4 +375,42 @@ FIT_RPC = Algorithm(
     ),
 )  # fmt: skip
 
-ALGORITHMS = (EVALUATE, WRITE_RPC, CROP, JOIN_STRIP, RPC_INFO, PROJECT, LOCALIZE, FIT_RPC)
+# ---- hand-over ------------------------------------------------------------------------------------------------------
+
+TARGETS = ("cars", "s2p")
+
+
+@options(kw_only=True)
+class HandOverOptions:
+    """What `hand-over` takes."""
+
+    result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
+    to: str = option("cars", "The next program", choices=TARGETS)
+    extent: str | None = option(
+        None, "Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind it; by "
+        "default all that the chosen pairs have in common", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
+    )  # fmt: skip
+    dem: DemOptions = nest_options(DemOptions)
+    height_datum: str = height_datum_option()
+    most_pairs: int = option(8, "Most stereo pairs, the best first", minimum=1)
+    link: bool = option(False, "Refer to the images by VRTs instead of copying them")
+    folder: ResultFolder = nest_options(ResultFolder)
+    common: Common = nest_options(Common)
+
+
+HAND_OVER = Algorithm(
+    name="hand-over", title="Hand over to another program", group="RPC",
+    summary="A project for the next program from an adjusted block, ready to run",
+    help=(
+        "Writes a folder in which the next program runs with one printed command: the images with their refined RPCs, "
+        "the stereo pairs worth matching, an initial DEM of ellipsoidal heights, the program's configuration, and the "
+        "accuracy to expect. Pairs are chosen by convergence, sun, season and the share of common tie points; the "
+        "initial DEM is `dem`, or a surface through the adjusted points."
+    ),
+    options=HandOverOptions,
+    images_made="Images with refined RPCs",
+    examples=("hrsi hand-over adjusted --to cars --output-dir project",),
+)  # fmt: skip
+
+
+ALGORITHMS = (EVALUATE, WRITE_RPC, CROP, JOIN_STRIP, HAND_OVER, RPC_INFO, PROJECT, LOCALIZE, FIT_RPC)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
-from .declare import Algorithm, Kind, Param, format_default, params_of, spell_arguments
+from .declare import POSITIONAL_KINDS, Algorithm, Kind, Param, format_default, params_of, spell_arguments
 from .option_groups import Common, LineOptions, ResultFolder
 from .options import KINDS, suggestion
 
@@ -31,6 +31,7 @@ _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 #: How options of a kind are spelt; every other kind takes one word.
 SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.IMAGES: {"nargs": "*"},
+    Kind.RESULT: {"nargs": "?"},
     Kind.FLAG: {"action": argparse.BooleanOptionalAction},
     Kind.FOLDERS: {"action": "append"},
 }
@@ -67,7 +68,8 @@ class CommandParser(argparse.ArgumentParser):
 def algorithm_parser(algorithm: Algorithm) -> CommandParser:
     """Return the parser of one algorithm's command line."""
     prog = f"hrsi {algorithm.name}"
-    images = "".join(f" {value_name(param)}..." for param in algorithm.params if param.kind is Kind.IMAGES)
+    words = [(value_name(param), param.kind) for param in algorithm.params if param.kind in POSITIONAL_KINDS]
+    images = "".join(f" {word}{'...' if kind is Kind.IMAGES else ''}" for word, kind in words)
     paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
     parser = CommandParser(
         prog,
@@ -94,7 +96,7 @@ def algorithm_parser(algorithm: Algorithm) -> CommandParser:
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
     """Add a declared option to the parser; its key is missing from the result unless the option is given."""
-    positional = param.kind is Kind.IMAGES
+    positional = param.kind in POSITIONAL_KINDS
     settings = {"help": option_help(param, params), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
         settings["metavar"] = value_name(param)
@@ -174,7 +176,7 @@ def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     for param in params:
         # The heading that an option stands under: the first that fits
         fitting = {
-            "images": param.kind is Kind.IMAGES,
+            "images": param.kind in POSITIONAL_KINDS,
             "output": param.name in {output.name for output in OUTPUT_PARAMS},  # a folder may be optional
             COMMON: param in COMMON_PARAMS,
             "advanced options": param.advanced,

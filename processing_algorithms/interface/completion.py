@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ...hrsi_engine.foundation.errors import InputError
 from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, value_name
-from .declare import READ_KINDS, Algorithm, Kind, Param
+from .declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
 from .options import suggestion
 
 _FOLDER_KINDS = (Kind.OUTPUT_DIR, Kind.FOLDERS)
@@ -45,7 +45,7 @@ def _option_words(param: Param) -> tuple[str, ...]:
     """Return how an option is spelt; an algorithm's flag also with ``no-``."""
     if param.kind is Kind.FLAG and param not in LINE_PARAMS:
         return f"--{param.name}", f"--no-{param.name}"
-    return () if param.kind is Kind.IMAGES else (f"--{param.name}",)
+    return () if param.kind in POSITIONAL_KINDS else (f"--{param.name}",)
 
 
 def _params_by_command(registry: Mapping[str, Algorithm]) -> dict[str, tuple[Param, ...]]:
@@ -116,7 +116,7 @@ def _bash_script(registry: Mapping[str, Algorithm]) -> str:
         words = " ".join(word for param in params for word in _option_words(param))
         options.append(f"    {name}) echo {shlex.quote(words)} ;;")
         for param in params:
-            if param.kind not in (Kind.IMAGES, Kind.FLAG):
+            if param.kind not in (*POSITIONAL_KINDS, Kind.FLAG):
                 offer = offer_of(param)
                 given = " ".join([*offer.words, *["FILES"] * offer.files, *["FOLDERS"] * offer.folders]) or "NOTHING"
                 values.append(f'    "{name} --{param.name}") echo {shlex.quote(given)} ;;')

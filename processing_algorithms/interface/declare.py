@@ -47,6 +47,7 @@ class Kind(Enum):
     FLAG = "flag"
     GROUPS = "groups of ids"  #: joined by + within a group, separated by commas: ``A+B,C+D``
     RANGE = "range"  #: two numbers ``LOW,HIGH``, or one for both
+    RESULT = "result folder"  #: of an earlier run; positional
     FOLDERS = "named folders"  #: ``NAME=DIR``; given again for each
     OUTPUT_DIR = "output directory"
 
@@ -64,7 +65,9 @@ KIND_OF_TYPE = {
 
 
 #: Kinds of parameters that name files to read.
-READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE)
+READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE, Kind.RESULT)
+#: Kinds of parameters that stand without a name on the command line.
+POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT)
 
 
 @dataclass(frozen=True)
@@ -201,8 +204,8 @@ def _join_items(items: Iterable[Any]) -> str:
 def format_words(param: Param, value: Any) -> list[str]:
     """Return an option with a value as words of a command line."""
     plain = _plain_value(value)
-    if param.kind is Kind.IMAGES:
-        return list(plain)
+    if param.kind in POSITIONAL_KINDS:
+        return [plain] if isinstance(plain, str) else list(plain)
     if param.kind is Kind.FLAG:
         return [f"--{param.name}" if plain else f"--no-{param.name}"]
     if param.kind is Kind.FOLDERS:
@@ -332,7 +335,9 @@ class Algorithm:
 
     def command(self, given: Mapping[str, Any]) -> str:
         """Return the command line of checked options; images come last."""
-        params = sorted((param for param in self.params if param.key in given), key=lambda p: p.kind is Kind.IMAGES)
+        params = sorted(
+            (param for param in self.params if param.key in given), key=lambda p: p.kind in POSITIONAL_KINDS
+        )
         words = [word for param in params for word in format_words(param, given[param.key])]
         return shlex.join(["hrsi", self.name, *words])
 
@@ -376,7 +381,7 @@ _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")
 
 def option_label(param: Param) -> str:
     """Return an option as it stands on the command line: ``--sigma-image``, ``IMAGE``."""
-    return (param.metavar or "IMAGE") if param.kind is Kind.IMAGES else f"--{param.name}"
+    return (param.metavar or "IMAGE") if param.kind in POSITIONAL_KINDS else f"--{param.name}"
 
 
 def spell_arguments(text: str, params: Iterable[Param], spelling: Callable[[Param], str] = option_label) -> str:

@@ -14,7 +14,14 @@ from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser, value_facts
-from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, fill_options, settings_of, spell_arguments
+from hrsi.processing_algorithms.interface.declare import (
+    POSITIONAL_KINDS,
+    Algorithm,
+    Kind,
+    fill_options,
+    settings_of,
+    spell_arguments,
+)
 from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.point_session import MODEL
 from hrsi.processing_algorithms.point_session import adjusting as panel
@@ -44,7 +51,7 @@ def test_the_default_of_every_face_is_the_field_s(algorithm: Algorithm):
     parser = algorithm_parser(algorithm)
     needed = {param.key: NAMED.get(param.kind, "x") for param in algorithm.params if param.required}
     typed = algorithm_parser(algorithm).parse_words([])  # nothing typed: the parser has no defaults of its own
-    assert typed == {} or set(typed) <= {param.key for param in algorithm.params if param.kind is Kind.IMAGES}
+    assert typed == {} or set(typed) <= {param.key for param in algorithm.params if param.kind in POSITIONAL_KINDS}
     options = check_options(algorithm, needed)
     for owner, part in declared_fields(algorithm.options):
         param = by_name[part.name] if by_name[part.name].help == option_of(part).help else None

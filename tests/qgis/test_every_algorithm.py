@@ -81,9 +81,17 @@ def cut_parts(pixels: Path) -> list[str]:
     return [str(pixels / f"part_{number}.tif") for number in (0, 1)]
 
 
+def adjust_images(pixels: Path) -> str:
+    """Return the result folder of an adjustment of the simulated images."""
+    points = {"gcps": str(pixels / "ground_points.csv"), "image_points": str(pixels / "image_points.csv")}
+    folder = str(pixels / "adjusted")
+    run("adjust", images=images(pixels), **points, height_datum="ellipsoidal", report=False, output_dir=folder)
+    return folder
+
+
 FILLED = {
     Kind.IMAGES: RPCS, Kind.POINTS: GROUND, Kind.RASTER: RPCS[0], Kind.FILE: GROUND,
-    Kind.OUTPUT_DIR: "TEMPORARY_OUTPUT",
+    Kind.RESULT: str(HOBART), Kind.OUTPUT_DIR: "TEMPORARY_OUTPUT",
 }  # fmt: skip
 BLOCK = {"GCPS": GROUND, "IMAGE_POINTS": MEASURED, "GCP_IDS": "H003,H022,H024,H035,H048,H058"}
 #: Parameters of a short run of each algorithm, beside OUTPUT_DIR: on the Hobart block, else on a simulated one.
@@ -100,6 +108,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
     "write-rpc": lambda pixels, grid: {"IMAGES": RPCS[:1]},
     "crop": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "FACTOR": 0.5},
     "strip": lambda pixels, grid: {"IMAGES": cut_parts(pixels)},
+    "hand-over": lambda pixels, grid: {"RESULT": adjust_images(pixels), "TO": "cars"},
     "fit-rpc": lambda pixels, grid: {"POINTS": grid},
     "simulate": lambda pixels, grid: {"SIZE": 128, "GCPS": 2, "CHECKS": 1, "TIES": 2, "PIXELS": False},
     "interest-points": lambda pixels, grid: {"IMAGES": images(pixels)[:1]},

@@ -1,0 +1,156 @@
+"""Surface models that CARS and s2p make of handed-over projects, compared with the reference of the s2p triplet.
+
+`python benchmarks/hand_over.py --bin cars=DIR --bin s2p=DIR [--work DIR] [--docs]`: DIR is the folder of the program's
+own environment (``pip install cars``, ``pip install s2p`` beside it, not in HRSI's). The triplet is adjusted by tie
+points alone, handed over, and the printed command is run as it stands; then the same project with the vendor's RPCs in
+its images, and for CARS with those that its own ``cars-bundleadjustment`` finds. What is finished in --work is not run
+again. With --docs the table goes into docs/how-to/hand-over.md.
+
+The reference was made by s2p with the vendor's RPCs, whose position no GCP controls; refined RPCs lie a little beside
+it as a whole. So the median difference is told apart, and the spread also after the best shift in plan and height.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from osgeo import gdal
+from scipy.optimize import least_squares
+
+from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.thesis_tables import render
+from hrsi.processing_algorithms import run
+from hrsi.tests.conftest import TEST_DATA
+
+PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "hand-over.md"
+TRIPLET = TEST_DATA / "real" / "s2p_triplet_phr"
+REFERENCE = TRIPLET / "s2p_reference_dsm.tif"
+IMAGES = [str(TRIPLET / f"img_0{number}.tif") for number in (1, 2, 3)]
+WILD_M = 20.0  # a difference beyond this is a wrong match and not counted in RMSE; completeness leaves it out too
+
+
+def adjusted(work: Path) -> Path:
+    """Return the triplet's result folder: tie points, no GCPs."""
+    folder = work / "result"
+    if not folder.exists():
+        run("triangulate", images=IMAGES, output_dir=str(folder), report=False)
+    return folder
+
+
+def typed(folder: Path, commands: list[str], result: Path, programs: str) -> None:
+    """Run the printed commands in a shell, unless their result is there."""
+    if not result.exists():
+        environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+        with open(f"{folder}.log", "w", encoding="utf-8") as log:
+            subprocess.run(" && ".join(commands), shell=True, check=True, env=environment, stdout=log, stderr=log)
+
+
+def handed(work: Path, target: str, programs: str) -> dict[str, Path]:
+    """Return the surface models of a target by the RPCs that it got."""
+    own, vendor = work / f"{target}_refined", work / f"{target}_vendor"
+    if not own.exists():
+        run("hand-over", result=str(adjusted(work)), to=target, output_dir=str(own))
+    report = json.loads((own / "report.json").read_text())
+    result = Path(report["expected"]).relative_to(own)
+    if not vendor.exists():
+        shutil.copytree(own, vendor, ignore=shutil.ignore_patterns("out", "tmp"))
+        for image in IMAGES:
+            shutil.copy(image, vendor)
+    made = {"vendor's": vendor, "HRSI's": own}
+    for folder in made.values():
+        typed(folder, [f"cd {folder}", *report["commands"][1:]], folder / result, programs)
+    return {name: folder / result for name, folder in made.items()}
+
+
+def bundle_adjusted(work: Path, programs: str) -> Path:
+    """Return the surface model of CARS with the RPCs of its own bundle adjustment."""
+    folder, vendor = work / "cars_bundle", work / "cars_vendor"
+    if not folder.exists():
+        shutil.copytree(vendor, folder, ignore=shutil.ignore_patterns("out"))
+        whole = json.loads((folder / "cars.json").read_text())
+        pairing = [["img_01", "img_02"], ["img_01", "img_03"]]  # each pair begins with an image of those before
+        matching = {"decimation_factor": 100}
+        whole["tie_points"] = {"applications": {
+            "bundle_adjustment": {"pairing": pairing, "separate": False}, "sparse_matching": matching,
+        }}  # fmt: skip
+        whole["output"]["directory"] = "adjusted"
+        (folder / "bundle.json").write_text(json.dumps(whole))
+    typed(folder, [f"cd {folder}", "cars-bundleadjustment bundle.json"], folder / "adjusted" / "img_01.geom", programs)
+    configuration = json.loads((vendor / "cars.json").read_text())
+    for name, sensor in configuration["input"]["sensors"].items():
+        sensor["geomodel"] = f"adjusted/{name}.geom"
+    (folder / "refined.json").write_text(json.dumps(configuration))
+    typed(folder, [f"cd {folder}", "cars refined.json"], folder / "out/dsm/dsm.tif", programs)
+    return folder / "out/dsm/dsm.tif"
+
+
+def heights_of(path: Path, like: gdal.Dataset) -> np.ndarray:
+    """Return a surface model on the grid of another one, NaN where it has no height."""
+    left, dx, _, top, _, dy = like.GetGeoTransform()
+    bounds = (left, top + dy * like.RasterYSize, left + dx * like.RasterXSize, top)
+    warped = gdal.Warp("", str(path), format="MEM", outputBounds=bounds, xRes=dx, yRes=-dy, dstNodata=np.nan,
+                       resampleAlg="bilinear", dstSRS=like.GetProjection(), outputType=gdal.GDT_Float64)  # fmt: skip
+    return np.asarray(warped.ReadAsArray())
+
+
+def nmad(values: np.ndarray) -> float:
+    """Return the normalised median absolute deviation."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+
+
+def coregistered(difference: np.ndarray, reference: np.ndarray, cell_m: float) -> np.ndarray:
+    """Return differences without what a shift of the whole in plan and height explains (Nuth and Kaeaeb 2011)."""
+    down, right = np.gradient(reference, cell_m)
+    known = np.isfinite(difference) & np.isfinite(down) & np.isfinite(right) & (np.hypot(down, right) < 1.0)
+    design = np.column_stack([right[known], down[known], np.ones(known.sum())])
+    found = least_squares(lambda x: design @ x - difference[known], np.zeros(3), loss="soft_l1", f_scale=0.3)
+    return (difference - (found.x[0] * right + found.x[1] * down + found.x[2]))[known]
+
+
+def figures(path: Path) -> list[str]:
+    """Return a row of figures on a surface model."""
+    dataset = gdal.Open(str(REFERENCE))
+    reference = dataset.ReadAsArray().astype(np.float64)
+    reference[~np.isfinite(reference) | (reference < -1000.0)] = np.nan
+    difference = heights_of(path, dataset) - reference
+    difference[np.abs(difference) > WILD_M] = np.nan
+    complete = np.isfinite(difference).sum() / np.isfinite(reference).sum()
+    shifted = coregistered(difference, reference, dataset.GetGeoTransform()[1])
+    flat = difference[np.isfinite(difference)]
+    middle, rms = float(np.median(flat)), float(np.sqrt(np.mean(flat**2)))
+    return [f"{rms:.3f}", f"{middle:+.3f}", f"{nmad(flat):.3f}", f"{np.sqrt(np.mean(shifted**2)):.3f}",
+            f"{nmad(shifted):.3f}", f"{complete:.1%}"]  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
+    parser.add_argument("--work", default="build/hand_over", help="folder of projects and results")
+    parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
+    options = parser.parse_args()
+    work = Path(options.work).resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for target, programs in (entry.split("=", 1) for entry in options.bin):
+        models = handed(work, target, programs)
+        if target == "cars":
+            try:
+                models["cars-bundleadjustment's"] = bundle_adjusted(work, programs)
+            except subprocess.CalledProcessError as error:
+                print(f"cars-bundleadjustment failed ({error.returncode}): see {work}/cars_bundle.log")
+        rows += [[target, name, *figures(path)] for name, path in models.items()]
+    header = ["program", "RPCs", "RMSE m", "median m", "NMAD m", "RMSE m, shifted", "NMAD m, shifted", "complete"]
+    text = render(header, rows)
+    print(text)
+    if options.docs:
+        put_between(PAGE, "surface models", text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""Which pairs of images are worth dense stereo matching: by convergence, sun, season and measured similarity.
+
+The score of a pair is a product of factors of 0 to 1. Heights gain with the convergence and matching loses with it: on
+multi-date pairs the completeness is best from 10 to 25 degrees (Qin 2019, "A critical analysis of satellite stereo
+pairs for digital surface model generation"), and pairs from 5 to 45 degrees are of use (Facciolo et al. 2017,
+"Automatic 3D reconstruction from multi-date satellite images"), who found that nearness in season decides next. The
+similarity is measured and needs no model: the share of the two images' tie points that they have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from ..foundation.thresholds import threshold, thresholds
+from ..ground.sun import SunAngles
+from .imaging_geometry import PairGeometry
+
+
+@thresholds
+class STEREO:
+    """What makes a stereo pair good, and which pairs are handed on."""
+
+    convergence_deg: tuple[float, ...] = threshold(
+        (2.0, 10.0, 25.0, 45.0), "deg", "no use below the first and beyond the last, full between the middle ones",
+        "Qin 2019, Facciolo et al. 2017",
+    )  # fmt: skip
+    sun_deg: float = threshold(30.0, "deg", "between the directions to the sun, at which a pair counts half")
+    season_days: float = threshold(60.0, "days", "between the days of the year, at which a pair counts half")
+    least_share: float = threshold(0.25, "", "score over that of the best pair, below which a pair is not handed on")
+    matching_px: float = threshold(
+        0.25, "px", "standard deviation of dense matches along the epipolar line", "usual of semi-global matching"
+    )
+
+
+@dataclass(frozen=True)
+class StereoPair:
+    """A pair of images for dense matching.
+
+    left, right : ids of the images; the left one is nearer to the nadir
+    geometry : overlap and convergence
+    sun_deg, season_days : between the suns and the days of the year; None where not known
+    similarity : share of the images' tie points that they have in common, 0 to 1; None where the block has none
+    score : product of the factors, 0 to 1
+    """
+
+    left: str
+    right: str
+    geometry: PairGeometry
+    sun_deg: float | None
+    season_days: float | None
+    similarity: float | None
+    score: float
+
+    def height_sigma_m(self, gsd_m: float) -> float:
+        """Return the standard deviation (m) of a matched point's height relative to its neighbours."""
+        return STEREO.matching_px * gsd_m / (self.geometry.base_to_height or np.nan)
+
+
+def choose_stereo_pairs(
+    pairs: Sequence[PairGeometry], incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
+    times: dict[str, datetime | None], tie_images: dict[str, set[str]], most: int,
+) -> list[StereoPair]:  # fmt: skip
+    """Return the pairs worth matching, the best first.
+
+    Parameters
+    ----------
+    pairs : geometry of the pairs
+    incidence_deg, suns, times : of the images, by id
+    tie_images : ids of the tie points on each image, by the image's id
+    most : most pairs to return
+    """
+    found = [_score_pair(pair, incidence_deg, suns, times, tie_images) for pair in pairs]
+    found = sorted((pair for pair in found if pair.score > 0.0), key=lambda pair: -pair.score)
+    return [pair for pair in found[:most] if pair.score >= STEREO.least_share * found[0].score]
+
+
+def _score_pair(
+    pair: PairGeometry, incidence_deg: dict[str, float], suns: dict[str, SunAngles | None],
+    times: dict[str, datetime | None], tie_images: dict[str, set[str]],
+) -> StereoPair:  # fmt: skip
+    names = sorted((pair.first, pair.second), key=lambda name: incidence_deg[name])
+    first, second = (suns[name] for name in names)
+    sun = None if first is None or second is None else float(
+        np.degrees(np.arccos(np.clip(first.direction @ second.direction, -1.0, 1.0)))
+    )  # fmt: skip
+    season = _days_between(*(times[name] for name in names))
+    ties = [tie_images.get(name, set()) for name in names]
+    similarity = len(ties[0] & ties[1]) / np.sqrt(len(ties[0]) * len(ties[1])) if all(ties) else None
+    angle = 0.0 if pair.convergence_deg is None else pair.convergence_deg
+    score = float(np.interp(angle, STEREO.convergence_deg, (0.0, 1.0, 1.0, 0.0))) * min(pair.overlap)
+    for difference, half in ((sun, STEREO.sun_deg), (season, STEREO.season_days)):
+        score /= 1.0 + ((difference or 0.0) / half) ** 2
+    score *= 1.0 if similarity is None else similarity
+    return StereoPair(names[0], names[1], pair, sun, season, similarity, score)
+
+
+def _days_between(first: datetime | None, second: datetime | None) -> float | None:
+    """Return the days between two days of the year, across its end where that is nearer."""
+    if first is None or second is None:
+        return None
+    days = abs(first.timetuple().tm_yday - second.timetuple().tm_yday)
+    return float(min(days, 365 - days))

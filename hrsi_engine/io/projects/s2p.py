@@ -1,0 +1,35 @@
+"""s2p: a configuration in JSON, whose files are relative to the working directory.
+
+The first image is the reference, and every other one makes a stereo pair with it. The DEM gives ellipsoidal heights,
+so ``exogenous_dem_geoid_mode`` is off. Source: ``s2p/config.py`` and the README of s2p 1.0b25.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+from ...foundation.json_values import json_text
+from .project import DEM_FILE, Handed, Project, find_window, write_dem, write_images
+
+_FILE, _RESULT = "s2p.json", "out/dsm.tif"
+
+
+def write(project: Project, folder: Path) -> Handed:
+    """Write the reference image, its partners, initial DEM and ``s2p.json``."""
+    score: Counter[str] = Counter()
+    for pair in project.pairs:
+        score.update({pair.left: pair.score, pair.right: pair.score})
+    reference = max(score, key=lambda name: score[name])
+    own = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
+    others = [pair.right if pair.left == reference else pair.left for pair in own]
+    left_out = len(project.pairs) - len(own)
+    names = write_images(project, folder, [project.image(name) for name in (reference, *others)])
+    write_dem(project, folder)
+    x, y, w, h = find_window(project.image(reference), project.area, project.surface)
+    configuration = {
+        "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
+        "roi": {"x": x, "y": y, "w": w, "h": h}, "exogenous_dem": DEM_FILE, "exogenous_dem_geoid_mode": False,
+        "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
+    }  # fmt: skip
+    (folder / _FILE).write_text(json_text(configuration, indent=1) + "\n", encoding="utf-8")
+    notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
+    return Handed((f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))

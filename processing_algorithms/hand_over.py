@@ -1,0 +1,154 @@
+"""`hand-over`: the adjusted block of a result folder, read again and written as a project of another program."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from shapely.geometry import box
+from shapely.ops import unary_union
+
+from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.block.footprints import intersect_footprints
+from ..hrsi_engine.block.imaging_geometry import ViewDirection, compute_all_pairs
+from ..hrsi_engine.block.stereo_pairs import StereoPair, choose_stereo_pairs
+from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.ground.map_crs import map_epsg
+from ..hrsi_engine.io.catalogue.block_records import BlockRecord, read_record
+from ..hrsi_engine.io.output_dir import read_report, stage_folder
+from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.io.projects import WRITERS, Project
+from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
+from ..hrsi_engine.io.rpc_files import read_rpc
+from ..hrsi_engine.ortho.point_surface import surface_of_points
+from ..hrsi_engine.surface.dem import HeightSurface
+from .block_steps.earlier_block import open_block_images
+from .declarations.rpcs import HandOverOptions
+from .files.opening import dem_surface
+from .files.result_folder import REPORT_FILE, check_folder, plan, tell
+from .interface.declare import Context, Report
+from .ortho_steps.inputs import parse_box
+
+
+def run(options: HandOverOptions, context: Context) -> Report:
+    """Read the block, choose pairs and area, and write the project."""
+    check_folder(options.folder, context)
+    record, told = read_record(options.result), read_report(os.path.join(options.result, REPORT_FILE)) or {}
+    images = [_refined(image, told, options.result) for image in open_block_images(record)]
+    surface = _find_surface(record, options)
+    views = [ViewDirection(image, surface) for image in images]
+    geometries = {view.image.id: view.geometry() for view in views}
+    advance(context.progress, 0.3, "pairs")
+    pairs = choose_stereo_pairs(
+        compute_all_pairs(views), {name: view.incidence_deg for name, view in geometries.items()},
+        {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images},
+        {image.id: read_time(image.path) for image in images}, _list_ties(record, images), options.most_pairs,
+    )  # fmt: skip
+    if not pairs:
+        raise InputError(f"{options.result}: no two images overlap under a useful angle: add images to the block")
+    footprints = {view.image.id: view.footprint for view in views}
+    area = unary_union(
+        [intersect_footprints(footprints[pair.left], footprints[pair.right]) for pair in pairs]
+    ).convex_hull
+    if options.extent:
+        area = box(*parse_box(options.extent, "EPSG:4326", "", "degrees")).intersection(area)
+        if area.is_empty:
+            raise InputError(f"`extent` {options.extent}: no chosen pair shows it: check box and CRS")
+    gsd = float(
+        np.median([np.hypot(view.gsd_sample_m, view.gsd_line_m) / np.sqrt(2.0) for view in geometries.values()])
+    )
+    project = Project(
+        tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
+        map_epsg(area.centroid.x, area.centroid.y), not options.link,
+    )  # fmt: skip
+    if context.dry_run:
+        return plan(context, options.folder.output_dir, [REPORT_FILE], {"images": len(images), "pairs": len(pairs)})
+    report: Report = {
+        **context.record, "to": options.to, "pairs": [_pair_entry(pair, gsd) for pair in pairs],
+        "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "images": {}, "warnings": [],
+        "accuracy": _accuracy_of(told, pairs, gsd),
+    }  # fmt: skip
+    folder = options.folder.output_dir
+    with stage_folder(folder, context.inputs, options.folder.overwrite) as staged:
+        handed = WRITERS[options.to](project, staged)
+        report["commands"] = [f"cd {folder}", *handed.commands]
+        report["expected"] = os.path.join(folder, handed.result)
+        report["warnings"] += handed.notices
+        written = {name.partition(".")[0]: name for name in sorted(os.listdir(staged))}
+        report["images"] = {
+            image.id: {"path": image.path, "output": os.path.join(folder, written[image.id])}
+            for image in images if image.id in written
+        }  # fmt: skip
+        write_report_json(str(staged / REPORT_FILE), report)
+    tell(report["warnings"], context)
+    advance(context.progress, 1.0, "done")
+    return report
+
+
+def _refined(image: Image, told: Mapping[str, Any], folder: str) -> Image:
+    """Return an image with the refined RPC that its result folder, by its report, holds."""
+    output = told.get("images", {}).get(image.id, {}).get("output") or ""
+    places = (os.path.join(folder, os.path.basename(output)), output, os.path.join(told.get("directory", ""), output))
+    found = next((place for place in places if os.path.isfile(place)), None) if output else None
+    if found is None:
+        raise InputError(f"{folder}: holds no refined RPC of {image.id}: adjust the block again and let it be written")
+    return replace(image, rpc=read_rpc(found).rpc)
+
+
+def _find_surface(record: BlockRecord, options: HandOverOptions) -> HeightSurface:
+    """Return the ground: the DEM of the options, else a surface through the adjusted points."""
+    dem = dem_surface(options.dem, options.height_datum)
+    if dem is not None:
+        return dem
+    ground = read_points(record.layer("ground_points"), adjusted=True).ground
+    if ground is None:
+        raise InputError(f"{record.folder}: has no adjusted points to tell the terrain by: give `dem`")
+    return surface_of_points(ground.ground, ground.sigma_m[:, 1])[0]
+
+
+def _list_ties(record: BlockRecord, images: Sequence[Image]) -> dict[str, set[str]]:
+    """Return the ids of the points measured on each image."""
+    measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
+    if measured is None:
+        return {}
+    return {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
+
+
+def _pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
+    geometry = pair.geometry
+    return {
+        "left": pair.left, "right": pair.right, "score": pair.score, "convergence_deg": geometry.convergence_deg,
+        "base_to_height": geometry.base_to_height, "overlap": min(geometry.overlap), "sun_deg": pair.sun_deg,
+        "season_days": pair.season_days, "similarity": pair.similarity, "sigma_height_m": pair.height_sigma_m(gsd_m),
+    }  # fmt: skip
+
+
+def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: float) -> dict[str, Any]:
+    """Return what to expect of the next program's heights: relative, from the pairs; absolute, from the adjustment."""
+    parts = told.get("parts") or [{}]
+    verdict = told.get("verdict") or {}
+    return {
+        "relative_height_m": min(pair.height_sigma_m(gsd_m) for pair in pairs),
+        "ce90_m": max((part.get("ce90_m") or 0.0 for part in parts), default=0.0) or None,
+        "le90_m": max((part.get("le90_m") or 0.0 for part in parts), default=0.0) or None,
+        "tie_rmse_px": (told.get("ties") or {}).get("rmse_px"), "verdict": verdict.get("sentence"),
+    }  # fmt: skip
+
+
+def summarise(report: Report) -> str:
+    """Return the pairs, the accuracy to expect, and the command to type."""
+    lines = [
+        f"{pair['left']} {pair['right']}: convergence {pair['convergence_deg']:.1f} deg, overlap "
+        f"{pair['overlap']:.0%}, heights +- {pair['sigma_height_m']:.2f} m, score {pair['score']:.2f}"
+        for pair in report["pairs"]
+    ]
+    accuracy = report["accuracy"]
+    absolute = [
+        f"{name} {accuracy[key]:.2g} m" for name, key in (("CE90", "ce90_m"), ("LE90", "le90_m")) if accuracy[key]
+    ]
+    lines.append(f"expected: heights +- {accuracy['relative_height_m']:.2f} m among themselves; {', '.join(absolute)}")
+    lines += [f"warning: {text}" for text in report["warnings"]]
+    return "\n".join([*lines, f"then type:  {' && '.join(report['commands'])}", f"result:  {report['expected']}"])
