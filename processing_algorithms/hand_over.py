@@ -20,7 +20,7 @@ from ..hrsi_engine.io.catalogue.block_records import BlockRecord, read_record
 from ..hrsi_engine.io.output_dir import read_report, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import read_points
-from ..hrsi_engine.io.projects import WRITERS, Project
+from ..hrsi_engine.io.projects import PROJECT_WRITERS, BlockProject
 from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from ..hrsi_engine.io.rpc_files import read_rpc
 from ..hrsi_engine.ortho.point_surface import surface_of_points
@@ -60,7 +60,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     gsd = float(
         np.median([np.hypot(view.gsd_sample_m, view.gsd_line_m) / np.sqrt(2.0) for view in geometries.values()])
     )
-    project = Project(
+    project = BlockProject(
         tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
         map_epsg(area.centroid.x, area.centroid.y), not options.link,
     )  # fmt: skip
@@ -73,7 +73,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     }  # fmt: skip
     folder = options.folder.output_dir
     with stage_folder(folder, context.inputs, options.folder.overwrite) as staged:
-        handed = WRITERS[options.to](project, staged)
+        handed = PROJECT_WRITERS[options.to](project, staged)
         report["commands"] = [f"cd {folder}", *handed.commands]
         report["expected"] = os.path.join(folder, handed.result)
         report["warnings"] += handed.notices

@@ -377,7 +377,7 @@ FIT_RPC = Algorithm(
 
 # ---- hand-over ------------------------------------------------------------------------------------------------------
 
-TARGETS = ("cars", "s2p")
+NEXT_PROGRAMS = ("cars", "s2p")
 
 
 @options(kw_only=True)
@@ -385,7 +385,7 @@ class HandOverOptions:
     """What `hand-over` takes."""
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
-    to: str = option("cars", "The next program", choices=TARGETS)
+    to: str = option("cars", "The next program", choices=NEXT_PROGRAMS)
     extent: str | None = option(
         None, "Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind it; by "
         "default all that the chosen pairs have in common", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",

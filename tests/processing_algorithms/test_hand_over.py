@@ -14,12 +14,12 @@ from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry
 from hrsi.hrsi_engine.block.stereo_pairs import choose_stereo_pairs
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.sun import SunAngles
-from hrsi.hrsi_engine.io.projects import WRITERS
+from hrsi.hrsi_engine.io.projects import PROJECT_WRITERS
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.declarations.rpcs import TARGETS
+from hrsi.processing_algorithms.declarations.rpcs import NEXT_PROGRAMS
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def gdal_rpc(path: Path) -> dict[str, str]:
 
 
 def test_every_target_is_declared():
-    assert tuple(WRITERS) == TARGETS
+    assert tuple(PROJECT_WRITERS) == NEXT_PROGRAMS
 
 
 def test_cars_project(block):

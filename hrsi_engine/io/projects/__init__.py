@@ -1,11 +1,12 @@
 """Projects for the next program: a folder with refined images or RPCs, DEM, configuration and the command to type.
 
-`WRITERS` has one entry for each target; a new target is one file with a function ``write(project, folder)``.
+`PROJECT_WRITERS` has one entry for each target; a new target is one file with a function ``write(project, folder)``.
 """
 
-from . import cars, s2p
-from .project import Handed, Project, Writer
+from .cars import write_cars_project
+from .project import BlockProject, Handed, ProjectWriter
+from .s2p import write_s2p_project
 
-__all__ = ["WRITERS", "Handed", "Project", "Writer"]
+__all__ = ["PROJECT_WRITERS", "BlockProject", "Handed", "ProjectWriter"]
 
-WRITERS: dict[str, Writer] = {"cars": cars.write, "s2p": s2p.write}
+PROJECT_WRITERS: dict[str, ProjectWriter] = {"cars": write_cars_project, "s2p": write_s2p_project}

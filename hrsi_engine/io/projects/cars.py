@@ -7,15 +7,15 @@ Source: https://cars.readthedocs.io, "Configuration" (1.3).
 from pathlib import Path
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, Handed, Project, write_dem, write_images
+from .project import DEM_FILE, BlockProject, Handed, write_initial_dem, write_project_images
 
 _FILE, _RESULT = "cars.json", "out/dsm/dsm.tif"
 
 
-def write(project: Project, folder: Path) -> Handed:
+def write_cars_project(project: BlockProject, folder: Path) -> Handed:
     """Write images, initial DEM and ``cars.json``."""
-    names = write_images(project, folder, project.paired)
-    write_dem(project, folder)
+    names = write_project_images(project, folder, project.paired)
+    write_initial_dem(project, folder)
     inputs = {
         "sensors": {name: {"image": file, "geomodel": file} for name, file in names.items()},
         "pairing": [[pair.left, pair.right] for pair in project.pairs],

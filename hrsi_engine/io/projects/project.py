@@ -36,7 +36,7 @@ class PROJECTS:
 
 
 @dataclass(frozen=True, eq=False)
-class Project:
+class BlockProject:
     """An adjusted block on its way to another program.
 
     Parameters
@@ -96,10 +96,10 @@ class Handed:
     notices: tuple[str, ...] = ()
 
 
-Writer = Callable[[Project, Path], Handed]
+ProjectWriter = Callable[[BlockProject, Path], Handed]
 
 
-def write_images(project: Project, folder: Path, images: Sequence[Image]) -> dict[str, str]:
+def write_project_images(project: BlockProject, folder: Path, images: Sequence[Image]) -> dict[str, str]:
     """Write images with their refined RPCs into a folder; return their names by id."""
     names = {}
     for image in images:
@@ -137,7 +137,7 @@ def sample_area(
     return np.dstack([lonlat, heights]), float(lon[1] - lon[0]), float(lat[0] - lat[1])
 
 
-def write_dem(project: Project, folder: Path) -> tuple[float, float]:
+def write_initial_dem(project: BlockProject, folder: Path) -> tuple[float, float]:
     """Write the initial DEM: heights above the WGS84 ELLIPSOID at lon, lat nodes; return the lowest and highest.
 
     Nodes where the terrain is not known get the median height: programs that follow rays down stop at gaps.

@@ -8,12 +8,12 @@ from collections import Counter
 from pathlib import Path
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, Handed, Project, find_window, write_dem, write_images
+from .project import DEM_FILE, BlockProject, Handed, find_window, write_initial_dem, write_project_images
 
 _FILE, _RESULT = "s2p.json", "out/dsm.tif"
 
 
-def write(project: Project, folder: Path) -> Handed:
+def write_s2p_project(project: BlockProject, folder: Path) -> Handed:
     """Write the reference image, its partners, initial DEM and ``s2p.json``."""
     score: Counter[str] = Counter()
     for pair in project.pairs:
@@ -22,13 +22,13 @@ def write(project: Project, folder: Path) -> Handed:
     own = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
     others = [pair.right if pair.left == reference else pair.left for pair in own]
     left_out = len(project.pairs) - len(own)
-    names = write_images(project, folder, [project.image(name) for name in (reference, *others)])
-    write_dem(project, folder)
+    names = write_project_images(project, folder, [project.image(name) for name in (reference, *others)])
+    write_initial_dem(project, folder)
     x, y, w, h = find_window(project.image(reference), project.area, project.surface)
     configuration = {
         "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
         "roi": {"x": x, "y": y, "w": w, "h": h}, "exogenous_dem": DEM_FILE, "exogenous_dem_geoid_mode": False,
-        "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
+        "timeout": 3600, "mgm_timeout": 3600, "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
     }  # fmt: skip
     (folder / _FILE).write_text(json_text(configuration, indent=1) + "\n", encoding="utf-8")
     notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
