@@ -10,8 +10,7 @@ from shapely.geometry import box
 from shapely.ops import unary_union
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.block.footprints import intersect_footprints
-from ..hrsi_engine.block.imaging_geometry import ViewDirection, compute_all_pairs
+from ..hrsi_engine.block.imaging_geometry import ViewDirection, compute_all_pairs, intersect_footprints
 from ..hrsi_engine.block.stereo_pairs import StereoPair, choose_stereo_pairs
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance

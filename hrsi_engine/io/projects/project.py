@@ -11,7 +11,7 @@ from osgeo import gdal, osr
 from shapely.geometry import Polygon
 
 from ...block.block import Image
-from ...block.footprints import intersect_footprints
+from ...block.imaging_geometry import intersect_footprints
 from ...block.stereo_pairs import StereoPair
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds

@@ -28,7 +28,8 @@ def write_s2p_project(project: BlockProject, folder: Path) -> Handed:
     configuration = {
         "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
         "roi": {"x": x, "y": y, "w": w, "h": h}, "exogenous_dem": DEM_FILE, "exogenous_dem_geoid_mode": False,
-        "timeout": 3600, "mgm_timeout": 3600, "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
+        "timeout": 3600, "mgm_timeout": 3600,
+        "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
     }  # fmt: skip
     (folder / _FILE).write_text(json_text(configuration, indent=1) + "\n", encoding="utf-8")
     notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
