@@ -9,7 +9,13 @@ from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
 from .block_steps.earlier_block import read_earlier
-from .block_steps.laser_points import describe_laser, name_operations, read_laser_points, with_free_control
+from .block_steps.laser_points import (
+    describe_laser,
+    name_operations,
+    read_laser_points,
+    with_free_control,
+    with_surface,
+)
 from .block_steps.plausibility import ground_reasons
 from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
@@ -32,11 +38,13 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     block = hold_out_ties(block, options.hold_out)
     clock.lap("read")
     how = earlier.adjust_options(options.adjustment)
-    reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
+    how, block, of_surface = with_surface(how, options.surface, options.points, block)
+    of_rpcs = how.sigma_shift_px, how.sigma_drift
+    reasons = plausibility.input_reasons(block, options.points, options.dem, *of_rpcs, how.dem)
     clock.lap("check")
     laser = read_laser_points(images, options.laser, options.points, context)
     block, told = name_operations(block, laser, options.points.strict_datum)
-    warnings += told
+    warnings += [*told, *of_surface]
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
@@ -47,7 +55,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     of_laser, few = describe_laser(result, options.laser)
     warnings += [*choice_warnings(result.choice), *few]
     entries = choice_entries(how.model, result.choice) | of_laser
-    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
+    surface = how.dem or dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     reasons += ground_reasons(result, surface, how.sigma_dem_m)
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)

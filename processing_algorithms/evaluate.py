@@ -16,12 +16,14 @@ from ..hrsi_engine.adjustment.evaluation import (
     fit_pairs,
     fit_tracks,
 )
+from ..hrsi_engine.adjustment.held.held_surface import SurfacePlan
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.observations import Observations
 from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.assembly import stack_image_points
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ..hrsi_engine.block.imaging_geometry import compute_footprint
+from ..hrsi_engine.block.pointing import estimate_pointing
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.plots import draw_bars
@@ -37,7 +39,9 @@ from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
+from ..hrsi_engine.results.surface_figures import describe_surface
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps import plausibility
 from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
@@ -52,7 +56,7 @@ from .block_steps.rpc_sets import (
 from .block_steps.summary import format_digits
 from .block_steps.tie_search import count_pairs, find_ties
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
-from .files.opening import dem_surface, open_images
+from .files.opening import dem_surface, open_control_surface, open_images
 from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
 from .interface.option_groups import SearchOptions
@@ -85,6 +89,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     images = open_images(options.images, context)
     cameras = _open_sets(options, images, context)
     surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
+    control = open_control_surface(options.surface, options.points, options.surface_kind, images[0].rpc)
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
@@ -113,7 +118,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
             "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
             "made_rpcs": judges.left_out, "held_out": judges.held_out, "independent": judges.are_independent,
         },
-        "sets": {one.name: _set_entry(one, observations, kept, predicted, surface) for one in sets},
+        "sets": {one.name: _set_entry(one, observations, kept, predicted, surface, control, options) for one in sets},
     }  # fmt: skip
     if len(predicted) and (predictions := int(predicted.sum())) < RPC_SETS.few_predictions:
         why = "two images have none" if len(images) < 3 else "they need points on three images or more"
@@ -299,8 +304,9 @@ def _read_points(
 
 
 def _set_entry(
-    one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray, surface: HeightSurface | None
-) -> Report:
+    one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray, surface: HeightSurface | None,
+    control: tuple[GridSurface, float] | None, options: EvaluateOptions,
+) -> Report:  # fmt: skip
     """Return the figures of one set of RPCs."""
     fit, used, rays = one.fit, kept[observations.point], np.diff(observations.first)
     length = np.hypot(*fit.predicted_px[predicted].T)
@@ -336,7 +342,7 @@ def _set_entry(
                 "points": len(across), "bias_px": bias, "nmad_px": float(robust_sigma(across - bias)),
                 "rmse_px": rmse(across),
             })  # fmt: skip
-    return entry
+    return entry | _surface_entry(one, kept, control, options)
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
@@ -365,6 +371,24 @@ def _height_entry(ground: np.ndarray, surface: HeightSurface) -> Report:
         "points": len(above), "median_m": middle, "nmad_m": float(robust_sigma(above - middle)),
         "p90_m": float(np.percentile(np.abs(above), 90.0)),
     }  # fmt: skip
+
+
+def _surface_entry(
+    one: RpcSet, kept: np.ndarray, control: tuple[GridSurface, float] | None, options: EvaluateOptions
+) -> Report:
+    """Return how far the tracks under a set of RPCs lie off a surface in plan and height, where one is named.
+
+    ``displacement_m`` lays them on the surface: the RPCs put everything as far off in the other direction.
+    """
+    if control is None:
+        return {}
+    images, points = one.block.images, np.flatnonzero(kept)
+    pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
+    ids = tuple(image.id for image in images)
+    found = SurfacePlan.match_points(
+        ids, control[0], points, one.fit.ground, control[1], options.surface_kind, options.surface_search_m, pointing_m
+    )
+    return {"surface": None if found is None else describe_surface(found.summarise(np.arange(len(kept))))}
 
 
 def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:
@@ -467,6 +491,12 @@ def summarise(report: Report) -> str:
         }
     rows |= {f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
              for name in list(any_set["images"])[:LENGTH.most_pairs]}  # fmt: skip
+    matched = [entry.get("surface") for entry in sets.values()]
+    for axis, name in enumerate(("east", "north", "up")):
+        rows |= {
+            f"to the surface: {name} m": [one and one["displacement_m"][axis] for one in matched],
+            f"        {name}: standard deviation m": [one and one["sigma_m"][axis] for one in matched],
+        }
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [

@@ -17,6 +17,7 @@ from .block_steps.laser_points import (
     name_operations,
     read_laser_points,
     with_free_control,
+    with_surface,
 )
 from .block_steps.reference_control import read_reference_block, reference_reasons
 from .block_steps.summary import choice_entries, choice_warnings
@@ -68,7 +69,8 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         block, more = block_inputs.read_block(images, points, dem, file, ties, earlier.known)
     block = hold_out_ties(block, options.hold_out)
     how = earlier.adjust_options(options.adjustment)
-    reasons = plausibility.input_reasons(block, options.points, options.dem, how.sigma_shift_px, how.sigma_drift)
+    how, block, of_surface = with_surface(how, options.surface, points, block)
+    reasons = plausibility.input_reasons(block, points, dem, how.sigma_shift_px, how.sigma_drift, how.dem)
     reasons += reference_reasons(entries)
     clock.lap("check")
     with plausibility.explain_failures(reasons):
@@ -79,11 +81,11 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         result, few = adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
-    surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
+    surface = how.dem or dem_surface(dem, points.height_datum, points.gcp_epoch)
     offset = plausibility.offset_warning(result, surface, how.sigma_dem_m)
     reasons += plausibility.ground_reasons(result, surface, how.sigma_dem_m)
     of_laser, useless = describe_laser(result, options.laser)
-    warnings += [*more, *told, *few, *choice_warnings(result.choice), *useless, *offset]
+    warnings += [*more, *told, *of_surface, *few, *choice_warnings(result.choice), *useless, *offset]
     entries |= choice_entries(how.model, result.choice) | held | of_laser
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
@@ -102,9 +104,11 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
     block, told = name_operations(block, laser, points.strict_datum)
+    how, block, of_surface = with_surface(how, options.surface, points, block)
     block = hold_out_ties(block, options.hold_out)
-    reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift)
-    return block_outputs.plan_results(options.output, images, block, warnings + told, reasons, context, pairs)
+    reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift, how.dem)
+    warnings += [*told, *of_surface]
+    return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, pairs)
 
 
 def _automatic_ties(

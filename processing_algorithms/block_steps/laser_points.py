@@ -21,9 +21,9 @@ from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
-from ..files.opening import dem_surface
+from ..files.opening import dem_surface, open_control_surface
 from ..interface.declare import Context, Report
-from ..interface.option_groups import DemOptions, LaserFile, PointFiles
+from ..interface.option_groups import DemOptions, LaserFile, PointFiles, SurfaceFile
 from .inputs import tell_operations
 
 
@@ -93,6 +93,24 @@ def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) 
     return count
 
 
+def with_surface(
+    options: AdjustOptions, file: SurfaceFile, points: PointFiles, block: Block
+) -> tuple[AdjustOptions, Block, list[str]]:
+    """Open the surface that is to hold the block, where one is named.
+
+    Returned are the options with it, the block with its coordinate operations, and what the user should know of these.
+    """
+    opened = open_control_surface(file, points, options.surface_kind, block.images[0].rpc)
+    if opened is None:
+        return options, block, []
+    if options.sigma_dem_m is not None:
+        raise InputError("`surface` and `sigma_dem_m` both say what holds the block: give one, and `sigma_surface`")
+    surface, sigma_m = opened
+    told = tell_operations(block, surface.operations, points.strict_datum)
+    block = replace(block, operations=block.operations + surface.operations)
+    return replace(options, dem=surface, sigma_dem_m=sigma_m), block, told
+
+
 def with_free_control(
     options: AdjustOptions, dem: DemOptions, files: PointFiles, laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
@@ -105,9 +123,9 @@ def with_free_control(
     places = [points.ground for points in (laser, reference) if points is not None]
     if options.sigma_dem_m is None and not places:
         return options
-    if options.sigma_dem_m is not None and not dem.dem:
+    if options.sigma_dem_m is not None and options.dem is None and not dem.dem:
         raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
-    surface, sigma_m = dem_surface(dem, files.height_datum, files.gcp_epoch), options.sigma_dem_m
+    surface, sigma_m = options.dem or dem_surface(dem, files.height_datum, files.gcp_epoch), options.sigma_dem_m
     if surface is not None and sigma_m is None:
         sigma_m = dem_sigma_m(cell_size_m(surface, places[0][len(places[0]) // 2]))
     return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m, dem=surface)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...hrsi_engine.adjustment.options import surface_kind_option, surface_search_option
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ..interface.declare import Algorithm, Kind
 from ..interface.option_groups import (
@@ -12,6 +13,7 @@ from ..interface.option_groups import (
     PointFiles,
     ResultFolder,
     SearchOptions,
+    SurfaceFile,
     TerrainOptions,
     compression_option,
     ground_crs_option,
@@ -58,6 +60,9 @@ class EvaluateOptions:
     )  # fmt: skip
     points: PointFiles = nest_options(PointFiles)
     dem: DemOptions = nest_options(DemOptions)
+    surface: SurfaceFile = nest_options(SurfaceFile)
+    surface_search_m: float = surface_search_option()
+    surface_kind: str = surface_kind_option()
     search: SearchOptions = nest_options(SearchOptions)
     folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
@@ -72,7 +77,8 @@ EVALUATE = Algorithm(
         "Each track is predicted on each of its images from a ground point that the other images alone intersect "
         "(strict leave-one-out; three images or more), fitted by all its rays, and taken pair by pair across the "
         "epipolar lines. Wrong matches are left out only where they fit under no set of RPCs. Known ground points, "
-        "control and check apart, are compared in pixels and metres, heights of the tracks with a DEM.\n\n"
+        "control and check apart, are compared in pixels and metres, heights of the tracks with a DEM; with `surface` "
+        "the tracks are matched with its relief, which tells by how much each set is displaced in plan and height.\n\n"
         "The RPCs should not have seen the tracks: give points that took no part in the adjustment, or name those that "
         "did by `used_points`."
     ),

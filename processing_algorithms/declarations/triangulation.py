@@ -16,6 +16,7 @@ from ..interface.option_groups import (
     PointFiles,
     ReferenceImage,
     SearchOptions,
+    SurfaceFile,
     hold_out_option,
     images_option,
 )
@@ -37,6 +38,7 @@ class TriangulateOptions:
         metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
     )
     dem: DemOptions = nest_options(DemOptions)
+    surface: SurfaceFile = nest_options(SurfaceFile)
     laser: LaserFile = nest_options(LaserFile)
     reference: ReferenceImage = nest_options(ReferenceImage)
     growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
@@ -53,7 +55,8 @@ TRIANGULATE = Algorithm(
         "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
         "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
         "GCPs may also come from an orthoimage (`reference`, with `dem`). "
-        "Without any GCP the block is held where its RPCs put it, and the images fit one another. "
+        "Without any GCP the block is held where its RPCs put it, or where a `surface` has its relief, and the images "
+        "fit one another. "
         "The refined images are ready for gdalwarp -rpc."
     ),
     options=TriangulateOptions,
@@ -80,6 +83,7 @@ class AdjustAlgorithmOptions:
         metavar=f"{NO_TIES}|FILE",
     )
     dem: DemOptions = nest_options(DemOptions)
+    surface: SurfaceFile = nest_options(SurfaceFile)
     laser: LaserFile = nest_options(LaserFile)
     growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
     adjustment: AdjustOptions = nest_options(AdjustOptions)

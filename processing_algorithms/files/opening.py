@@ -13,11 +13,12 @@ from ...hrsi_engine.ground.operation_uses import require_strict_datums
 from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image_and_source, pixel_doubt, resampling_doubt
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none
+from ...hrsi_engine.io.surfaces import open_surface
 from ...hrsi_engine.measurement.interest_points.windows import Area
-from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface
+from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m, intersect_surface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
 from ..interface.declare import Context
-from ..interface.option_groups import DemOptions, TerrainOptions
+from ..interface.option_groups import DemOptions, PointFiles, SurfaceFile, TerrainOptions
 from .result_folder import LENGTH, tell
 
 
@@ -109,6 +110,21 @@ def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]
 def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
     """Return the DEM that options name, opened; None without. ``height_datum`` counts where it has no own."""
     return open_dem(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
+
+
+def open_control_surface(
+    file: SurfaceFile, points: PointFiles, kind: str, near: RPC
+) -> tuple[GridSurface, float] | None:
+    """Return the surface that options name, and the standard deviation of its heights near an image, m; None without.
+
+    kind : ``dsm`` or ``dtm``
+    """
+    if not file.surface:
+        return None
+    datum = file.surface_datum or points.height_datum
+    surface = open_surface(str(file.surface), datum, points.ground_crs, points.gcp_epoch, kind)
+    middle = np.array([near.long_off, near.lat_off, near.height_off])
+    return surface, file.sigma_surface or dem_sigma_m(cell_size_m(surface, middle))
 
 
 def open_terrain(options: TerrainOptions) -> HeightSurface | None:

@@ -184,6 +184,27 @@ class LaserFile:
     )  # fmt: skip
 
 
+@options
+class SurfaceFile:
+    """A surface that holds a block in plan and height, its datum and accuracy."""
+
+    surface: str | None = option(
+        None,
+        "Surface whose relief and heights hold the block in plan and height, instead of `dem` with `sigma_dem_m`: a "
+        "raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of ICESat-2 or GEDI",
+        kind=Kind.POINTS,
+        metavar=POINTS,
+    )
+    surface_datum: str | None = option(
+        None, "What the heights of the surface refer to, where it is not what `height_datum` says", advanced=True,
+        metavar=DATUMS,
+    )  # fmt: skip
+    sigma_surface: float | None = option(
+        None, "Standard deviation of the heights of the surface, two fifths of it common to all; by default that which "
+        "its cell size is known for", minimum=1e-6, unit="m", advanced=True, metavar="M",
+    )  # fmt: skip
+
+
 @options(kw_only=True)
 class MandatoryDem(DemOptions):
     """A DEM that has to be named."""

@@ -59,6 +59,11 @@ def open_dem(path: str, height_datum: str = "layer", epoch: float | None = None)
         advice = check_advice(path, "check the file")
         raise InputError(f"{path}: cannot be opened as a DEM ({message or 'no raster'}): {advice}")
     require_raster(path, dataset)
+    return surface_of_dataset(dataset, path, height_datum, epoch)
+
+
+def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoch: float | None) -> GridSurface:
+    """Return the surface of an open raster; arguments as of `open_dem`, messages name ``path``."""
     place = Georeference(dataset, path, "DEM", endless=True, epoch=epoch)
     undulations, operations = _find_heights(path, place, height_datum)
     reader = _DemReader(dataset, path, place, undulations)
