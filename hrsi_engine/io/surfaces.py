@@ -22,8 +22,7 @@ from ..surface.grid_surface import GridSurface
 from .laser_files import HDF5_HEAD, read_laser
 from .opening.datasets import open_dataset
 from .point_files.find import split_spec
-from .rasters.dems import open_dem, surface_of_dataset
-from .rasters.filled_dems import fill_gaps
+from .rasters.dems import fill_gaps, open_dem, surface_of_dataset
 from .rpc_files.content import read_head
 
 LAS_HEAD = b"LASF"
