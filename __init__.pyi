@@ -83,6 +83,9 @@ def triangulate(
     tie_points: Points = "auto",
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
+    surface: Points | None = None,
+    surface_datum: str | None = None,
+    sigma_surface: float | None = None,
     laser: Points | None = None,
     laser_datum: str = "ellipsoidal",
     reference: RasterSource | None = None,
@@ -157,8 +160,8 @@ def triangulate(
     The main job. Finds tie points between overlapping images, takes ground control points from a vector
     layer or CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points
     agree. GCPs may also come from an orthoimage (``reference``, with ``dem``). Without any GCP the
-    block is held where its RPCs put it, and the images fit one another. The refined images are ready
-    for gdalwarp -rpc.
+    block is held where its RPCs put it, or where a ``surface`` has its relief, and the images fit one
+    another. The refined images are ready for gdalwarp -rpc.
 
     Parameters
     ----------
@@ -198,6 +201,15 @@ def triangulate(
         DEM of the ground, in any CRS.
     dem_datum : str, optional
         What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    surface : path or table or array or GroundPoints or ImagePoints, optional
+        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
+        ``sigma_dem``: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
+        ICESat-2 or GEDI.
+    surface_datum : str, optional
+        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+    sigma_surface : float, optional
+        Standard deviation of the heights of the surface, two fifths of it common to all; by default
+        that which its cell size is known for (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
         Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
         ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
@@ -362,6 +374,9 @@ def adjust(
     tie_points: Points = "none",
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
+    surface: Points | None = None,
+    surface_datum: str | None = None,
+    sigma_surface: float | None = None,
     laser: Points | None = None,
     laser_datum: str = "ellipsoidal",
     add_to: str | None = None,
@@ -457,6 +472,15 @@ def adjust(
         DEM of the ground, in any CRS.
     dem_datum : str, optional
         What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    surface : path or table or array or GroundPoints or ImagePoints, optional
+        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
+        ``sigma_dem``: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
+        ICESat-2 or GEDI.
+    surface_datum : str, optional
+        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+    sigma_surface : float, optional
+        Standard deviation of the heights of the surface, two fifths of it common to all; by default
+        that which its cell size is known for (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
         Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
         ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
@@ -1228,6 +1252,11 @@ def evaluate(
     sigma_gcp_h: float = 0.3,
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
+    surface: Points | None = None,
+    surface_datum: str | None = None,
+    sigma_surface: float | None = None,
+    surface_search: float = 100.0,
+    surface_kind: Literal["dsm", "dtm"] = "dsm",
     search_margin: float = 128.0,
     cells: int = 12,
     per_cell: int = 0,
@@ -1256,7 +1285,8 @@ def evaluate(
     intersect (strict leave-one-out; three images or more), fitted by all its rays, and taken pair by
     pair across the epipolar lines. Wrong matches are left out only where they fit under no set of RPCs.
     Known ground points, control and check apart, are compared in pixels and metres, heights of the
-    tracks with a DEM.
+    tracks with a DEM; with ``surface`` the tracks are matched with its relief, which tells by how much
+    each set is displaced in plan and height.
 
     The RPCs should not have seen the tracks: give points that took no part in the adjustment, or name
     those that did by ``used_points``.
@@ -1312,6 +1342,21 @@ def evaluate(
         DEM of the ground, in any CRS.
     dem_datum : str, optional
         What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+    surface : path or table or array or GroundPoints or ImagePoints, optional
+        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
+        sigma dem m: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
+        ICESat-2 or GEDI.
+    surface_datum : str, optional
+        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+    sigma_surface : float, optional
+        Standard deviation of the heights of the surface, two fifths of it common to all; by default
+        that which its cell size is known for (unit m; at least 1e-06).
+    surface_search : float, optional
+        Largest displacement in plan in which the relief of a surface is looked for that holds a block
+        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+    surface_kind : str, optional
+        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
+        of dsm, dtm; default dsm).
     search_margin : float, optional
         How far the RPCs may be off when tie points are searched; the search widens where it finds
         nothing (unit px; at least 0; default 128).
