@@ -177,7 +177,20 @@ def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, default
     points = replace(points, operations=known.operations)
     row = np.searchsorted(ids, known.ids)
     if points.covariance_m2 is not None and known.covariance_m2 is not None:
-        _require_covariances(known)
+        # A random vector has a positive definite covariance; NaN are sigmas that the defaults will fill
+        given = known.survey_covariance_m2()
+        given = np.where(np.isnan(given), np.eye(3), given)
+        open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
+        finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
+        scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
+        bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
+        if len(bad):
+            raise InputError(
+                f"ground point {list_ids(bad)} has a covariance that is not positive definite: correlations must lie "
+                "between -1 and 1 and agree with each other"
+            )
         points.covariance_m2[row] = known.covariance_m2
     points.ground[row], points.role[row], points.sigma_m[row] = known.ground, role, known.sigma_m
     points.operation[row] = known.operation
@@ -190,23 +203,6 @@ def _make_points(ids: np.ndarray, known: GroundPoints, role: np.ndarray, default
             f"ground point {list_ids(bad)} has a sigma that is not positive: give metres above 0, or leave it empty"
         )
     return points
-
-
-def _require_covariances(known: GroundPoints) -> None:
-    """Raise `InputError` for a covariance that no random vector has."""
-    given = known.survey_covariance_m2()
-    given = np.where(np.isnan(given), np.eye(3), given)  # sigmas that the defaults will fill
-    open_axis = np.isinf(given.diagonal(axis1=1, axis2=2))
-    finite = np.where(open_axis[:, :, None] | open_axis[:, None, :], np.eye(3), given)
-    scale = np.sqrt(np.abs(finite.diagonal(axis1=1, axis2=2)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.nan_to_num(finite / (scale[:, :, None] * scale[:, None, :]))
-    bad = known.ids[~(np.linalg.eigvalsh(correlation).min(axis=1, initial=1.0) > 1e-9)]
-    if len(bad):
-        raise InputError(
-            f"ground point {list_ids(bad)} has a covariance that is not positive definite: correlations must lie "
-            "between -1 and 1 and agree with each other"
-        )
 
 
 def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) -> Measurements:

@@ -23,13 +23,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
 
 from ..camera.rpc import RPC
-from ..camera.rpc_fit import RpcFit, best_fit, fit_rpc, make_virtual_grid
+from ..camera.rpc_fit import best_fit, fit_rpc, make_virtual_grid
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from .block import Image, Tile
@@ -71,7 +71,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
         if image.tile is None and image.size is not None and _PART.search(image.id):
             products.setdefault(_TIME.sub("", _PART.sub("", image.id)), []).append(index)
     joined = list(images)
-    for product, members in products.items():
+    for name, members in products.items():
         parts = [images[index] for index in members]
         if len(parts) < 2 or len({part.rpc for part in parts}) == 1:
             continue
@@ -82,7 +82,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
         if places.off_px.max() > STRIP.whole_px or not _have_common_rays(parts, places.first):
             continue
         for index, first in zip(members, places.first.tolist(), strict=True):
-            joined[index] = replace(images[index], tile=Tile(product, (first[0], first[1]), places.size))
+            joined[index] = replace(images[index], tile=Tile(name, (first[0], first[1]), places.size))
     return joined
 
 
@@ -202,17 +202,12 @@ def _may_be_one_exposure(one: Image, other: Image) -> bool:
     catalogue = [set(_CATALOGUE.findall(image.id.upper())) for image in (one, other)]
     if all(catalogue) and catalogue[0].isdisjoint(catalogue[1]):
         return False
-    time, later = (_read_time_in_name(image.id) for image in (one, other))
-    return time is None or later is None or abs((time - later).total_seconds()) <= BANDS.apart_s
-
-
-def _read_time_in_name(name: str) -> datetime | None:
-    """Return the time of an exposure in its name, None without one."""
-    for found in _TIME.findall(name):
-        for form in ("%y%b%d%H%M%S", "%Y%m%d%H%M%S"):
+    times: list[list[datetime]] = [[], []]
+    for image, own in zip((one, other), times, strict=True):
+        for found, form in product(_TIME.findall(image.id), ("%y%b%d%H%M%S", "%Y%m%d%H%M%S")):
             with suppress(ValueError):
-                return datetime.strptime(found, form)
-    return None
+                own.append(datetime.strptime(found, form))
+    return not all(times) or abs((times[0][0] - times[1][0]).total_seconds()) <= BANDS.apart_s
 
 
 def find_passes(images: Sequence[Image]) -> list[np.ndarray]:
@@ -324,30 +319,22 @@ def fit_strip(parts: Sequence[Image], first: np.ndarray) -> StripRpc:
     )
     rpc = parts[0].rpc.shift(*first[0].astype(float))
     if _measure_apart(rpc, *check).max() > STRIP.same_px:
-        rpc = _reduce_largest_residual(best_fit(points, check), points, check)
+        fit = best_fit(points, check)
+        rpc, largest_px, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
+        off = _measure_apart(rpc, *points)
+        # Of weighted fits the one whose largest difference at the check points is smallest
+        for _ in range(STRIP.rounds if largest_px > STRIP.fit_px else 0):
+            weights *= off / off.max() + STRIP.least_growth
+            weighted = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
+            off = _measure_apart(weighted, *points)
+            if (worst := float(_measure_apart(weighted, *check).max())) < largest_px:
+                rpc, largest_px = weighted, worst
     errors = {name: [getattr(part.rpc, name) for part in parts] for name in ("err_bias", "err_rand")}
     known = {name: max(values) for name, values in errors.items() if None not in values}
     apart = [_measure_apart(rpc, *grid) for grid in checked]
     largest = [one.max(initial=0.0) for one in apart]  # 0 for a part that later ones cover whole
     rms = [np.sqrt(np.mean(one**2)) if len(one) else 0.0 for one in apart]
     return StripRpc(replace(rpc, **known), np.array(largest), np.array(rms), *points)
-
-
-def _reduce_largest_residual(
-    fit: RpcFit, points: tuple[np.ndarray, np.ndarray], check: tuple[np.ndarray, np.ndarray]
-) -> RPC:
-    """Return the RPC whose largest difference at the check points is smallest, of those that weighted fits give."""
-    best, largest, weights = fit.rpc, fit.max_px, np.ones(len(points[0]))
-    if largest <= STRIP.fit_px:
-        return best
-    apart = _measure_apart(best, *points)
-    for _ in range(STRIP.rounds):
-        weights *= apart / apart.max() + STRIP.least_growth
-        rpc = fit_rpc(*points, weights=weights, ridge=fit.ridge).rpc
-        apart = _measure_apart(rpc, *points)
-        if (worst := float(_measure_apart(rpc, *check).max())) < largest:
-            best, largest = rpc, worst
-    return best
 
 
 def _make_grid(

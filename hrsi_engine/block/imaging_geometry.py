@@ -59,15 +59,10 @@ def compute_footprints(images: Sequence[Image], height_m: float, per_side: int =
 
 def compute_footprint_hull(image: Image, low_m: float, high_m: float) -> Polygon:
     """Return a polygon that contains the footprints of an image at all heights between two."""
-    hull = MultiPoint(_join(_compute_outlines(image, np.array([low_m, high_m]), 3).reshape(-1, 3))).convex_hull
+    outline = image.outline_px(3)
+    heights_m = np.repeat([low_m, high_m], len(outline))
+    hull = MultiPoint(_join(image.rpc.localize(np.tile(outline, (2, 1)), heights_m).ground)).convex_hull
     return hull if hull.geom_type == "Polygon" else Polygon()
-
-
-def _compute_outlines(image: Image, heights_m: np.ndarray, per_side: int) -> np.ndarray:
-    """Return an image's outline on the ground at several heights, ``(heights, 4 * per_side, 3)``."""
-    outline = image.outline_px(per_side)
-    ground = image.rpc.localize(np.tile(outline, (len(heights_m), 1)), np.repeat(heights_m, len(outline))).ground
-    return ground.reshape(len(heights_m), -1, 3)
 
 
 def make_polygon(ground: np.ndarray) -> Polygon:
@@ -316,7 +311,12 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
 
     ``terrain_m`` is the lowest and highest height at which the RPC is used, where known.
     """
-    warnings = [*_check_offsets(image.rpc), *_check_heights(image.rpc, terrain_m)]
+    rpc, warnings = image.rpc, []
+    if abs(rpc.lat_off) > 90.0:
+        warnings.append(f"LAT_OFF is {rpc.lat_off:g}: latitude and longitude are swapped; exchange them in the RPC")
+    scales = {"LINE": rpc.line_scale, "SAMP": rpc.samp_scale, "LAT": rpc.lat_scale, "LONG": rpc.long_scale}
+    warnings += [f"{name}_SCALE is {value:g}, it must be above 0" for name, value in scales.items() if not value > 0.0]
+    warnings += _check_heights(rpc, terrain_m)
     _, (ground, converged) = make_virtual_grid(
         image.rpc, image.domain_px, image.rpc.height_range,
         (GEOMETRY.volume_grid, GEOMETRY.volume_grid, GEOMETRY.volume_heights),
@@ -329,18 +329,14 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
         )
     if converged.any():
         warnings += _check_denominators(image.rpc, ground[converged])
-        warnings += _check_orientation(image.rpc, ground[converged])
+        _, by_ground = rpc.project_with_metric_jacobian(ground[converged][converged.sum() // 2][None])
+        if np.linalg.det(by_ground[0, :, :2]) > 0.0:
+            warnings.append(
+                "the image lies mirrored on the ground: latitude and longitude may be swapped in the RPC, or lines "
+                "reversed"
+            )
         warnings += _check_size(image, ground[converged])
     return [f"{image.id}: {text}" for text in warnings]
-
-
-def _check_offsets(rpc: RPC) -> list[str]:
-    warnings = []
-    if abs(rpc.lat_off) > 90.0:
-        warnings.append(f"LAT_OFF is {rpc.lat_off:g}: latitude and longitude are swapped; exchange them in the RPC")
-    scales = {"LINE": rpc.line_scale, "SAMP": rpc.samp_scale, "LAT": rpc.lat_scale, "LONG": rpc.long_scale}
-    warnings += [f"{name}_SCALE is {value:g}, it must be above 0" for name, value in scales.items() if not value > 0.0]
-    return warnings
 
 
 def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]:
@@ -368,16 +364,6 @@ def _check_denominators(rpc: RPC, ground: np.ndarray) -> list[str]:
         elif lowest < GEOMETRY.least_denominator:
             warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
     return warnings
-
-
-def _check_orientation(rpc: RPC, ground: np.ndarray) -> list[str]:
-    """Return a warning for a mirrored image, which exchanged latitude and longitude cause."""
-    _, by_ground = rpc.project_with_metric_jacobian(ground[len(ground) // 2][None])
-    if np.linalg.det(by_ground[0, :, :2]) > 0.0:
-        return [
-            "the image lies mirrored on the ground: latitude and longitude may be swapped in the RPC, or lines reversed"
-        ]
-    return []
 
 
 def _check_size(image: Image, ground: np.ndarray) -> list[str]:

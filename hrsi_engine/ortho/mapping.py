@@ -287,15 +287,13 @@ class OrthoMapping:
         column, row = side * (window.columns - 1), side * (window.rows - 1)
         pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
         lonlat = self.grid.lonlat(pixels)
-        sample, line = self.rpc.project(np.column_stack([lonlat, np.full(len(lonlat), self._height_m)])).T
+        sample, line = self.rpc.project(
+            np.column_stack([lonlat, np.full(len(lonlat), sum(self.rpc.height_range) / 2.0)])
+        ).T
         inside = (sample > -0.5) & (line > -0.5) & (sample < self.size[0] - 0.5) & (line < self.size[1] - 0.5)
         i, j = (np.rint(side * (count - 2)).astype(int) for count in known.shape)
         share = float(np.mean(inside.reshape(len(row), len(column)) & ~known[np.ix_(i, j)]))
         return round(share * window.columns * window.rows)
-
-    @property
-    def _height_m(self) -> float:
-        return sum(self.rpc.height_range) / 2.0
 
     def source_pixels_per_pixel(self) -> float:
         """Return how many pixels of the image, along each axis, one pixel of the map covers in the map's middle.
@@ -308,7 +306,7 @@ class OrthoMapping:
         middle = np.array([[self.grid.columns / 2.0, self.grid.rows / 2.0]]) + np.array([[0, 0], [1, 0], [0, 1]])
         lonlat = self.grid.lonlat(middle)
         heights = surface_heights(self.surface, lonlat)
-        height = float(np.nanmean(heights)) if np.isfinite(heights).any() else self._height_m
+        height = float(np.nanmean(heights)) if np.isfinite(heights).any() else sum(self.rpc.height_range) / 2.0
         at = self.rpc.project(np.column_stack([lonlat, np.full(3, height)]))
         return float(np.sqrt(abs(np.linalg.det(at[1:] - at[0]))))
 

@@ -189,7 +189,8 @@ def shift_between(
     template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MisregistrationOptions
 ) -> Shift:
     """Return the shift of a window: pixels and mask of it (with `SHIFT.border_px`), and of the area it is sought in."""
-    grey, place = _smooth(template[0]), _smooth(np.where(area[1], area[0], np.mean(area[0])))
+    both = template[0], np.where(area[1], area[0], np.mean(area[0]))
+    grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in both)
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _make_failure(WindowOutcome.FLAT)
@@ -204,10 +205,6 @@ def shift_between(
     if not area[1][row : row + side, column : column + side].all():
         return _make_failure(WindowOutcome.NODATA, best)
     return _refine_shift(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
-
-
-def _smooth(grey: np.ndarray) -> np.ndarray:
-    return blur(np.asarray(grey, dtype=np.float32), SHIFT.smoothing_px)
 
 
 def _refine_shift(

@@ -139,7 +139,10 @@ class _Points:
 def _compute_heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
     """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
     heights = np.empty(len(nodes))
-    hull = Delaunay(_find_hull(points.xy))
+    try:
+        hull = Delaunay(points.xy[ConvexHull(points.xy).vertices])
+    except QhullError:
+        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
     for start in range(0, len(nodes), POINT_SURFACE.batch):
         part = slice(start, start + POINT_SURFACE.batch)
         inside = hull.find_simplex(nodes[part]) >= 0
@@ -147,14 +150,6 @@ def _compute_heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
         found[inside] = _fit_planes(points, nodes[part][inside])
         heights[part] = found
     return heights
-
-
-def _find_hull(xy: np.ndarray) -> np.ndarray:
-    """Return the corners of the convex hull of points, (k, 2)."""
-    try:
-        return np.asarray(xy[ConvexHull(xy).vertices])
-    except QhullError:
-        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
 
 
 def _fit_planes(points: _Points, nodes: np.ndarray) -> np.ndarray:

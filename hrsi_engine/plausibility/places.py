@@ -1,7 +1,7 @@
 """Points outside their images, rounded or copied surveys, heights outside the RPCs' range, a DEM off, twins."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,9 +14,9 @@ from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
-from ..foundation.robust_scale import robust_sigma
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
+from ..ground.geoids import height_difference
 from ..surface.dem import HeightSurface, surface_heights
 from .accuracy import ImageAccuracy
 from .slips import FEET_M, find_undulations
@@ -43,10 +43,6 @@ class PLACEMENT:
     coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
     copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM were read from it")
     dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
-    datum_points: int = threshold(3, "points", "fewer heights of points and DEM show no other datum")
-    datum_sigmas: float = threshold(4.0, "sigma", "of the median, which their difference must exceed")
-    datum_difference_m: float = threshold(5.0, "m", "trees, buildings and a coarse DEM may do so much")
-    geoid_share: float = threshold(0.25, "", "share of the undulation within which that difference looks like it")
 
 
 #: Where each term of RPC00B stands in the order of RPC00A.
@@ -289,54 +285,6 @@ def find_duplicate_images(block: Block) -> list[Reason]:
         )
         for a, b in sorted(twins)
     ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class HeightDifference:
-    """Surveyed heights less the DEM's at the same places: median, robust spread, number; and the geoid's median N.
-
-    Heights above a geoid taken for heights above the ellipsoid are wrong by the geoid's undulation N, up to 100 m. A
-    difference of about +N tells that the DEM's heights are above the geoid although they count as ellipsoidal, one of
-    about -N that the GCPs' are (or the other was converted though it need not be).
-    """
-
-    median_m: float
-    spread_m: float
-    points: int
-    undulation_m: float
-
-    @property
-    def significant(self) -> bool:
-        """Whether the two disagree by more than a DEM's usual errors."""
-        of_median_m = 1.2533 * self.spread_m / np.sqrt(self.points)
-        limit = max(PLACEMENT.datum_difference_m, PLACEMENT.datum_sigmas * of_median_m)
-        return self.points >= PLACEMENT.datum_points and abs(self.median_m) > limit
-
-    @property
-    def sign_of_geoid(self) -> int:
-        """1 where the difference is about N, -1 where it is about -N, 0 otherwise."""
-        least_m = PLACEMENT.datum_difference_m
-        tolerance = max(PLACEMENT.geoid_share * abs(self.undulation_m), least_m, 2.0 * self.spread_m)
-        if not self.significant or not abs(self.undulation_m) > least_m:
-            return 0
-        return next((sign for sign in (1, -1) if abs(self.median_m - sign * self.undulation_m) <= tolerance), 0)
-
-
-def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: np.ndarray) -> HeightDifference | None:
-    """Return how surveyed heights ``(n,)`` and a DEM's at the same places differ; None without any pair.
-
-    ``undulation_m (n,)`` are the geoid's heights there. NaN heights do not count.
-    """
-    known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
-    if not known.any():
-        return None
-    difference = surveyed_m[known] - dem_m[known]
-    middle = float(np.median(difference))
-    spread = float(robust_sigma(difference - middle))
-    of_geoid = undulation_m[known]
-    return HeightDifference(
-        middle, spread, len(difference), float(np.median(of_geoid)) if np.isfinite(of_geoid).all() else float("nan")
-    )
 
 
 # ---- surveyed coordinates alone --------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ import rasterio
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geoids import height_difference
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.plausibility.places import height_difference
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
 

@@ -122,7 +122,13 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
             for start in range(0, len(rows), BLOBS.batch):
                 part = rows[start : start + BLOBS.batch]
                 radii[part] = _trace_best_paths(levels.slopes(reduced), reduced, xy[part], radius[part], sign[part])
-        centre, size = _compute_centres(xy, radii)
+        # The centres of gravity of the outlines, and the radii of circles of their area
+        corner = radii * _DIRECTION
+        following = np.roll(corner, -1, axis=1)
+        cross = corner.real * following.imag - following.real * corner.imag
+        area = cross.sum(axis=1)
+        away = ((corner + following) * cross).sum(axis=1) / (3.0 * area)
+        centre, size = xy + np.column_stack([away.real, away.imag]), np.sqrt(area / (2.0 * np.pi))
         shifted = np.hypot(*(centre - xy).T)
         keep = (shifted <= BLOBS.largest_shift * radius) & (size <= BLOBS.largest_radius_px)
         keep &= (2.0 * size >= options.smallest_px - BLOBS.size_tolerance_px) & (2.0 * size <= options.largest_px)
@@ -234,16 +240,6 @@ def _find_loop(gain: np.ndarray) -> np.ndarray:
         at = at + came[turn, row, at]
     half = rays // 2
     return np.concatenate([path[:, rays : rays + half], path[:, half:rays]], axis=1)
-
-
-def _compute_centres(xy: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centres of gravity ``(n, 2)`` of outlines, and the radii of circles of their area ``(n,)``."""
-    corner = radii * _DIRECTION
-    following = np.roll(corner, -1, axis=1)
-    cross = corner.real * following.imag - following.real * corner.imag
-    area = cross.sum(axis=1)
-    centre = ((corner + following) * cross).sum(axis=1) / (3.0 * area)
-    return xy + np.column_stack([centre.real, centre.imag]), np.sqrt(area / (2.0 * np.pi))
 
 
 def _sample_ring(z: np.ndarray, xy: np.ndarray, radii: np.ndarray, share: float, beyond_px: float) -> np.ndarray:

@@ -117,18 +117,14 @@ class CornerDetector:
     ) -> InterestPoints:  # fmt: skip
         peaks = known.pop(window.core.bounds, None) or find_corner_peaks(window, statistics, options, self.strength)
         strong = peaks.strength > (options.interest_threshold or 0.0)
-        return _tabulate_corners(CornerPeaks(*(column[strong] for column in peaks)), options.super_threshold or 0.0)
-
-
-def _tabulate_corners(peaks: CornerPeaks, super_threshold: float) -> InterestPoints:
-    count = len(peaks.xy)
-    unknown = np.full(count, np.nan)
-    quality = peaks.strength / (peaks.strength + max(super_threshold, 1e-30))  # 0.5 at TA
-    return InterestPoints(
-        peaks.xy, np.where(peaks.strength > super_threshold, SUPER, CORNER).astype("U9"),
-        peaks.sigma_px[:, None, None] ** 2 * np.eye(2), peaks.strength.astype(np.float64), quality.astype(np.float64),
-        np.full((count, 2), np.nan), unknown, unknown, unknown,
-    )  # fmt: skip
+        xy, strength, sigma_px = (column[strong] for column in peaks)
+        least, unknown = options.super_threshold or 0.0, np.full(len(xy), np.nan)
+        quality = strength / (strength + max(least, 1e-30))  # 0.5 at TA
+        return InterestPoints(
+            xy, np.where(strength > least, SUPER, CORNER).astype("U9"), sigma_px[:, None, None] ** 2 * np.eye(2),
+            strength.astype(np.float64), quality.astype(np.float64), np.full((len(xy), 2), np.nan), unknown, unknown,
+            unknown,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ the tree and up its main parts. It is stable where it changes no more than its p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -81,40 +80,30 @@ def find_compact_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -
 
     ``usable`` masks pixels: regions that contain others, or lie at the edge of the window, are left out.
     """
-    tables = list(_find_regions(z, usable, largest_px))
-    counts = np.concatenate([np.diff(table.bounds) for table in tables])
-    return LevelRegions(
-        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
-        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
-    )  # fmt: skip
-
-
-def _find_regions(z: np.ndarray, usable: np.ndarray, largest_px: float) -> Iterator[LevelRegions]:
+    tables = []
     for scale in REGION.scales:
         if scale > 1 and largest_px < REGION.smallest_at_scale_px * scale:
             break
-        reduced, closed = _reduce_image(z, usable, scale)
-        reach = largest_px / scale
+        size, reach = (z.shape[1] // scale, z.shape[0] // scale), largest_px / scale
+        closed = reduce_mask(usable, size) if scale > 1 else usable
+        reduced = blur(reduce_by_area(z, size) if scale > 1 else z, REGION.smoothing_px)
         # A normalised image in steps of `REGION.level_step`, 0 … 255
         level = np.rint(np.clip(reduced / REGION.level_step + 128.0, 0.0, 255.0)).astype(np.uint8)
         for sign, steps in ((BRIGHT, level), (DARK, 255 - level)):
             found = _find_stable_regions(steps, REGION.stable_steps, REGION.largest_change, reach)
-            yield _select_compact(found, closed, reach, scale, sign)
+            tables.append(_select_compact(found, closed, reach, scale, sign))
         if scale == REGION.scales[0]:
             # 255 where a (smoothed) image has no slope, falling to 0 for very steep ones
             smooth, slope = make_gaussian_kernels(0.5)
             steepness = np.hypot(*slopes(reduced, smooth, slope, "reflect"))
             evenness = np.rint(255.0 * REGION.half_slope / (steepness + REGION.half_slope)).astype(np.uint8)
             even = _find_stable_regions(evenness, REGION.even_stable_steps, REGION.even_largest_change, reach)
-            yield _select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, EVEN)
-
-
-def _reduce_image(z: np.ndarray, usable: np.ndarray, scale: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return image and mask reduced by averaging ``scale`` x ``scale`` pixels, slightly smoothed."""
-    if scale > 1:
-        size = z.shape[1] // scale, z.shape[0] // scale
-        z, usable = reduce_by_area(z, size), reduce_mask(usable, size)
-    return blur(z, REGION.smoothing_px), usable
+            tables.append(_select_compact(even, closed, reach - 2.0 * REGION.even_inset_px, scale, EVEN))
+    counts = np.concatenate([np.diff(table.bounds) for table in tables])
+    return LevelRegions(
+        np.concatenate([table.pixels for table in tables]), np.r_[0, np.cumsum(counts)],
+        np.concatenate([table.scale for table in tables]), np.concatenate([table.sign for table in tables]),
+    )  # fmt: skip
 
 
 def _find_stable_regions(
@@ -228,7 +217,9 @@ class _ComponentTree(NamedTuple):
 def _build_tree(image: np.ndarray) -> _ComponentTree:
     """Return the tree of an image of at most 256 levels: level by level, its pixels join the regions beside them."""
     depth = (image.max() - image).ravel()
-    first, second = _list_neighbours(image.shape)
+    pixel = np.arange(image.size).reshape(image.shape)  # pairs of pixels that share a side
+    first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
+    second = np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
     later = depth[first] < depth[second]  # two neighbours are joined when the darker one enters
     first, second = np.where(later, second, first), np.where(later, first, second)
     order = np.argsort(depth[first], kind="stable")
@@ -287,13 +278,6 @@ def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int
         group.append(made if before == node else group[before])
         made += before == node
     return made, np.array(group, np.int64)
-
-
-def _list_neighbours(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return all pairs of pixels that share a side."""
-    pixel = np.arange(shape[0] * shape[1]).reshape(shape)
-    first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
-    return first, np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
 
 
 def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -109,14 +109,12 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
             clear &= fine
         points[here], slope[here], found[here] = at, steep, clear
     place = region, np.arange(len(points)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
-    xy, normal, steepness, clear = (_pad(a, place, len(regions)) for a in (points, normals, slope, found))
-    return Outlines(xy, normal, steepness, clear, counts)
-
-
-def _pad(values: np.ndarray, place: tuple[np.ndarray, np.ndarray], regions: int) -> np.ndarray:
-    table = np.zeros((regions, OUTLINE_SAMPLING.most_points, *values.shape[1:]), dtype=values.dtype)
-    table[place] = values
-    return table
+    padded = []
+    for values in (points, normals, slope, found):
+        table = np.zeros((len(regions), OUTLINE_SAMPLING.most_points, *values.shape[1:]), dtype=values.dtype)
+        table[place] = values
+        padded.append(table)
+    return Outlines(*padded, counts)
 
 
 def find_edges_along(
@@ -136,7 +134,12 @@ def find_edges_along(
     row, last = np.arange(len(points)), len(steps) - 1
     peak = along.copy()
     unsigned = sign == 0.0
-    peak[unsigned] = _mark_first_peaks(along[unsigned])
+    # Without a sign: 1 at the first local maximum that is nearly the largest (`first_peak_share`), else 0
+    either, first_peak = along[unsigned], np.zeros((int(unsigned.sum()), len(steps)), dtype=np.float32)
+    inner = either[:, 1:-1]
+    large = inner >= OUTLINE_SAMPLING.first_peak_share * either.max(axis=1, initial=0.0)[:, None]
+    first_peak[:, 1:-1] = (inner >= either[:, :-2]) & (inner >= either[:, 2:]) & large
+    peak[unsigned] = first_peak
     best = np.argmax(peak, axis=1)
     middle = np.clip(best, 1, last - 1)
     before, at, after = along[row, middle - 1], along[row, middle], along[row, middle + 1]
@@ -147,23 +150,18 @@ def find_edges_along(
     return points + offset[:, None] * normals, at, clear
 
 
-def _mark_first_peaks(along: np.ndarray) -> np.ndarray:
-    """Return 1 at the first local maximum of each row that is nearly the largest (`first_peak_share`), else 0."""
-    peak = np.zeros(along.shape, dtype=np.float32)
-    inner = along[:, 1:-1]
-    large = inner >= OUTLINE_SAMPLING.first_peak_share * along.max(axis=1, initial=0.0)[:, None]
-    peak[:, 1:-1] = (inner >= along[:, :-2]) & (inner >= along[:, 2:]) & large
-    return peak
-
-
 # ---- pixel outlines --------------------------------------------------------------------------------------------
 
 
 def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points around the regions and outward normals ``(k, 2)``, in pixels of their scale; counts ``(n,)``."""
     points, counts = _resample_contours(_trace_contours(regions))
-    _smooth_outlines(points, counts)
     starts = np.r_[0, np.cumsum(counts)[:-1]]
+    for count in np.unique(counts).tolist():  # smoothed by a Gaussian, in the frequency domain
+        rows = starts[counts == count][:, None] + np.arange(count)
+        gain = np.exp(-2.0 * (np.pi * OUTLINE_SAMPLING.smoothing_points * np.fft.fftfreq(count)) ** 2)
+        smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
+        points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
     after, before = np.arange(len(points)) + 1, np.arange(len(points)) - 1
     after[starts + counts - 1], before[starts] = starts, starts + counts - 1
     tangent = points[after] - points[before]
@@ -191,17 +189,12 @@ def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
         mask = np.zeros(lines * samples, dtype=bool)
         mask[place[first:last]] = True
         mask = mask.reshape(lines, samples)
-        masks.append(_cut_threads(mask) if last - first >= OUTLINE_SAMPLING.opened_pixels else mask)
+        if last - first >= OUTLINE_SAMPLING.opened_pixels and (core := filters.apply_opening(mask, 3)).any():
+            # The largest part after an opening, which cuts thin bridges to the surroundings
+            parts, count = ndimage.label(core, np.ones((3, 3)))
+            mask = core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
+        masks.append(mask)
     return [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
-
-
-def _cut_threads(mask: np.ndarray) -> np.ndarray:
-    """Return the largest part of a mask after an opening, which cuts thin bridges to the surroundings."""
-    core = filters.apply_opening(mask, 3)
-    if not core.any():
-        return mask
-    parts, count = ndimage.label(core, np.ones((3, 3)))
-    return core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
 
 
 #: Steps (column, row) to the 8 neighbours, clockwise on the screen from the right one.
@@ -262,16 +255,6 @@ def _resample_contours(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarr
     segment = np.searchsorted(way, wanted, side="right") - 1
     share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
     return every[segment] + share[:, None] * step[segment], counts
-
-
-def _smooth_outlines(points: np.ndarray, counts: np.ndarray) -> None:
-    """Smooth closed outlines by a Gaussian, in the frequency domain, in place."""
-    starts = np.r_[0, np.cumsum(counts)[:-1]]
-    for count in np.unique(counts).tolist():
-        rows = starts[counts == count][:, None] + np.arange(count)
-        gain = np.exp(-2.0 * (np.pi * OUTLINE_SAMPLING.smoothing_points * np.fft.fftfreq(count)) ** 2)
-        smooth = np.fft.ifft(np.fft.fft(points[rows, 0] + 1j * points[rows, 1]) * gain)
-        points[rows, 0], points[rows, 1] = smooth.real, smooth.imag
 
 
 def interpolate_bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -146,7 +146,11 @@ class ImageStatistics:
 def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool = True) -> ImageStatistics:
     """Return the statistics of a region, from up to 4 x 4 windows of 512 x 512 pixels spread over it."""
     samples = [read_window(raster, core, 0, None) for core in choose_sample_areas(region)]
-    saturation = _find_saturation(samples) if mask_saturated else None
+    # The largest grey value is saturated where suspiciously many pixels share it
+    greys = [window.grey[window.usable] for window in samples if window.usable.any()] if mask_saturated else []
+    largest = max((float(grey.max()) for grey in greys), default=np.nan)
+    many = WINDOWS.saturated_share * sum(grey.size for grey in greys)
+    saturation = largest if sum(int(np.sum(grey == largest)) for grey in greys) > many else None
     noises = [estimate_noise(window.grey, window.usable) for window in samples if window.usable.any()]
     noise = float(np.median(noises)) if noises else 0.0
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
@@ -174,16 +178,6 @@ def _choose_starts(first: int, end: int) -> list[int]:
     )[:count]
 
 
-def _find_saturation(samples: list[DetectionWindow]) -> float | None:
-    """Return the largest grey value where suspiciously many pixels share it."""
-    greys = [window.grey[window.usable] for window in samples if window.usable.any()]
-    if not greys:
-        return None
-    largest = max(float(grey.max()) for grey in greys)
-    share = sum(int(np.sum(grey == largest)) for grey in greys) / sum(grey.size for grey in greys)
-    return largest if share > WINDOWS.saturated_share else None
-
-
 def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
     """Return the standard deviation of the noise: the lower quartile of robust cell values, away from texture."""
     side = WINDOWS.grid_px
@@ -199,7 +193,10 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
 
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
     """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
-    mean, deviation = (_interpolate_cells(values) for values in _compute_local_moments(window))
+    # Mean and deviation of the usable pixels in the cells around each cell
+    kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
+    sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
+    mean, deviation = (_interpolate_cells(values) for values in _compute_moments(*sums))
     relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)
     return np.where(np.isfinite(relative), relative, 0.0).astype(np.float32)
 
@@ -212,13 +209,6 @@ def _sum_cells(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray, np.ndar
     weight = window.usable[area].astype(np.float64)
     grey = window.grey[area] * weight
     return tuple(layer.reshape(shape).sum(axis=(1, 3)) for layer in (weight, grey, grey * grey))
-
-
-def _compute_local_moments(window: DetectionWindow) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and deviation of the usable pixels in the cells around each cell."""
-    kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
-    sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
-    return _compute_moments(*sums)
 
 
 def _compute_moments(count: np.ndarray, total: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -114,7 +114,11 @@ def _require_points(count: int) -> None:
 
 def _fit_points(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
     _require_points(int(used.sum()))
-    _require_extent(xy[used])
+    spread = np.linalg.svd(xy[used] - xy[used].mean(axis=0), compute_uv=False)
+    if not spread[0] > 0.0:
+        raise SolveError("the edge points coincide: measure points around the object")
+    if not spread[1] > 1e-9 * spread[0]:
+        raise SolveError("the edge points lie on a line: measure points all around the object")
     every = np.ones((1, int(used.sum())))
     centres, forms, good = fit(xy[None, used], every)
     if not good[0]:
@@ -124,14 +128,6 @@ def _fit_points(xy: np.ndarray, used: np.ndarray, fit: EllipseFit) -> Ellipse:
     covariance = compute_centre_covariances(xy[None, used], every, centres, forms)[0]
     semi_axes, azimuth = compute_axes(Q)
     return Ellipse(centre, semi_axes, float(azimuth), covariance, residual, used)
-
-
-def _require_extent(xy: np.ndarray) -> None:
-    spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
-    if not spread[0] > 0.0:
-        raise SolveError("the edge points coincide: measure points around the object")
-    if not spread[1] > 1e-9 * spread[0]:
-        raise SolveError("the edge points lie on a line: measure points all around the object")
 
 
 # ---- many ellipses at once -------------------------------------------------------------------------------------

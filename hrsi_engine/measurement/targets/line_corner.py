@@ -122,16 +122,12 @@ def intersect_lines(first: Line, second: Line) -> LineCorner:
     position = np.linalg.solve(normals, [line.normal @ line.centroid for line in (first, second)])
     redundancy = sum(int(line.used.sum()) - 2 for line in (first, second))
     squares = sum(float(np.sum(line.residual_px[line.used] ** 2)) for line in (first, second))
-    offsets = [_compute_offset_cofactor(line, position) for line in (first, second)]
+    # The cofactor of each line's offset across its direction at the corner
+    along = [float((position - line.centroid) @ line.direction) for line in (first, second)]
+    offsets = [line.cofactor[0, 0] + t**2 * line.cofactor[1, 1] for line, t in zip((first, second), along, strict=True)]
     to_position = np.linalg.inv(normals)
     covariance = squares / redundancy * to_position @ np.diag(offsets) @ to_position.T
     return LineCorner(position, covariance, angle, (first, second))
-
-
-def _compute_offset_cofactor(line: Line, position: np.ndarray) -> float:
-    """Return the cofactor of the line's offset across its direction at a position along it."""
-    along = float((position - line.centroid) @ line.direction)
-    return float(line.cofactor[0, 0] + along**2 * line.cofactor[1, 1])
 
 
 def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndarray, np.ndarray]:

@@ -12,13 +12,12 @@ import numpy as np
 from ...block.block import Raster
 from ...foundation.errors import InputError, SolveError
 from ...foundation.thresholds import threshold, thresholds
-from ..interest_points.gravity_centres import CENTRE, GravityCentre, find_gravity_centres
+from ..interest_points.gravity_centres import CENTRE, find_gravity_centres
 from ..interest_points.options import CentreOptions
 from ..interest_points.windows import Area, DetectionWindow, ImageStatistics, estimate_image_statistics, read_window
 from .ellipse import Ellipse, fit_ellipse, fit_ellipse_robust
 from .line_corner import (
     EdgePoints,
-    Line,
     LineCorner,
     find_edge_points,
     find_straight_segments,
@@ -162,18 +161,20 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
     wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
-    found = [
-        centre
-        for centre in find_gravity_centres(window, statistics, wanted)
-        if np.hypot(*(centre.xy - approximate)) <= _limit_distance(centre, options)
-        and centre.sigma_px <= TARGETS.largest_sigma_px
-    ]
+    found, worth = [], []
+    for centre in find_gravity_centres(window, statistics, wanted):
+        # A weak object must cover the position: where the target is not visible, one beside it would be taken for it
+        away, is_strong = float(np.hypot(*(centre.xy - approximate))), centre.quality >= CENTRE.strong_quality
+        limit = options.search_px if is_strong else min(options.search_px, float(centre.size_px[0]) / 2.0)
+        if away <= limit and centre.sigma_px <= TARGETS.largest_sigma_px:
+            found.append(centre)
+            worth.append(centre.quality + 0.2 * (centre.kind == "ellipse") - 0.7 * away / options.search_px)
     if not found:
         raise SolveError(
             f"no clear closed object of {options.smallest_px:g} to {options.largest_px:g} px lies within "
             f"{options.search_px:g} px"
         )
-    best = max(found, key=lambda centre: _rate_centre(centre, approximate, options))
+    best = found[int(np.argmax(worth))]
     if best.kind == "ellipse":  # fitted again, robustly against stray edge points
         return _report_ellipse(fit_ellipse_robust(best.outline), best.outline, best.quality)
     is_used = np.ones(len(best.outline), dtype=bool)
@@ -181,21 +182,6 @@ def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptio
         TARGET_CENTER, best.xy, best.covariance_px2, best.rmse_px, best.outline, is_used, (_close_ring(best.outline),),
         best.quality,
     )  # fmt: skip
-
-
-def _limit_distance(centre: GravityCentre, options: TargetOptions) -> float:
-    """Return the largest distance of a centre from the approximate position; a weak object must cover that position.
-
-    Where the target itself is not visible, a weak object beside it would be taken for it.
-    """
-    if centre.quality >= CENTRE.strong_quality:
-        return options.search_px
-    return min(options.search_px, float(centre.size_px[0]) / 2.0)
-
-
-def _rate_centre(centre: GravityCentre, approximate: np.ndarray, options: TargetOptions) -> float:
-    distance = float(np.hypot(*(centre.xy - approximate))) / options.search_px
-    return centre.quality + (0.2 if centre.kind == "ellipse" else 0.0) - 0.7 * distance
 
 
 def _report_ellipse(ellipse: Ellipse, edges: np.ndarray, quality: float) -> TargetMeasurement:
@@ -309,19 +295,17 @@ def _select_edge_part(xy: np.ndarray, corner: np.ndarray) -> np.ndarray | None:
 
 
 def _report_corner(corner: LineCorner, edges: np.ndarray, origin: np.ndarray) -> TargetMeasurement:
-    used = np.concatenate([line.used for line in corner.lines])
-    curves = tuple(np.array([corner.position, _find_far_end(line, corner.position)]) + origin for line in corner.lines)
+    used, curves = np.concatenate([line.used for line in corner.lines]), []
+    for line in corner.lines:  # from the corner to the farther end of the line's used part
+        ends = line.centroid + np.outer(line.reach_px, line.direction)
+        curves.append(
+            np.array([corner.position, max(ends, key=lambda end: np.hypot(*(end - corner.position)))]) + origin
+        )
     quality = 1.0 / (1.0 + corner.rmse_px / 0.2)
     return TargetMeasurement(
-        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used, curves,
-        quality,
+        TARGET_CORNER, corner.position + origin, corner.covariance_px2, corner.rmse_px, edges + origin, used,
+        tuple(curves), quality,
     )  # fmt: skip
-
-
-def _find_far_end(line: Line, position: np.ndarray) -> np.ndarray:
-    """Return the end of a line's used part that is farther from a position."""
-    ends = line.centroid + np.outer(line.reach_px, line.direction)
-    return ends[np.argmax(np.hypot(*(ends - position).T))]
 
 
 Measure = Callable[[Raster, np.ndarray, TargetOptions], TargetMeasurement]

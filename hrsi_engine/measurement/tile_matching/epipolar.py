@@ -150,20 +150,12 @@ def check_rpc_consistency(
         if sigma > EPIPOLAR.mode_px:
             return nothing
         good = np.abs(deviation) < max(ROBUST.outlier * sigma, floor_px)
-    good = good & _compare_with_neighbours(first_xy, along, good)
-    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)
-
-
-def _compare_with_neighbours(xy: np.ndarray, parallax: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Return a mask of the points whose parallax (px) agrees with the median of their good neighbours."""
     index = np.flatnonzero(good)
-    result = np.zeros(len(xy), bool)
-    if len(index) <= EPIPOLAR.neighbours:
-        result[index] = True
-        return result
-    _, near = cKDTree(xy[index]).query(xy[index], k=EPIPOLAR.neighbours + 1)
-    around = parallax[index][near[:, 1:]]
-    middle = np.median(around, axis=1)
-    spread = robust_sigma(around - middle[:, None], axis=1)
-    result[index] = np.abs(parallax[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
-    return result
+    if len(index) > EPIPOLAR.neighbours:
+        # The parallax (px) must agree with the median of the good neighbours
+        _, near = cKDTree(first_xy[index]).query(first_xy[index], k=EPIPOLAR.neighbours + 1)
+        around = along[index][near[:, 1:]]
+        middle = np.median(around, axis=1)
+        spread = robust_sigma(around - middle[:, None], axis=1)
+        good[index] = np.abs(along[index] - middle) < np.maximum(5.0 * spread, EPIPOLAR.jump_px)
+    return Consistency(good, np.where(known, deviation, np.nan) * unit_px, sigma * unit_px, miss)

@@ -16,7 +16,7 @@ from ...foundation.pixel_filters import box_mean, compute_smaller_eigenvalue, er
 from ...foundation.thresholds import threshold, thresholds
 from ..control_network.matching import match_windows
 from ..control_network.options import ControlNetworkOptions as NetworkOptions
-from ..window_matching.correlation import correlate_template
+from ..window_matching.correlation import correlate_template, locate_vertex
 from .epipolar import match_descriptors
 from .features import FEATURES, compute_root_sift, detect_sift_features
 from .options import TileMatchOptions
@@ -96,19 +96,12 @@ def _find_clear_peak(surface: np.ndarray) -> np.ndarray | None:
     rows, columns = surface.shape
     if not best > FINDER.correlation or not (0 < row < rows - 1 and 0 < column < columns - 1):
         return None
-    around = surface[row - 1 : row + 2, column - 1 : column + 2]
     top, left = max(row - FINDER.rival_px, 0), max(column - FINDER.rival_px, 0)
     rest = surface.copy()
     rest[top : row + FINDER.rival_px + 1, left : column + FINDER.rival_px + 1] = -1.0
     if rest.max() > FINDER.rival * best:
         return None
-    return np.array([column + _locate_vertex(around[1]), row + _locate_vertex(around[:, 1])])
-
-
-def _locate_vertex(three: np.ndarray) -> float:
-    """Return where the parabola through three values has its vertex, from the middle one."""
-    curvature = three[0] - 2.0 * three[1] + three[2]
-    return 0.0 if curvature >= 0.0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))
+    return np.array([column, row]) + locate_vertex(surface, int(row), int(column))
 
 
 class CandidateMatches(NamedTuple):

@@ -142,25 +142,15 @@ class _Task:
         if name not in self._images:
             first, second, scale = self.frame.first, self.frame.second, self.frame.scale
             band, coarser = MATCHING_BANDS[name], max(1.0, 1.0 / scale)
-            self._images[name] = (
-                first.compute_once(
-                    ("band", name, coarser), lambda: band.filter_image(first.pixels, first.valid, coarser)
-                ),
-                band.filter_image(second.pixels, second.valid, max(1.0, scale)),
-            )
+            key = "band", name, coarser
+            own = first.compute_once(key, lambda: band.filter_image(first.pixels, first.valid, coarser))
+            self._images[name] = own, band.filter_image(second.pixels, second.valid, max(1.0, scale))
         return self._images[name]
 
     @cached_property
-    def chosen(self) -> list[_BandChoice]:
-        """The band that was chosen, once it is."""
-        return [_BandChoice(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
-
-
-class _BandChoice(NamedTuple):
-    """The name of a band, and whether enough matches were there to choose it."""
-
-    name: str
-    reliable: bool
+    def chosen(self) -> list[tuple[str, bool]]:
+        """The name of the band that was chosen, once it is, and whether enough matches were there to choose it."""
+        return [(self.options.bands[0], True)] if len(self.options.bands) == 1 else []
 
 
 class _Seeds(NamedTuple):
@@ -249,7 +239,7 @@ def _match_points(
     start = frame.predict(sought.xy[hits] - pad)
     if not task.chosen:
         task.chosen.append(_choose_band(task, rows[hits], start, sought.correlation[hits], window))
-    name = task.chosen[0].name
+    name, _ = task.chosen[0]
     band, images = MATCHING_BANDS[name], task.images(name)
     fine = match_patches(*images, points[hits], start, task.jacobian[rows[hits]], _make_lsm_options(task, window))
     own = band.sigma_factor * fine.sigma_px
@@ -270,31 +260,25 @@ def _make_lsm_options(task: _Task, window: int) -> LsmOptions:
     return LsmOptions(2 * grown + 1, reach_px=4.0 * max(1.0, task.frame.scale))
 
 
-def _choose_band(task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int) -> _BandChoice:
+def _choose_band(
+    task: _Task, rows: np.ndarray, start: np.ndarray, correlation: np.ndarray, window: int
+) -> tuple[str, bool]:
     """Return the band in which matches scatter least across the epipolar lines: tried on the clearer half of them."""
     clearer = np.argsort(-correlation, kind="stable")[: max(len(correlation) // 2, TILE_MATCH.fewest_trial)]
     trial = np.sort(clearer[:: max(1, len(clearer) // TILE_MATCH.trial)])
     if len(trial) < TILE_MATCH.fewest_trial:
-        return _BandChoice(task.options.bands[0], False)
+        return task.options.bands[0], False
     chosen = rows[trial]
-    found = {
-        name: match_patches(
-            *task.images(name),
-            task.points[chosen],
-            start[trial],
-            task.jacobian[chosen],
-            _make_lsm_options(task, window),
-        )
-        for name in task.options.bands
-    }
+    given = task.points[chosen], start[trial], task.jacobian[chosen], _make_lsm_options(task, window)
+    found = {name: match_patches(*task.images(name), *given) for name in task.options.bands}
     everywhere = np.all([patches.status == DONE for patches in found.values()], axis=0)
     if everywhere.sum() < TILE_MATCH.fewest_trial:
-        return _BandChoice(task.options.bands[0], False)
+        return task.options.bands[0], False
     scatter = {
         name: _check_consistency(task, task.points[chosen[everywhere]], patches.xy[everywhere]).sigma_px
         for name, patches in found.items()
     }
-    return _BandChoice(min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True)
+    return min(scatter, key=lambda name: scatter[name] if np.isfinite(scatter[name]) else np.inf), True
 
 
 def _check_consistency(task: _Task, points: np.ndarray, found: np.ndarray) -> Consistency:
@@ -331,6 +315,6 @@ def _select_matches(task: _Task, found: _MatchTable) -> TileMatches:
         1.0 / (1.0 + (sigma * scale / (TILE_MATCH.half_quality_px * frame.second.step)) ** 2),
         np.full(len(known), "corner", dtype="U9"), fit.miss.height_m,
         np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
-        task.chosen[0].name if task.chosen[0].reliable else "",
+        task.chosen[0][0] if task.chosen[0][1] else "",
     )  # fmt: skip
     return matches.select(good)

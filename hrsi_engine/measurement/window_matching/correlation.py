@@ -98,13 +98,13 @@ def find_correlation_peak(surface: np.ndarray, apart: int = 3) -> CorrelationPea
     rest = surface.copy()
     rest[max(row - apart, 0) : row + apart + 1, max(column - apart, 0) : column + apart + 1] = -np.inf
     second = float(rest.max())
-    shift = np.array([column, row], dtype=np.float64) + _find_vertex(surface, int(row), int(column))
+    shift = np.array([column, row], dtype=np.float64) + locate_vertex(surface, int(row), int(column))
     return CorrelationPeak(
         shift, best, (best - middle) / max(spread, 1e-12), second / best if best > 0.0 and np.isfinite(second) else 0.0
     )
 
 
-def _find_vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
+def locate_vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
     """Return the vertex of the parabolas through the peak and its neighbours, relative to the peak."""
     result = np.zeros(2)
     for axis, (place, line) in enumerate(((column, surface[row]), (row, surface[:, column]))):

@@ -60,66 +60,46 @@ def match_patches(
         np.array(start, dtype=np.float64), np.array(affine, dtype=np.float64), np.full((count, 2, 2), np.nan),
         np.zeros((count, 3)), np.full(count, OUTSIDE, dtype=np.int64),
     )  # fmt: skip
-    rows = np.flatnonzero(_has_usable_template(first, centre, options.half) & np.isfinite(start).all(axis=1))
+    # Templates inside the image, of valid pixels
+    half, usable = options.half, np.isfinite(start).all(axis=1)
+    usable &= np.all((centre >= half) & (centre < np.array(first.grey.shape[::-1]) - half), axis=1)
+    usable[usable] = first.mask_clear(half)[centre[usable, 1], centre[usable, 0]]
+    rows = np.flatnonzero(usable)
     if len(rows):
         part: Results = tuple(column[rows] for column in results)  # type: ignore[assignment]
-        match = _match_by_numba if compiled_code.is_wanted() else match_batches
-        match(first, second, centre[rows], part, options)
+        if compiled_code.is_wanted():
+            from .lsm_kernels import match_range
+
+            match_range(
+                0, len(rows), (first.grey, *first.slopes, second.coefficients), centre[rows], options.make_weights(),
+                (options.iterations, options.closure_px, options.reach_px), part,
+            )  # fmt: skip
+        else:
+            for start_row in range(0, len(rows), MATCHING.batch):
+                batch = slice(start_row, start_row + MATCHING.batch)
+                _match_batch(first, second, centre[rows[batch]], tuple(column[batch] for column in part), options)  # type: ignore[arg-type]
         for column, values in zip(results, part, strict=True):
             column[rows] = values
     xy, shape, covariance, figures, status = results
-    _mark_invalid(second, xy, shape, status, options)
+    if not second.valid.all() and count:
+        # Windows that meet invalid pixels of the second image
+        matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
+        size = np.ceil(half * np.abs(shape[matched]).sum(axis=2).max(axis=1)).astype(np.int64) + 1
+        pixel = np.floor(xy[matched] + 0.5).astype(np.int64)
+        for reach in np.unique(size):
+            here = matched[size == reach]
+            column, row = pixel[size == reach].T
+            status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
     # Compiled loops add in an order that depends on where arrays lie in memory: what is below a millionth of a pixel
     # means nothing and is dropped, so that threads, processes and runs that were stopped give the same points.
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
     return PatchMatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
 
 
-def _has_usable_template(first: MatchImage, centre: np.ndarray, half: int) -> np.ndarray:
-    rows, columns = first.grey.shape
-    usable = np.all((centre >= half) & (centre < np.array([columns, rows]) - half), axis=1)
-    usable[usable] = first.mask_clear(half)[centre[usable, 1], centre[usable, 0]]
-    return usable
-
-
-def _mark_invalid(
-    second: MatchImage, xy: np.ndarray, affine: np.ndarray, status: np.ndarray, options: LsmOptions
-) -> None:
-    """Set the status of windows that meet invalid pixels of the second image."""
-    if second.valid.all() or not len(xy):
-        return
-    matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
-    size = np.ceil(options.half * np.abs(affine[matched]).sum(axis=2).max(axis=1)).astype(np.int64) + 1
-    pixel = np.floor(xy[matched] + 0.5).astype(np.int64)
-    for reach in np.unique(size):
-        here = matched[size == reach]
-        column, row = pixel[size == reach].T
-        status[here[~second.mask_clear(int(reach))[row, column]]] = OUTSIDE
-
-
-def _match_by_numba(
-    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
-) -> None:
-    from .lsm_kernels import match_range
-
-    match_range(
-        0, len(centre), (first.grey, *first.slopes, second.coefficients), centre, options.make_weights(),
-        (options.iterations, options.closure_px, options.reach_px), results,
-    )  # fmt: skip
-
-
-def match_batches(
-    first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
-) -> None:
-    """Match windows whose templates are inside the first image; results are changed in place."""
-    for begin in range(0, len(centre), MATCHING.batch):
-        part = slice(begin, begin + MATCHING.batch)
-        _match_batch(first, second, centre[part], tuple(column[part] for column in results), options)  # type: ignore[arg-type]
-
-
 def _match_batch(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
+    """Match windows whose templates are inside the first image; results are changed in place."""
     xy, affine, covariance, figures, status = results
     weight = options.make_weights().ravel()
     line = np.arange(-options.half, options.half + 1, dtype=np.float64)
