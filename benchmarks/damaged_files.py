@@ -1,12 +1,13 @@
-"""Damaged files of every kind through every reader: crashes, tracebacks, and readings above 10 s or 2 GiB.
+"""Damaged files of every kind through every reader: crashes, tracebacks, and readings above 10 s or 1 GiB.
 
-`damaged_files.py [--files N] [--seed S] [--readers R …] [--data FOLDER] [--keep FOLDER] [--docs]`. Every reading
-runs in a forked process with limits. What fails is kept where ``--keep`` says.
+`damaged_files.py [--files N] [--seed S] [--readers R …] [--data FOLDER] [--keep FOLDER] [--docs]`. Readings run in
+forked processes with limits. What fails is kept where ``--keep`` says.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import multiprocessing
 import os
 import sys
@@ -25,6 +26,7 @@ from hrsi.benchmarks.thesis_tables import render  # noqa: E402
 
 #: Readers whose readings take long: each so many turns they have one.
 LONG = {"adjust": 5, "layers": 5, "session": 3}
+BATCH = 40  # readings of a process: a new one for each takes longer than most readings
 FAULTS = ("crash", "traceback", "time", "memory")
 
 
@@ -52,15 +54,19 @@ def _begin(folder: str, files: list[SoundFile]) -> None:
     _laboratory = Laboratory(Path(tempfile.mkdtemp(dir=folder)), files)
 
 
-def _examine(job: tuple[SoundFile, str, int, Path | None]) -> tuple[SoundFile, str, int, Ending]:
-    """Damage a file, have it read, and keep it where that fails."""
-    file, kind, seed, keep = job
-    content = _laboratory.damaged(file, kind, seed)
-    ending = _laboratory.examine(file, content)
-    if keep is not None and ending.how in FAULTS:
-        keep.mkdir(parents=True, exist_ok=True)
-        (keep / f"{ending.how}-{file.reader}-{kind}-{seed}-{file.name}").write_bytes(content)
-    return file, kind, seed, ending
+Job = tuple[SoundFile, str, int]
+
+
+def _examine(jobs: tuple[list[Job], Path | None]) -> list[tuple[SoundFile, str, int, Ending]]:
+    """Damage files, have them read in one process, and keep those where that fails."""
+    batch, keep = jobs
+    contents = [_laboratory.damaged(*job) for job in batch]
+    endings = _laboratory.examine_all([(job[0], content) for job, content in zip(batch, contents, strict=True)])
+    for (file, kind, seed), content, ending in zip(batch, contents, endings, strict=True):
+        if keep is not None and ending.how in FAULTS:
+            keep.mkdir(parents=True, exist_ok=True)
+            (keep / f"{ending.how}-{file.reader}-{kind}-{seed}-{file.name}").write_bytes(content)
+    return [(*job, ending) for job, ending in zip(batch, endings, strict=True)]
 
 
 def main() -> int:
@@ -87,9 +93,11 @@ def main() -> int:
             if ending.how != "read":
                 print(f"{file.reader} {file.name} is not read although it is sound: {ending.text}")
         first = options.seed * 1_000_000
-        jobs = [(file, kind, first + number, options.keep) for file, kind, number in plan(files, options.files)]
+        jobs = [(file, kind, first + number) for file, kind, number in plan(files, options.files)]
+        batches = [(jobs[start : start + BATCH], options.keep) for start in range(0, len(jobs), BATCH)]
         with multiprocessing.get_context("fork").Pool(options.processes, _begin, (name, files)) as pool:
-            for file, kind, seed, ending in pool.imap_unordered(_examine, jobs):
+            results = itertools.chain.from_iterable(pool.imap_unordered(_examine, batches))
+            for file, kind, seed, ending in results:
                 if time.monotonic() - started > 60.0 * options.minutes:
                     break
                 counts[file.reader, kind, ending.how] += 1
@@ -144,7 +152,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "damaged_files.md"
 TEXT = """# Damaged files
 
 Printed by `benchmarks/damaged_files.py --docs`: {number} files, damaged on purpose, made of {seeds} sound ones (of
-the simulator, of the engine's writers, of GDAL, and real ones), each through its reader in a process of its own;
+the simulator, of the engine's writers, of GDAL, and real ones), each through its reader, in processes with limits;
 `adjust` is the whole command with one damaged input. A reader may read a damaged file, where the damage does not show,
 or refuse it in one line that names it. Nothing else may happen: no crash, no traceback, nothing above {seconds:.0f} s
 of processor time, nothing above {gib:.0f} GiB of memory, that of the interpreter with all packages included.

@@ -104,8 +104,8 @@ result* and *finished parts* (orthoimages, which appear one by one) tell what wa
 that looks into the folder, had finished or removed what was under way. *Half-written* counts files that do not read
 as whole, results of which a part is missing, and next runs that come to other results than an undisturbed one; *left
 over* what lies about after the next run: every path, hidden or not, in the folders of inputs and results that an
-undisturbed run does not leave, and every mode bit that it does. `write-rpc` has two images: *half-written* counts those
-of which one has the new RPC and the other the old one, too."""
+undisturbed run does not leave, and every mode bit that it does. `write-rpc` has three images: *half-written* counts
+those of which some have the new RPC and others the old one, too."""
 
 
 if __name__ == "__main__":

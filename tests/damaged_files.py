@@ -18,6 +18,7 @@ import shutil
 import signal
 import struct
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ from osgeo import gdal, ogr, osr
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError
+from hrsi.hrsi_engine.io.catalogue.deliveries import ARCHIVES, resolve_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
@@ -45,7 +47,7 @@ from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main as command_line
 from hrsi.processing_algorithms.point_session.files import open_block
 
-MOST_SECONDS, MOST_BYTES = 10.0, 2 * 2**30  # what one reading may take: processor time, and memory with the interpreter
+MOST_SECONDS, MOST_BYTES = 10.0, 2**30  # what one reading may take: processor time, and memory with the interpreter
 MOST_WAITING_S = 60.0
 LARGEST_REAL = 700_000  # bytes of a real file that is worth damaging
 PLACE = (7.05, 45.05)  # of what the simulator makes
@@ -211,6 +213,15 @@ def _read_image(path: Path) -> None:
     raster.read_means(choose_overview_step(raster.size))
 
 
+def _read_delivery(path: Path) -> None:
+    """An archive, or the folder in which a damaged file lies, with the first pixels of the images that it holds."""
+    name = path if path.name.endswith(tuple(ARCHIVES)) else path.parent
+    for file in resolve_images([str(name)], lambda _text: None)[:3]:
+        image = open_image(file)
+        if image.raster is not None:
+            image.raster.read(0, 0, 16, 16)
+
+
 def _read_dem(path: Path) -> None:
     surface = open_dem(str(path), "ellipsoidal")
     rpc = sample_rpc()
@@ -278,6 +289,8 @@ class Refused(HrsiError):
 READERS: dict[str, Callable[[Path], object]] = {
     "RPC": _read_rpc,
     "image": _read_image,
+    "archive": _read_delivery,
+    "folder": _read_delivery,
     "reference": lambda path: open_reference(str(path)).raster.read(0, 0, 64, 64),
     "DEM": _read_dem,
     "geoid": _read_geoid,
@@ -290,7 +303,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "adjust": _adjust,
 }
 #: Readers that need no name in a refusal, because they go on without the file.
-GO_ON = frozenset({"cache", "report", "journal", "adjust"})
+GO_ON = frozenset({"folder", "cache", "report", "journal", "adjust"})
 
 
 def sound_files(folder: Path, data: Path | None = None) -> list[SoundFile]:
@@ -339,6 +352,26 @@ def _make_images(folder: Path) -> None:
     write_image(folder / "picture.png", None, driver="PNG", size=size)
     write_image(folder / "wavelets.jp2", None, driver="JP2OpenJPEG", size=size)
     write_vrt(str(folder / "strips.tif"), str(folder / "view.vrt"), rpc)
+
+
+def _make_archives(folder: Path) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name) / "order" / "product"
+        place.mkdir(parents=True)
+        _make_delivery(place)
+        for ending in ("zip", "tar", "gztar"):
+            shutil.make_archive(str(folder / ending), ending, name)
+
+
+def _make_delivery(folder: Path) -> None:
+    """An image with its RPC in it, others with a file beside them, a product's XML and what is looked at in vain."""
+    _make_rpc_files(folder)
+    write_image(folder / "a.tif", None, size=(40, 30))
+    write_image(folder / "browse.tif", None, size=(40, 30))
+    (folder / "DIM_a.XML").write_text(
+        '<?xml version="1.0"?><Dimap_Document><Metadata_Identification><METADATA_FORMAT version="2.15">DIMAP'
+        "</METADATA_FORMAT></Metadata_Identification></Dimap_Document>"
+    )
 
 
 def _make_references(folder: Path) -> None:
@@ -469,6 +502,8 @@ def _make_journals(folder: Path) -> None:
 _MAKERS: dict[str, Callable[[Path], None]] = {
     "RPC": _make_rpc_files,
     "image": _make_images,
+    "archive": _make_archives,
+    "folder": _make_delivery,
     "reference": _make_references,
     "DEM": _make_dems,
     "geoid": _make_geoids,
@@ -493,35 +528,42 @@ class Ending(NamedTuple):
 
 def examine(reader: str, path: Path) -> Ending:
     """Read a file in a forked process; faults of the reader are told, not raised."""
-    receive, send = os.pipe()
-    started = time.monotonic()
-    child = os.fork()
-    if not child:
-        _read_and_exit(reader, path, send)
-    os.close(send)
-    with os.fdopen(receive, "rb") as pipe:
-        text = pipe.read().decode(errors="replace")
-    _, status, usage = os.wait4(child, 0)
-    seconds, taken = usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024
-    how, _, said = text.partition("\n")
-    if os.WIFSIGNALED(status):
-        late = os.WTERMSIG(status) in (signal.SIGALRM, signal.SIGXCPU)
-        how, said = ("time", "") if late else ("crash", f"signal {os.WTERMSIG(status)} {said}")
-    elif os.WEXITSTATUS(status) or not how:
-        how, said = "crash", f"exit code {os.WEXITSTATUS(status)} {said}"
-    if how in ("read", "refused") and (seconds > MOST_SECONDS or time.monotonic() - started > MOST_WAITING_S):
-        how = "time"
-    if how in ("read", "refused") and taken > MOST_BYTES:
-        how = "memory"
-    return Ending(how, said, seconds, taken)
+    return examine_all([(reader, path)])[0]
 
 
-def _read_and_exit(reader: str, path: Path, send: int) -> None:
-    """Read in the forked process, tell the parent, and end without any cleaning up."""
+def examine_all(readings: Sequence[tuple[str, Path]]) -> list[Ending]:
+    """Read files one after the other in a forked process, and those behind one that ended it in the next process.
+
+    Memory is the most that the process had until then: what one of them takes counts for those behind it, too.
+    """
+    endings: list[Ending] = []
+    while len(endings) < len(readings):
+        receive, send = os.pipe()
+        started = time.monotonic()
+        child = os.fork()
+        if not child:
+            _read_and_exit(readings[len(endings) :], send)
+        os.close(send)
+        with os.fdopen(receive, "rb") as pipe:
+            answers = [json.loads(line) for line in pipe.read().splitlines()]
+        _, status, usage = os.wait4(child, 0)
+        for how, said, seconds, waited, taken in answers:
+            if how in ("read", "refused") and (seconds > MOST_SECONDS or waited > MOST_WAITING_S):
+                how = "time"
+            if how in ("read", "refused") and taken > MOST_BYTES:
+                how = "memory"
+            endings.append(Ending(how, said, seconds, taken))
+        if os.WIFSIGNALED(status) or os.WEXITSTATUS(status):
+            late = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGALRM, signal.SIGXCPU)
+            how, seconds = "time" if late else "crash", usage.ru_utime + usage.ru_stime
+            endings.append(Ending(how, f"status {status} after {time.monotonic() - started:.0f} s", seconds, 0))
+    return endings
+
+
+def _read_and_exit(readings: Sequence[tuple[str, Path]], send: int) -> None:
+    """Read in the forked process, tell the parent of each, and end without any cleaning up."""
     for number in (signal.SIGALRM, signal.SIGXCPU):
         signal.signal(number, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, MOST_WAITING_S)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(MOST_SECONDS) + 2, int(MOST_SECONDS) + 3))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with open("/proc/self/statm", encoding="ascii") as file:
         most = int(file.read().split()[0]) * resource.getpagesize() + 4 * MOST_BYTES
@@ -530,19 +572,29 @@ def _read_and_exit(reader: str, path: Path, send: int) -> None:
     os.dup2(silence, 1)
     os.dup2(silence, 2)
     try:
+        for reader, path in readings:
+            signal.setitimer(signal.ITIMER_REAL, MOST_WAITING_S)
+            used, began = time.process_time(), time.monotonic()
+            resource.setrlimit(resource.RLIMIT_CPU, (int(used + MOST_SECONDS) + 2, resource.RLIM_INFINITY))
+            how, said = _read(reader, path)
+            taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+            cost = time.process_time() - used, time.monotonic() - began, taken
+            os.write(send, json.dumps([how, said[-2000:], *cost]).encode() + b"\n")
+    finally:
+        os._exit(0)
+
+
+def _read(reader: str, path: Path) -> tuple[str, str]:
+    """Return how a reading ended in this process, and what was said."""
+    try:
         READERS[reader](path)
-        answer = "read\n"
     except HrsiError as error:
         text = str(error)
         sound = "\n" not in text and (reader in GO_ON or path.name in text or path.stem in text)
-        answer = f"refused\n{text}" if sound else f"traceback\nnot one line that names the file: {text}"
+        return ("refused", text) if sound else ("traceback", f"not one line that names the file: {text}")
     except BaseException:
-        answer = "traceback\n" + traceback.format_exc()
-    try:
-        with os.fdopen(send, "wb") as pipe:
-            pipe.write(answer.encode(errors="replace"))
-    finally:
-        os._exit(0)
+        return "traceback", traceback.format_exc()
+    return "read", ""
 
 
 class Laboratory:
@@ -558,13 +610,21 @@ class Laboratory:
 
     def examine(self, file: SoundFile, content: bytes) -> Ending:
         """Have a file with another content read, beside copies or links of what stands around it."""
-        place = self.folder / "work"
-        place.mkdir()
+        return self.examine_all([(file, content)])[0]
+
+    def examine_all(self, damaged: Sequence[tuple[SoundFile, bytes]]) -> list[Ending]:
+        """Have files with other contents read in one process, each in a folder of its own."""
+        work = self.folder / "work"
+        readings = []
         try:
-            for other in file.folder.iterdir():
-                if other.is_file() and other.name != file.name:
-                    (place / other.name).symlink_to(other)
-            (place / file.name).write_bytes(content)
-            return examine(file.reader, place / file.main)
+            for number, (file, content) in enumerate(damaged):
+                place = work / str(number)
+                place.mkdir(parents=True)
+                for other in file.folder.iterdir():
+                    if other.is_file() and other.name != file.name:
+                        (place / other.name).symlink_to(other)
+                (place / file.name).write_bytes(content)
+                readings.append((file.reader, place / file.main))
+            return examine_all(readings)
         finally:
-            shutil.rmtree(place, ignore_errors=True)
+            shutil.rmtree(work, ignore_errors=True)

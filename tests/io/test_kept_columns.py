@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, read_columns, write_columns
 from hrsi.hrsi_engine.io.safety import content_marks
+from hrsi.hrsi_engine.io.safety.array_files import write_arrays
 
 LAYER = "block.gpkg|layername=image_points"
 
@@ -156,3 +157,13 @@ def test_a_compressed_file_that_unfolds_is_not_read(folder: Path) -> None:
         for name, data in parts.items():
             archive.writestr(name, data)
     assert not is_kept(folder)
+
+
+def test_the_same_arrays_are_the_same_bytes_at_any_time(tmp_path, monkeypatch):
+    arrays = {"first": np.arange(6.0).reshape(2, 3), "names": np.array(["a", "bc"]), "one": np.float64(3.0)}
+    for name, when in (("a.npz", 1e9), ("b.npz", 1.7e9)):
+        monkeypatch.setattr("time.time", lambda when=when: when)
+        write_arrays(str(tmp_path / name), arrays)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as read:
+        assert all(np.array_equal(read[name], array) for name, array in arrays.items())

@@ -242,7 +242,8 @@ def list_archive(path: str) -> list[tuple[str, int]]:
     except (
         OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
     ) as error:  # fmt: skip
-        raise InputError(f"{path}: is a damaged archive ({error}): get it again") from None
+        why = (str(error).splitlines() or [type(error).__name__])[0].rstrip(":")  # tarfile adds a line for each method
+        raise InputError(f"{path}: is a damaged archive ({why}): get it again") from None
 
 
 def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:
