@@ -31,7 +31,7 @@ from osgeo import gdal, ogr, osr
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError
-from hrsi.hrsi_engine.io.catalogue.deliveries import ARCHIVES, resolve_images
+from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
@@ -215,7 +215,7 @@ def _read_image(path: Path) -> None:
 
 def _read_delivery(path: Path) -> None:
     """An archive, or the folder in which a damaged file lies, with the first pixels of the images that it holds."""
-    name = path if path.name.endswith(tuple(ARCHIVES)) else path.parent
+    name = path if path.name.endswith((".zip", ".tar", ".gz")) else path.parent
     for file in resolve_images([str(name)], lambda _text: None)[:3]:
         image = open_image(file)
         if image.raster is not None:
