@@ -13,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from osgeo import gdal
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -141,6 +142,46 @@ def test_special_files_named_as_inputs_are_refused(tmp_path: Path, kind: str, na
     read = read_rpc if name.endswith("TXT") else read_points
     with pytest.raises(InputError, match=f"{name}: is a (named )?{kind}"):
         read(str(tmp_path / name))
+
+
+@pytest.mark.usefixtures("alarm")
+@pytest.mark.parametrize("nested", [False, True])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_vrt_of_a_special_file_is_refused(tmp_path: Path, kind: str, nested: bool) -> None:
+    write_image(tmp_path / "b.tif", None, size=(40, 30))
+    write_vrt(str(tmp_path / "b.tif"), str(tmp_path / "a.vrt"), sample_rpc(1))
+    if nested:
+        write_vrt(str(tmp_path / "a.vrt"), str(tmp_path / "c.vrt"), sample_rpc(1))
+    assert read_rpc(str(tmp_path / ("c.vrt" if nested else "a.vrt"))).rpc == sample_rpc(1)
+    (tmp_path / "b.tif").unlink()
+    _make_special(kind, tmp_path / "b.tif")
+    with pytest.raises(InputError, match=f"b.tif: is a (named )?{kind}"):
+        read_rpc(str(tmp_path / ("c.vrt" if nested else "a.vrt")))
+
+
+@pytest.mark.parametrize(
+    ("field", "text"), [(3, "0012,5"), (5, "+43.x215"), (12, "  nan"), (13, "1,408860E+05"), (80, "#")]
+)
+def test_numbers_of_a_nitf_are_read_whole_or_refused(tmp_path: Path, field: int, text: str) -> None:
+    """GDAL reads what a field begins with."""
+    fields = ["1", "0001.00", "0000.20", "001250", "00620", "+43.5000", "+007.1000", "+0300", "001251", "00621",
+              "+00.0500", "+000.0800", "+0500"]  # fmt: skip
+    fields += [
+        "+1.000000E+0" if number % 20 == (0 if number // 20 % 2 else 1) else "+0.000000E+0" for number in range(80)
+    ]
+    assert sum(map(len, fields)) == 1041
+    path = tmp_path / "a.ntf"
+
+    def write(values: list[str]) -> None:
+        raster = gdal.GetDriverByName("MEM").Create("", 40, 30)
+        gdal.GetDriverByName("NITF").CreateCopy(str(path), raster, options=["TRE=RPC00B=" + "".join(values)])
+
+    write(fields)
+    assert read_rpc(str(path)).rpc.lat_off == 43.5
+    width = len(fields[field])
+    write([*fields[:field], text.ljust(width), *fields[field + 1 :]])
+    with pytest.raises(InputError, match=rf"a.ntf: field {field + 1} of its RPC00B is"):
+        read_rpc(str(path))
 
 
 @pytest.mark.usefixtures("alarm")

@@ -5,12 +5,17 @@ A named pipe, a socket or a device, named by the user or lying beside an image u
 a file is opened, `require_plain_around` before GDAL opens one and looks for what belongs to it.
 """
 
+import html
 import os
+import re
 import stat
 from functools import lru_cache
 
 from ...foundation.errors import InputError
 
+_SOURCE = re.compile(rb"<Source(?:Filename|Dataset)[^>]*>([^<]+)<")
+MOST_OF_VRT = 2**25  # bytes of a VRT that are looked through: a mosaic of 100 000 tiles
+DEEPEST_VRT = 4  # VRTs of VRTs
 _KINDS = ((stat.S_ISFIFO, "a named pipe"), (stat.S_ISSOCK, "a socket"),
           (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"))  # fmt: skip
 
@@ -41,6 +46,8 @@ def require_plain_around(path: str) -> None:
     """Raise `InputError` where a file, or one beside it that GDAL would open with it, is a pipe, socket or device."""
     require_plain(path)
     folder, name = os.path.split(path)
+    if name.lower().endswith(".vrt") and os.path.isfile(path):
+        _require_plain_sources(path, folder, 0)
     try:
         changed = os.stat(folder or ".").st_mtime_ns
         names = () if path.startswith("/vsi") else _special_names(folder or ".", changed)
@@ -51,6 +58,17 @@ def require_plain_around(path: str) -> None:
         # GDAL looks for these endings under other names than the image's
         if stem in other.lower() or other.lower().endswith((".xml", ".dim", ".imd")):
             require_plain(os.path.join(folder, other))
+
+
+def _require_plain_sources(path: str, folder: str, depth: int) -> None:
+    """Raise `InputError` where a VRT, or one that it is made of, names a pipe, socket or device as a source."""
+    with open(path, "rb") as file:
+        sources = _SOURCE.findall(file.read(MOST_OF_VRT))
+    for source in {html.unescape(source.decode(errors="replace")).strip() for source in sources}:
+        for place in {source, os.path.join(folder, source)}:  # named from here, or from the VRT's folder
+            require_plain(place)
+            if place.lower().endswith(".vrt") and os.path.isfile(place) and depth < DEEPEST_VRT:
+                _require_plain_sources(place, os.path.dirname(place), depth + 1)
 
 
 def _special_kind(path: str) -> str:
