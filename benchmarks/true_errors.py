@@ -236,6 +236,18 @@ def print_harm(sensors: Sequence[str], seeds: Sequence[int], names: Sequence[str
 
 
 def write_page(rows: Sequence[HarmRow], sensors: Sequence[str], words: str) -> None:
-    """Write the page."""
-    head = INTRODUCTION.format(words=words, count=len(rows), sensors=", ".join(sensors))
-    PAGE.write_text(f"{head}\n{render(HEAD, [row.cells() for row in rows])}\n", encoding="utf-8")
+    """Write the page; of some kinds their rows alone, in the place of earlier ones, and by what they were made."""
+    cells = {row.kind.name: row.cells() for row in rows}
+    head = INTRODUCTION.format(words=words, count=len(TRUE_KINDS), sensors=", ".join(sensors))
+    if len(rows) < len(TRUE_KINDS):
+        text = PAGE.read_text(encoding="utf-8")
+        head, _, table = text.partition("\n| ")
+        before = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in table.splitlines()[2:]]
+        untold = {kind.name: kind.untold for kind in TRUE_KINDS}  # reasons as they are now
+        earlier = {
+            line[0]: [*line[:9], *[""] * (9 - len(line)), untold[line[0]]] for line in before if line[0] in untold
+        }
+        cells = earlier | cells
+        head += f"\nMade by `{words}`: {'; '.join(row.kind.name for row in rows)}.\n"
+    ordered = [cells[kind.name] for kind in TRUE_KINDS if kind.name in cells]
+    PAGE.write_text(f"{head}\n{render(HEAD, ordered)}\n", encoding="utf-8")
