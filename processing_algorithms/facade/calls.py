@@ -45,6 +45,9 @@ _log = logging.getLogger("hrsi")
 def make_call(algorithm: Algorithm) -> Callable[..., Result]:
     """Return the function that runs a declared algorithm: its options are the parameters; it returns a `Result`."""
     signature = signature_of(algorithm)
+    asked = {param.key: param.required for param in algorithm.params}
+    needs_folder = asked.get("output_dir", False) and algorithm.name not in MAKES_FILES
+    brief = {key: value for key, value in BRIEF.items() if key in asked}
 
     def call(*positional: Any, **named: Any) -> Result:
         try:
@@ -55,32 +58,24 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
                 raise TypeError(f"hrsi.{call.__name__}: {error}") from None
             near = suggestion(unknown, signature.parameters)
             raise TypeError(f"hrsi.{call.__name__} has no parameter {unknown}{near}") from None
-        progress = given.pop("progress", None) or silent
-        return run_call(algorithm, given, progress)
+        progress: Progress = given.pop("progress", None) or silent
+        context = Context(progress, lambda text: _log.info(_spell_message(text, algorithm)))
+        kept = None
+        try:
+            options = convert_options(algorithm, given)
+            if needs_folder and "output_dir" not in options:
+                kept = TemporaryDirectory(prefix="hrsi-")
+                options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
+            report = algorithm.execute(check_options(algorithm, options, PYTHON), context)
+        except HrsiError as error:  # it names the parameters
+            raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
+        return Result(report, options.get("output_dir"), kept)
 
     call.__name__ = call.__qualname__ = function_name(algorithm.name)
     call.__doc__ = describe_call(algorithm)
     call.__signature__ = signature  # type: ignore[attr-defined]
     call.__module__ = __name__
     return call
-
-
-def run_call(algorithm: Algorithm, given: dict[str, Any], progress: Progress) -> Result:
-    """Run an algorithm with what people give in Python; errors name the parameters."""
-    try:
-        options = convert_options(algorithm, given)
-        kept = None
-        keys = {param.key for param in algorithm.params}
-        needs_folder = any(param.key == "output_dir" and param.required for param in algorithm.params)
-        if needs_folder and "output_dir" not in options and algorithm.name not in MAKES_FILES:
-            kept = TemporaryDirectory(prefix="hrsi-")
-            brief = {key: value for key, value in BRIEF.items() if key in keys}
-            options = {**brief, **options, "output_dir": kept.name, "overwrite": True}
-        checked = check_options(algorithm, options, PYTHON)
-        report = algorithm.execute(checked, Context(progress, lambda text: _log.info(_spell_message(text, algorithm))))
-    except HrsiError as error:
-        raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
-    return Result(report, options.get("output_dir"), kept)
 
 
 def _spell_message(text: str, algorithm: Algorithm) -> str:

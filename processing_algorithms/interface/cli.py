@@ -43,34 +43,29 @@ def main(words: Sequence[str] | None = None, registry: Mapping[str, Algorithm] =
 
     0 done, 1 not solved, 2 wrong input, 3 the result is unusable, 130 interrupted, 143 terminated.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
+    given = list(sys.argv[1:] if words is None else words)
     try:
         with signals_as_exceptions():
-            return _run_words_or_page(words, registry)
+            try:
+                code = _dispatch_command(given, registry)
+                sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+            except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
+                return 1
+            except (Exception, KeyboardInterrupt) as error:
+                message, code = describe(error)
+                algorithm = registry.get(given[0]) if given else None
+                print(f"ERROR: {spell_arguments(message, algorithm.params if algorithm else ())}", file=sys.stderr)
+                if os.environ.get(_DEBUG, "0") not in ("", "0"):
+                    traceback.print_exception(error)
+            return code
     except KeyboardInterrupt as error:  # outside the work: before it, after it, or while its error was being told
         if ending() is None:  # none of ours
             raise
         message, code = describe(error)
         print(f"ERROR: {message}", file=sys.stderr)
-        return code
-
-
-def _run_words_or_page(words: Sequence[str] | None, registry: Mapping[str, Algorithm]) -> int:
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # terminals that lack a letter of a name or a unit
-    given = list(sys.argv[1:] if words is None else words)
-    try:
-        code = _dispatch_command(given, registry)
-        sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
-        return code
-    except BrokenPipeError:  # the reader of our output has gone: `hrsi ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains at exit
-        return 1
-    except (Exception, KeyboardInterrupt) as error:
-        message, code = describe(error)
-        algorithm = registry.get(given[0]) if given else None
-        print(f"ERROR: {spell_arguments(message, algorithm.params if algorithm else ())}", file=sys.stderr)
-        if os.environ.get(_DEBUG, "0") not in ("", "0"):
-            traceback.print_exception(error)
         return code
 
 

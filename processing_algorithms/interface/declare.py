@@ -307,7 +307,14 @@ class Algorithm:
     def summarise(self, report: Report) -> str:
         """Return the lines of a report that a person reads."""
         if report.get("dry_run"):
-            return plan_text(report)
+            lines = [f"{count} {name}" for name, count in report["counts"].items()]
+            files = [f"{entry['path']}{' (replaced)' if entry['replaces'] else ''}" for entry in report["files"]]
+            lines += ["would be written:", *(f"  {file}" for file in files)] if files else ["nothing would be written"]
+            lines += [f"warning: {text}" for text in report["warnings"]]
+            verdict = report["verdict"]
+            for reason in reversed(verdict["reasons"]):
+                lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
+            return "\n".join([*lines, f"dry run: {verdict['sentence']}. Verdict of the checks: {verdict['level']}"])
         text: str = import_module(self.work_module).summarise(report)
         return text
 
@@ -353,18 +360,6 @@ class Algorithm:
 def is_unusable(report: Report) -> bool:
     """Return whether a report has the verdict that its result cannot be used; algorithms without one never do."""
     return bool(report.get("verdict", {}).get("level") == Level.UNUSABLE.label)
-
-
-def plan_text(report: Report) -> str:
-    """Return the summary of a dry run as text."""
-    lines = [f"{count} {name}" for name, count in report["counts"].items()]
-    files = [f"{entry['path']}{' (replaced)' if entry['replaces'] else ''}" for entry in report["files"]]
-    lines += ["would be written:", *(f"  {file}" for file in files)] if files else ["nothing would be written"]
-    lines += [f"warning: {text}" for text in report["warnings"]]
-    for reason in reversed(report["verdict"]["reasons"]):
-        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
-    verdict = report["verdict"]
-    return "\n".join([*lines, f"dry run: {verdict['sentence']}. Verdict of the checks: {verdict['level']}"])
 
 
 def unusable_text(report: Report) -> str:

@@ -52,7 +52,27 @@ def check_options(algorithm: Algorithm, given: Mapping[str, Any], face: Face = C
     for key in given:
         if key not in known:
             raise InputError(f"{algorithm.name} has no option {key}{suggestion(key, known)}")
-    values = {param.key: _check_value(param, given.get(param.key), face.label(param)) for param in algorithm.params}
+    values: dict[str, Any] = {}
+    for param in algorithm.params:
+        value, label, kind = given.get(param.key), face.label(param), KINDS[param.kind]
+        if value is None:
+            values[param.key] = param.default
+            continue
+        try:
+            converted = kind.parse(value)
+        except (TypeError, ValueError):
+            raise InputError(f"{label} {value!r} is not {kind.expected}") from None
+        if param.kind is Kind.CHOICE and param.choices and converted not in param.choices:
+            near = suggestion(converted, param.choices)
+            raise InputError(f"{label} {converted!r} is not one of {', '.join(param.choices)}{near}")
+        if param.kind in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
+            low, high = converted if isinstance(converted, tuple) else (converted, converted)
+            unit = f" {param.unit}" if param.unit else ""
+            if param.minimum is not None and low < param.minimum:
+                raise InputError(f"{label} {low:g} is below its minimum {param.minimum:g}{unit}")
+            if param.maximum is not None and high > param.maximum:
+                raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
+        values[param.key] = converted
     missing = [
         face.label(param) for param in algorithm.params if param.required and values[param.key] in (None, "", ())
     ]
@@ -73,27 +93,6 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """Return what may have been meant by a misspelt word: ``; did you mean gcps?``, or nothing."""
     near = difflib.get_close_matches(word, list(known), n=2)
     return f"; did you mean {' or '.join(near)}?" if near else ""
-
-
-def _check_value(param: Param, value: Any, label: str) -> Any:
-    """Return the value of one option; its default where none is given. ``label``: what messages call it."""
-    if value is None:
-        return param.default
-    try:
-        converted = KINDS[param.kind].parse(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{label} {value!r} is not {KINDS[param.kind].expected}") from None
-    if param.kind is Kind.CHOICE and param.choices and converted not in param.choices:
-        near = suggestion(converted, param.choices)
-        raise InputError(f"{label} {converted!r} is not one of {', '.join(param.choices)}{near}")
-    if param.kind in (Kind.INTEGER, Kind.NUMBER, Kind.RANGE):
-        low, high = converted if isinstance(converted, tuple) else (converted, converted)
-        unit = f" {param.unit}" if param.unit else ""
-        if param.minimum is not None and low < param.minimum:
-            raise InputError(f"{label} {low:g} is below its minimum {param.minimum:g}{unit}")
-        if param.maximum is not None and high > param.maximum:
-            raise InputError(f"{label} {high:g} is above its maximum {param.maximum:g}{unit}")
-    return converted
 
 
 def _parse_text(value: Any) -> str:

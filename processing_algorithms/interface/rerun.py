@@ -41,7 +41,8 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     if hidden:
         raise InputError(f"{path}: keeps no passwords: give {' and '.join(hidden)} again")
     for param in algorithm.params:
-        if param.key in given and names_files(param):
+        names_files = param.kind in (*READ_KINDS, Kind.FOLDERS) or {"FILE", "DIR"} & set(param.metavar.split("|"))
+        if param.key in given and param.kind is not Kind.OUTPUT_DIR and names_files:
             given[param.key] = places.move(param, given[param.key])
     changed = list(places.find_changes())
     origin = {"report": os.path.abspath(path), "date": report.get("date"), "changed_inputs": [c for c, _ in changed]}
@@ -56,13 +57,6 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     if not changed and report.get("inputs"):
         messages.append(f"all {len(report['inputs'])} inputs are as they were")
     return algorithm, list(words[1:]), OptionSource(given, messages, {"rerun_of": origin})
-
-
-def names_files(param: Param) -> bool:
-    """Tell whether the value of an option names files or folders to read."""
-    if param.kind is Kind.OUTPUT_DIR:
-        return False
-    return param.kind in (*READ_KINDS, Kind.FOLDERS) or bool({"FILE", "DIR"} & set(param.metavar.split("|")))
 
 
 class _Places:
@@ -124,14 +118,9 @@ class _Places:
                 continue
             if not os.path.isfile(path):
                 yield entry["path"], "is gone"
-            elif how := _describe_difference(entry, file_entry(path, whole=entry.get("sampled_sha256") is None)):
-                yield path, how
-
-
-def _describe_difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    if before.get("size") != now["size"]:
-        return f"has changed since: {before.get('size')} bytes then, {now['size']} now"
-    kinds = [kind for kind in ("sha256", "sampled_sha256") if before.get(kind)]
-    if any(before[kind] != now[kind] for kind in kinds):
-        return "has changed since: its SHA-256 is another one"
-    return ""
+                continue
+            now = file_entry(path, whole=entry.get("sampled_sha256") is None)
+            if entry.get("size") != now["size"]:
+                yield path, f"has changed since: {entry.get('size')} bytes then, {now['size']} now"
+            elif any(entry[kind] != now[kind] for kind in ("sha256", "sampled_sha256") if entry.get(kind)):
+                yield path, "has changed since: its SHA-256 is another one"
