@@ -8,7 +8,10 @@ from typing import Any
 from qgis.core import QgsApplication, QgsTask
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..processing_algorithms import point_session
+from ..processing_algorithms.point_session import PointSession, Snapshot
 from .dependencies import missing_package_message
+from .translation import tr
 
 _BEGUN: set[BackgroundTask] = set()  # QGIS holds the C++ half of a task only: the Python half must outlive it
 
@@ -59,3 +62,16 @@ class BackgroundTask(QgsTask):
         """Show how far it is; return False once the user has cancelled."""
         self.setProgress(100.0 * fraction)
         return not self.isCanceled()
+
+
+class AdjustTask(BackgroundTask):
+    """Adjusts what a session held when it was made (``seen``); ``adjusted`` holds the result, None without one."""
+
+    def __init__(self, session: PointSession, model: str, save: bool, on_end: Callable[[Any], None]) -> None:
+        super().__init__(tr("HRSI: adjusting the block"), on_end)
+        self.seen, self.is_to_be_saved = Snapshot(session), save
+        self._block, self._model, self._listed = point_session.block_of(session), model, frozenset(session.points)
+        self.adjusted: Any = None
+
+    def work(self) -> None:
+        self.adjusted = point_session.adjust_block(self._block, self._model, self.progress, self._listed)

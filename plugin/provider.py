@@ -1,16 +1,162 @@
-"""The Processing provider ``hrsi``: one QGIS algorithm for every declared algorithm."""
+"""The Processing provider ``hrsi``: one QGIS algorithm for every declared algorithm, and models that chain them.
 
-from collections.abc import Mapping
+Layers are turned into files in `prepareAlgorithm`, which QGIS calls in the main thread; the engine then runs in the
+background thread of `processAlgorithm` and touches no QGIS object but the feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-from qgis.core import Qgis, QgsMessageLog, QgsProcessingModelAlgorithm, QgsProcessingProvider
+from qgis.core import (
+    Qgis,
+    QgsMessageLog,
+    QgsProcessingAlgorithm,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeedback,
+    QgsProcessingModelAlgorithm,
+    QgsProcessingProvider,
+)
 from qgis.PyQt.QtGui import QIcon
 
-from ..processing_algorithms.interface.declare import Algorithm
-from .algorithm import PluginAlgorithm
+from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
+from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
+from .help import help_url, short_help
 from .icons import icon_path
+from .parameters import Reading, definition, label_of, option_value
+from .results import (
+    collect_results,
+    drop_unlistable_outputs,
+    headline,
+    log_verdict,
+    output_definitions,
+    show_in_message_bar,
+    show_layers,
+)
 from .translation import tr
+
+
+class PluginAlgorithm(QgsProcessingAlgorithm):
+    """A declared algorithm in the Processing toolbox."""
+
+    def __init__(self, declaration: Algorithm) -> None:
+        super().__init__()
+        self.declaration = declaration
+        self._options: dict[str, Any] = {}
+        self._report: Report = {}
+
+    def createInstance(self) -> PluginAlgorithm:
+        return PluginAlgorithm(self.declaration)
+
+    def name(self) -> str:
+        """Return the id within the provider: the declared name without its dashes, which QGIS does not allow."""
+        return self.declaration.name.replace("-", "")
+
+    def displayName(self) -> str:
+        return tr(self.declaration.title)
+
+    def group(self) -> str:
+        return tr(self.declaration.group)
+
+    def groupId(self) -> str:
+        return "".join(filter(str.isalnum, self.declaration.group.lower()))
+
+    def tags(self) -> list[str]:
+        return ["hrsi", "rpc", "satellite", *self.declaration.name.split("-")]
+
+    def shortDescription(self) -> str:
+        return tr(self.declaration.summary)
+
+    def helpUrl(self) -> str:
+        return help_url(self.declaration)
+
+    def shortHelpString(self) -> str:
+        return short_help(self.declaration)
+
+    def icon(self) -> QIcon:
+        return QIcon(self.svgIconPath())
+
+    def svgIconPath(self) -> str:
+        return str(icon_path(self.declaration.name))
+
+    def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
+        for param in self.declaration.params:
+            self.addParameter(definition(param, self.declaration.params))
+        for output in output_definitions(self.declaration):
+            self.addOutput(output)
+
+    def prepareAlgorithm(
+        self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        reading = Reading(self, parameters, context, feedback)
+        self._options = {param.key: option_value(param, reading) for param in self.declaration.params}
+        return True
+
+    def processAlgorithm(
+        self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict[str, Any]:
+        """Run the engine; an empty result means that the user cancelled."""
+        try:
+            report = self._run(feedback)
+        except Cancelled:
+            feedback.pushInfo(tr("Cancelled; nothing was written"))
+            return {}
+        feedback.pushInfo(self._name_options(self.declaration.summarise(report)))
+        if unsolved := report.get("unsolved"):
+            feedback.reportError(self._name_options(unsolved))
+        if verdict := report.get("verdict"):
+            log_verdict(verdict, self._name_options(headline(verdict)), feedback)
+        self._report = report
+        show_layers(self.declaration, self._options, report, context)
+        made = collect_results(self.declaration, self._options, report)
+        return drop_unlistable_outputs(made, feedback)
+
+    def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
+        """Show the verdict above the map."""
+        if verdict := self._report.get("verdict"):
+            show_in_message_bar(verdict, self.displayName(), self._name_options(headline(verdict)))
+        return {}
+
+    def _run(self, feedback: QgsProcessingFeedback) -> Report:
+        """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
+        try:
+            options = check_options(self.declaration, self._options)
+            told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
+            return self.declaration.execute(options, told)
+        except Cancelled:
+            raise
+        except (HrsiError, OSError) as error:
+            raise QgsProcessingException(self._name_options(str(error))) from None
+        except ImportError as error:
+            message = missing_package_message(error)
+            if message is None:
+                raise
+            raise QgsProcessingException(message) from error
+
+    def _name_options(self, message: str) -> str:
+        """Return a message with the arguments that it names as the dialog labels them."""
+        return spell_arguments(message, self.declaration.params, label_of)
+
+
+def progress_to(feedback: QgsProcessingFeedback) -> Callable[[float, str], bool]:
+    """Return the engine's progress callback for a QGIS feedback: it answers False once the user has cancelled."""
+    shown = ""
+
+    def progress(fraction: float, message: str = "") -> bool:
+        nonlocal shown
+        feedback.setProgress(100.0 * fraction)
+        if message and message != shown:
+            shown = message
+            feedback.setProgressText(message)
+        return not feedback.isCanceled()
+
+    return progress
+
 
 CHAINS = Path(__file__).resolve().parent / "models"  #: chains of algorithms, made by ``scripts/make_models.py``
 

@@ -20,9 +20,9 @@ from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .declarations.rpcs import FORMAT_ENDINGS, CropOptions
 from .files.opening import has_file, open_images, open_terrain, window_area
+from .files.orthoimage_plan import ORTHO_GRID, parse_box
 from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
-from .ortho_steps.inputs import ORTHO_GRID, parse_box
 
 LONLAT = "EPSG:4326"
 

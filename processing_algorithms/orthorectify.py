@@ -20,10 +20,9 @@ from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from .declarations.orthoimages import OrthorectifyOptions
 from .files.opening import open_images
+from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, open_ortho_terrain, plan_block
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
-from .ortho_steps.inputs import open_ortho_terrain, plan_block
-from .ortho_steps.jobs import OrthoJob, chunks_of, jobs_of
 
 
 def run(options: OrthorectifyOptions, context: Context) -> Report:

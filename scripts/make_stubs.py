@@ -16,7 +16,7 @@ import textwrap
 from pathlib import Path
 
 from hrsi.processing_algorithms import REGISTRY
-from hrsi.processing_algorithms.facade import opening
+from hrsi.processing_algorithms.facade import calls
 from hrsi.processing_algorithms.facade.calls import (
     PROGRESS,
     describe_call,
@@ -100,7 +100,7 @@ def stubs(root: Path = ROOT) -> dict[Path, str]:
 
 def facade_stub() -> str:
     """Return the stub of `hrsi`."""
-    parts = [MADE_BY, HEAD, OPEN.replace("DOCSTRING", inspect.getdoc(opening.open) or "")]
+    parts = [MADE_BY, HEAD, OPEN.replace("DOCSTRING", inspect.getdoc(calls.open) or "")]
     for name, algorithm in REGISTRY.items():
         made = stub_of(algorithm)
         if name in ARRAY_FUNCTIONS:

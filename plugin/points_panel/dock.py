@@ -19,16 +19,14 @@ from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ...processing_algorithms.point_session.rows import TIE
+from ..background_task import AdjustTask
 from ..dependencies import missing_package_message
 from ..dialog_fields import LayerOrFile
 from ..translation import tr
-from .adjust_task import AdjustTask
 from .dialogs import NewBlockDialog, NewPointDialog
-from .image_view import ImageView
+from .image_view import ImageView, Marker
 from .layout import PanelLayout
-from .map_link import MapLink
-from .markers import Marker
-from .project_state import PanelState, restore_state, store
+from .project_link import MapLink, PanelState, restore_state, store
 from .table_models import MeasurementsModel, PointsModel
 
 LIVE_DELAY_MS = 300

@@ -26,9 +26,9 @@ from ...hrsi_engine.results.verdict import Evidence, Verdict, find_reasons, summ
 from ..block_steps.plausibility import explain_failures
 from ..block_steps.summary import choice_warnings
 from .adjusted import AdjustmentView, CurrentResiduals, CurrentView, describe_outlier, list_keys
+from .files import ground_points, image_points
 from .rows import Key
 from .session import PointSession
-from .tables import ground_points, image_points
 
 
 def block_of(session: PointSession) -> Block:

@@ -1,15 +1,29 @@
-"""What a viewer needs to show places on the ground on an image, and what it needs to know of them."""
+"""What an image shows of a place on the ground, and the places where points are looked for on other images.
 
+That goes by the cameras as they are known now.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...hrsi_engine.adjustment.intersection import intersect_points
+from ...hrsi_engine.adjustment.observations import select_points
+from ...hrsi_engine.block.assembly import assemble
+from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.progress import Progress, advance, silent
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
-from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
+from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.dems import open_dem
+from ...hrsi_engine.io.rasters.images import close_images
+from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
+from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
+from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
-from .rows import PANEL
+from .files import image_points
+from .rows import PANEL, TIE, SurveyPoint
 from .session import PointSession
 
 
@@ -47,3 +61,91 @@ def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> floa
     if not np.isfinite(height):
         raise InputError(f"{dem}: has no height at {lonlat[0]:.6f}, {lonlat[1]:.6f}: type one")
     return float(height)
+
+
+def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
+    """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
+    target, image = np.array(xy, dtype=np.float64), session.images[image_id]
+    ground = image.rpc.localize(target[None], np.array([height_m])).ground
+    for _ in range(PANEL.newton_steps):
+        seen = session.project(image_id, ground)[0]
+        aside = [move_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+        by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
+        east, north = np.linalg.solve(by_ground, target - seen)
+        ground = move_ground(ground, np.array([[east, north, 0.0]]))
+    return np.asarray(ground[0])
+
+
+def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> SurveyPoint:
+    """Return a tie point at what an image shows at a place, at the middle height of the points."""
+    lon, lat, height = locate_ground(session, image_id, xy, session.middle_height_m()).tolist()
+    return SurveyPoint(name, lon, lat, height, TIE)
+
+
+def place_tie(session: PointSession, name: str) -> SurveyPoint:
+    """Return a tie point where its rays meet; as it is where it has but one, or they do not meet."""
+    point = session.points[name]
+    known = GroundPoints.create([name], np.array([[point.lon, point.lat, point.height]]), np.array([int(Role.TIE)]))
+    block = assemble(list(session.images.values()), [known], [image_points(session, {name})])
+    observations = select_points(block, block.rays_per_point() >= 2)
+    if not observations.count:
+        return point
+    shown = session.shown
+    model = MODELS["none"] if shown is None else shown.model
+    values = np.array([() if shown is None else shown.corrections[image.id] for image in block.images])
+    lon, lat, height = intersect_points(observations, model, values, block.points.ground)[0].tolist()
+    return SurveyPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
+
+
+def find_transfers(
+    session: PointSession, name: str, images: Sequence[str] = (), progress: Progress = silent
+) -> dict[str, Transfer]:
+    """Measure a point, by matching, on the images (default: all) that should show it and where it is not measured.
+
+    It is matched from the image on which it was measured first. Raises `InputError` where it is measured on none.
+    """
+    here = [image for (other, image) in session.measured if other == name]
+    if not here:
+        raise InputError(f"{name}: it is not measured on any image yet: click on it in one first")
+    first = session.images[here[0]]
+    if first.raster is None:
+        raise InputError(f"{first.id} has no pixels: there is nothing to match")
+    wanted = [row.image for row in session.measurements(name) if row.is_inside and row.measured is None]
+    wanted = [image for image in wanted if not images or image in images]
+    found = {}
+    try:
+        for number, image_id in enumerate(wanted):
+            advance(progress, number / len(wanted), f"{name} on {image_id}")
+            found[image_id] = _transfer_to_image(session, name, first.id, image_id)
+    finally:
+        close_images()  # as after a click
+    return found
+
+
+def _transfer_to_image(session: PointSession, name: str, first_id: str, second_id: str) -> Transfer:
+    first, second = session.images[first_id].raster, session.images[second_id].raster
+    if first is None or second is None:
+        return Transfer(refusal="no pixels")
+    measured = session.measured[(name, first_id)]
+    xy = measured.sample, measured.line
+    # The lowest, the likeliest and the highest height that the point may have
+    point, rays = session.points[name], sum(other == name for other, _ in session.measured)
+    heights, middle = session.ground_heights_m(), session.middle_height_m()
+    if point.role != TIE or rays > 1:
+        middle, margin = point.height, 2.0 * PANEL.hills_m / 3.0
+        lowest, highest = middle - margin, middle + margin
+    elif len(heights):
+        lowest, highest = float(heights.min()) - PANEL.hills_m, float(heights.max()) + PANEL.hills_m
+    else:
+        lowest, highest = middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m
+
+    def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
+        return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
+
+    line = np.array([second_by(xy, lowest), second_by(xy, highest)])
+    sides = [
+        second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
+    ]
+    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL.difference_px
+    margin_px = PANEL.vendor_px if session.shown is None else PANEL.adjusted_px
+    return transfer_point(first, np.array(xy), second, line, by_first, margin_px)

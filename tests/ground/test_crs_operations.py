@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.ground.proj_operations import without_heights
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_ortho, regrid
 from hrsi.processing_algorithms import point_session, run
-from hrsi.processing_algorithms.point_session.tables import ground_points
+from hrsi.processing_algorithms.point_session.files import ground_points
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
 

@@ -14,7 +14,7 @@ import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.ortho_steps import jobs
+from hrsi.processing_algorithms.files import orthoimage_plan
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 
 distributed = pytest.importorskip("distributed")
@@ -105,7 +105,7 @@ def test_a_killed_worker_does_not_matter(
 def test_a_worker_with_another_version_is_refused(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(scene)
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as workers:
-        monkeypatch.setattr(jobs, "versions", lambda: {"hrsi": "0", "gdal": str(next(count)), "proj": "0"})
+        monkeypatch.setattr(orthoimage_plan, "versions", lambda: {"hrsi": "0", "gdal": str(next(count)), "proj": "0"})
         count = iter(range(100))
         with pytest.raises(InputError, match=r"gdal \d+ where 0 is wanted.*on the Dask worker"):
             ortho(scene, tmp_path, scheduler=workers.scheduler_address)

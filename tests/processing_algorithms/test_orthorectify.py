@@ -21,9 +21,9 @@ from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations import orthoimages as declared
 from hrsi.processing_algorithms.declarations.orthoimages import OrthorectifyOptions
+from hrsi.processing_algorithms.files.orthoimage_plan import open_ortho_terrain
 from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.interface.option_groups import COMPRESSION_NAMES
-from hrsi.processing_algorithms.ortho_steps.inputs import open_ortho_terrain
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import LAT, LON
 

@@ -24,8 +24,8 @@ from hrsi.processing_algorithms.point_session import (
     recover,
 )
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of, follow
+from hrsi.processing_algorithms.point_session.files import image_points
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
-from hrsi.processing_algorithms.point_session.tables import image_points
 from hrsi.processing_algorithms.point_session.targets import IDENTIFICATION_PX, fit_target
 
 HOBART = Path(__file__).resolve().parents[2] / "examples" / "hobart"

@@ -12,8 +12,8 @@ from qgis.core import (
     QgsProcessingParameterNumber,
 )
 
-from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.parameters import ADVANCED, BINDINGS, OPTIONAL, Reading, label_of, option_value
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.plugin.results import layer_name
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import Algorithm, Kind, Param, format_default, spell_arguments

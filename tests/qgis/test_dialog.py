@@ -17,8 +17,8 @@ from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QCheckBox, QComboBox, QDialog, QFileDialog, QLineEdit, QToolButton
 
-from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.layer_sources import point_source
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.tests.qgis.tiny import TINY
 
 

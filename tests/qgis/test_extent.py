@@ -20,7 +20,7 @@ from qgis.PyQt.QtCore import QPoint, Qt, QTimer
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication, QComboBox, QDialog, QMenu, QToolButton
 
-from hrsi.plugin.algorithm import PluginAlgorithm
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.tests.qgis.tiny import TINY
 
 BOX = QgsRectangle(147.1, -43.2, 147.5, -42.9)

@@ -11,8 +11,8 @@ import pytest
 from qgis.PyQt.QtCore import QUrl
 
 import hrsi
-from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.parameters import qgis_name
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.processing_algorithms import REGISTRY
 
 

@@ -23,8 +23,8 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QTimer
 
-from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.dependencies import pip_command, python_executable
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
 from hrsi.tests.qgis import answer

@@ -13,9 +13,9 @@ from qgis.core import QgsApplication
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, Qt
 from qgis.PyQt.QtWidgets import QLabel
 
-from hrsi.plugin.algorithm import PluginAlgorithm
 from hrsi.plugin.points_panel.dialogs import NewBlockDialog
 from hrsi.plugin.points_panel.dock import PointsDock
+from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.plugin.translation import FOLDER, install_translator, tr
 from hrsi.processing_algorithms import REGISTRY
 

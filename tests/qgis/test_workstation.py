@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.block.block import Image
 from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.guards import ExitGuard, offer_recovery
-from hrsi.plugin.points_panel.markers import marker_label
+from hrsi.plugin.points_panel.image_view import marker_label
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint

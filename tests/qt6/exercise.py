@@ -165,7 +165,7 @@ def test_tour_by_its_buttons_and_a_click_on_the_image(dock, tmp_path: Path) -> N
 
 
 def test_proposed_markers_are_drawn(dock) -> None:
-    from hrsi.plugin.points_panel.markers import PROPOSED, Marker
+    from hrsi.plugin.points_panel.image_view import PROPOSED, Marker
 
     view = dock.ui.views[0]
     view.markers.show_markers([Marker("T1", (0.0, 0.0), (1.0, 1.0), (2.0, -1.0), True, proposed=(3.0, -4.0))])

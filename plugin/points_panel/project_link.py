@@ -1,10 +1,11 @@
-"""The map of the main window and the panel: a click there names a place on the ground, and marks show places in it."""
+"""The panel and the main window: places in its map, and which block the panel shows, kept in the project."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from qgis.core import QgsPointXY
+from qgis.core import QgsPointXY, QgsProject
 from qgis.gui import QgsMapCanvas, QgsMapToolEmitPoint, QgsVertexMarker
 from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QColor
@@ -71,3 +72,34 @@ def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
     place = np.array([[point.x(), point.y(), 0.0]])
     lon, lat, _ = point_session.operations_of(of_map.toWkt()).to_wgs84(place)[0].tolist()
     return lon, lat
+
+
+_SCOPE = "hrsi"
+
+
+@dataclass(frozen=True)
+class PanelState:
+    """The block's GeoPackage (as the project keeps paths: relative or not), model, kind of target and chosen point."""
+
+    path: str = ""
+    model: str = "auto"
+    kind: str = "center"
+    point: str = ""
+
+
+def store(state: PanelState, project: QgsProject) -> None:
+    """Write the state into a project; the user saves it with the project."""
+    project.writeEntry(_SCOPE, "/points/path", project.writePath(state.path) if state.path else "")
+    for name in ("model", "kind", "point"):
+        project.writeEntry(_SCOPE, f"/points/{name}", getattr(state, name))
+
+
+def restore_state(project: QgsProject) -> PanelState:
+    """Return the state that a project keeps."""
+    default = PanelState()
+    path = project.readEntry(_SCOPE, "/points/path", "")[0]
+    others = {
+        name: project.readEntry(_SCOPE, f"/points/{name}", getattr(default, name))[0]
+        for name in ("model", "kind", "point")
+    }
+    return PanelState(project.readPath(path) if path else "", **others)

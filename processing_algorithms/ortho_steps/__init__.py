@@ -1,1 +1,0 @@
-"""Steps of the orthoimage algorithms: reading, pairs, writing."""
