@@ -15,8 +15,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "session": "PointSession Snapshot",
         "files": "new_session open_block read_ground_points save",
         "recovery": "EditKeeper find_journals forget recover",
-        "transfers": "find_transfers new_tie place_tie",
-        "views": "dem_height operations_of place_on view_of",
+        "views": "dem_height find_transfers new_tie operations_of place_on place_tie view_of",
         "adjusting": "adjust_block block_of follow",
     },
 )

@@ -24,10 +24,10 @@ from .rows import MeasurementRow as MeasurementRow
 from .rows import PointRow as PointRow
 from .session import PointSession as PointSession
 from .session import Snapshot as Snapshot
-from .transfers import find_transfers as find_transfers
-from .transfers import new_tie as new_tie
-from .transfers import place_tie as place_tie
 from .views import dem_height as dem_height
+from .views import find_transfers as find_transfers
+from .views import new_tie as new_tie
 from .views import operations_of as operations_of
 from .views import place_on as place_on
+from .views import place_tie as place_tie
 from .views import view_of as view_of
