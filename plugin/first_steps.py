@@ -73,7 +73,8 @@ class FirstSteps(QDialog):
         self.note.setWordWrap(True)
         layout.addWidget(self.note)
         self.skip, self.later = QPushButton(tr("Do not show this again")), QPushButton(tr("Close"))
-        self.skip.clicked.connect(lambda _checked=False: self._skip())
+        self.skip.clicked.connect(lambda _checked=False: QgsSettings().setValue(SKIPPED_FOR_EVER, True))
+        self.skip.clicked.connect(lambda _checked=False: self.close())
         self.later.clicked.connect(lambda _checked=False: self.close())
         ends = QHBoxLayout()
         for widget in (self.skip, self.later):
@@ -113,21 +114,15 @@ class FirstSteps(QDialog):
     def _on_simulation_end(self, task: BackgroundTask) -> None:
         self._task = None
         if task.is_done:
-            self._open()
-        else:
-            self.note.setText(task.failure or tr("cancelled"))
-            self.refresh()
-
-    def _open(self) -> None:
-        images = [str(self.folder / f"image_{number}.tif") for number in range(1, IMAGES + 1)]
-        points = (str(self.folder / f"{kind}_points.csv") for kind in ("ground", "image"))
-        session = point_session.new_session(images, *points)
-        self.missing = next(key for key in session.measured if session.points.get(key[0], None) is not None
-                            and session.points[key[0]].role == "gcp")  # fmt: skip
-        del session.measured[self.missing]  # before anybody has edited anything
-        self._dock.show_session(session, self.missing[0])
-        self._dock.show()
-        self.note.setText("")
+            images = [str(self.folder / f"image_{number}.tif") for number in range(1, IMAGES + 1)]
+            points = (str(self.folder / f"{kind}_points.csv") for kind in ("ground", "image"))
+            session = point_session.new_session(images, *points)
+            gcps = {name for name, point in session.points.items() if point.role == "gcp"}
+            self.missing = next(key for key in session.measured if key[0] in gcps)
+            del session.measured[self.missing]  # before anybody has edited anything
+            self._dock.show_session(session, self.missing[0])
+            self._dock.show()
+        self.note.setText("" if task.is_done else task.failure or tr("cancelled"))
         self.refresh()
 
     def show_point(self) -> None:
@@ -158,10 +153,6 @@ class FirstSteps(QDialog):
             self._canvas.setExtent(extent)
             self._canvas.refresh()
         self.note.setText(tr("That was all. The panel's New… begins a block of your own; the toolbox has the rest."))
-
-    def _skip(self) -> None:
-        QgsSettings().setValue(SKIPPED_FOR_EVER, True)
-        self.close()
 
 
 class _Simulation(BackgroundTask):

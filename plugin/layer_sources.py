@@ -64,8 +64,22 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
     layer = _project_layer(value, context)
     if not isinstance(layer, QgsVectorLayer):
         return str(value)
-    source = None if selected_only else _file_source(layer)
-    return source or _copy(layer, name, selected_only, context, feedback)
+    if not selected_only and (source := _file_source(layer)):
+        return source
+    # A copy of the layer with its fields and CRS in a temporary GeoPackage
+    path = Path(QgsProcessingUtils.generateTempFilename(f"{name}.gpkg"))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    options = QgsVectorFileWriter.SaveVectorOptions()
+    options.driverName, options.layerName = "GPKG", name
+    options.onlySelectedFeatures = selected_only
+    options.layerOptions = ["FID=_feature"]  # so that a field named fid stays a field, whatever it holds
+    options.feedback = feedback
+    transforms = context.transformContext()
+    error, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(layer, str(path), transforms, options)
+    if error != QgsVectorFileWriter.WriterError.NoError:
+        raise QgsProcessingException(f"Layer {layer.name()} could not be copied to {path}: {message}")
+    feedback.pushInfo(f"Layer {layer.name()} is read from a copy: {path}")
+    return f"{path}|layername={name}"
 
 
 def read_box(
@@ -119,24 +133,3 @@ def _file_source(layer: QgsVectorLayer) -> str | None:
         return None
     name = parts.get("layerName")
     return f"{parts['path']}|layername={name}" if name else str(parts["path"])
-
-
-def _copy(
-    layer: QgsVectorLayer, name: str, selected_only: bool, context: QgsProcessingContext,
-    feedback: QgsProcessingFeedback,
-) -> str:  # fmt: skip
-    """Write a layer with its fields and CRS to a temporary GeoPackage and return that source."""
-    path = Path(QgsProcessingUtils.generateTempFilename(f"{name}.gpkg"))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    options = QgsVectorFileWriter.SaveVectorOptions()
-    options.driverName, options.layerName = "GPKG", name
-    options.onlySelectedFeatures = selected_only
-    options.layerOptions = ["FID=_feature"]  # so that a field named fid stays a field, whatever it holds
-    options.feedback = feedback
-    error, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(
-        layer, str(path), context.transformContext(), options
-    )
-    if error != QgsVectorFileWriter.WriterError.NoError:
-        raise QgsProcessingException(f"Layer {layer.name()} could not be copied to {path}: {message}")
-    feedback.pushInfo(f"Layer {layer.name()} is read from a copy: {path}")
-    return f"{path}|layername={name}"

@@ -145,20 +145,14 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
     make = BINDINGS[param.kind].make
     made = make(**_common(param)) if isinstance(make, type) else make(param)
     made.setHelp(f"{spell_arguments(param.help, params, label_of)}.")
-    if param.advanced or not _is_asked_first(param, params):
+    # In a long dialog inputs, outputs and what must be given stand above "Advanced": how it is done has defaults, and
+    # thirty fields in a column hide the three that are needed
+    is_long = len(params) > SHORT_DIALOG and any(other.kind in READ_KINDS for other in params)
+    first = (*READ_KINDS, Kind.EXTENT, Kind.FOLDERS, Kind.OUTPUT_DIR)
+    is_first = param.required or "FILE" in param.metavar.split("|") or param.kind in first
+    if param.advanced or (is_long and not is_first):
         made.setFlags(made.flags() | ADVANCED)
     return made
-
-
-def _is_asked_first(param: Param, params: Sequence[Param]) -> bool:
-    """Return whether a field stands above "Advanced": in a long dialog inputs, outputs, and what must be given.
-
-    How it is done has defaults, and thirty fields in a column hide the three that are needed.
-    """
-    if len(params) <= SHORT_DIALOG or not any(other.kind in READ_KINDS for other in params):
-        return True
-    takes_file = "FILE" in param.metavar.split("|")
-    return param.required or takes_file or param.kind in (*READ_KINDS, Kind.EXTENT, Kind.FOLDERS, Kind.OUTPUT_DIR)
 
 
 def option_value(param: Param, reading: Reading) -> Any:
@@ -213,10 +207,6 @@ def _folder(param: Param) -> QgsProcessingParameterDefinition:
     return QgsProcessingParameterFile(behavior=QgsProcessingParameterFile.Folder, **_common(param))
 
 
-def _choice(param: Param) -> QgsProcessingParameterDefinition:
-    return QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param))
-
-
 def _number(param: Param) -> QgsProcessingParameterDefinition:
     limits = {"minValue": param.minimum, "maxValue": param.maximum}
     given = {name: limit for name, limit in limits.items() if limit is not None}
@@ -264,7 +254,10 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.IDS: Binding(_text, _read_ids),
     Kind.GROUPS: Binding(_text, _read_ids),
     Kind.RANGE: Binding(_text, "parameterAsString"),
-    Kind.CHOICE: Binding(_choice, "parameterAsEnumString"),
+    Kind.CHOICE: Binding(
+        lambda param: QgsProcessingParameterEnum(options=list(param.choices), usesStaticStrings=True, **_common(param)),
+        "parameterAsEnumString",
+    ),
     Kind.INTEGER: Binding(_number, "parameterAsInt"),
     Kind.NUMBER: Binding(_number, "parameterAsDouble"),
     Kind.FLAG: Binding(QgsProcessingParameterBoolean, "parameterAsBool"),

@@ -101,11 +101,19 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict[str, Any]:
         """Run the engine; an empty result means that the user cancelled."""
-        try:
-            report = self._run(feedback)
+        told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
+        try:  # errors become one line, unexpected ones keep their traceback
+            report = self.declaration.execute(check_options(self.declaration, self._options), told)
         except Cancelled:
             feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}
+        except (HrsiError, OSError) as error:
+            raise QgsProcessingException(self._name_options(str(error))) from None
+        except ImportError as error:
+            missing = missing_package_message(error)
+            if missing is None:
+                raise
+            raise QgsProcessingException(missing) from error
         feedback.pushInfo(self._name_options(self.declaration.summarise(report)))
         if unsolved := report.get("unsolved"):
             feedback.reportError(self._name_options(unsolved))
@@ -121,22 +129,6 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         if verdict := self._report.get("verdict"):
             show_in_message_bar(verdict, self.displayName(), self._name_options(headline(verdict)))
         return {}
-
-    def _run(self, feedback: QgsProcessingFeedback) -> Report:
-        """Run the declared algorithm; its errors become one line, unexpected ones keep their traceback."""
-        try:
-            options = check_options(self.declaration, self._options)
-            told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
-            return self.declaration.execute(options, told)
-        except Cancelled:
-            raise
-        except (HrsiError, OSError) as error:
-            raise QgsProcessingException(self._name_options(str(error))) from None
-        except ImportError as error:
-            message = missing_package_message(error)
-            if message is None:
-                raise
-            raise QgsProcessingException(message) from error
 
     def _name_options(self, message: str) -> str:
         """Return a message with the arguments that it names as the dialog labels them."""

@@ -322,8 +322,21 @@ def _set_entry(
         },
         "scatter_px": rmse(np.concatenate([np.zeros(0), *(pair.left_px[kept[pair.points]] for pair in one.pairs)])),
         "images": {}, "pairs": [], "control": _survey_entry(one, Role.GCP), "check": _survey_entry(one, Role.CHECK),
-        "dem": None if surface is None else _height_entry(one.fit.ground[kept], surface),
+        "dem": None,
     }  # fmt: skip
+    if (
+        # How high the tracks lie above the DEM; what stands on the ground makes the 90th percentile
+        surface is not None
+    ):  # how high the tracks lie above the DEM; what stands on the ground makes the 90th percentile
+        ground = one.fit.ground[kept]
+        above = ground[:, 2] - surface_heights(surface, ground[:, :2])
+        above = above[np.isfinite(above)]
+        middle = float(np.median(above)) if len(above) else None
+        entry["dem"] = {
+            "points": len(above), "median_m": middle,
+            "nmad_m": None if middle is None else float(robust_sigma(above - middle)),
+            "p90_m": None if middle is None else float(np.percentile(np.abs(above), 90.0)),
+        }  # fmt: skip
     for index, image in enumerate(one.block.images):
         rows = observations.by_image[index]
         rows, told = rows[used[rows]], rows[predicted[rows]]
@@ -357,19 +370,6 @@ def _survey_entry(one: RpcSet, role: Role) -> Report:
         "mean_east_m": means[0], "mean_north_m": means[1], "mean_height_m": means[2],
         **errors_90(east, north, height),
         "rmse_sample_px": rmse(one.known_px[rows, 0]), "rmse_line_px": rmse(one.known_px[rows, 1]),
-    }  # fmt: skip
-
-
-def _height_entry(ground: np.ndarray, surface: HeightSurface) -> Report:
-    """Return how high the tracks lie above the DEM; what stands on the ground makes the 90th percentile."""
-    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
-    above = above[np.isfinite(above)]
-    if not len(above):
-        return {"points": 0, "median_m": None, "nmad_m": None, "p90_m": None}
-    middle = float(np.median(above))
-    return {
-        "points": len(above), "median_m": middle, "nmad_m": float(robust_sigma(above - middle)),
-        "p90_m": float(np.percentile(np.abs(above), 90.0)),
     }  # fmt: skip
 
 

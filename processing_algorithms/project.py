@@ -11,7 +11,7 @@ from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require
 from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
-from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from ..hrsi_engine.surface.dem import surface_heights
 from .declarations.rpcs import POINTS_FILE, ProjectOptions
 from .files.coordinate_lines import format_lines, make_point_rows, parse_lines, standard_input
 from .files.opening import is_on_image, open_images, open_terrain
@@ -35,7 +35,15 @@ def run(options: ProjectOptions, context: Context) -> Report:
         points, warnings = tables.ground, [*tables.warnings, *list_operation_warnings(tables.ground.operations)]
         require_strict_datums(points.operations, options.terrain.strict_datum)
     else:
-        points, warnings = _from_lines(surface)
+        given, rest = parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split())
+        missing = np.flatnonzero(np.isnan(given[:, 2]))
+        if missing.size and surface is None:
+            raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
+        if missing.size and surface is not None:
+            given[missing, 2] = surface_heights(surface, given[missing, :2])
+        points = GroundPoints.create(np.array(rest, dtype=str), given)  # the text behind the coordinates is the id
+        lost = np.count_nonzero(np.isnan(given[:, 2]))
+        warnings = [f"the DEM has no height for {lost} points"] if lost else []
     ids, ground = points.ids, points.ground
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
@@ -57,19 +65,6 @@ def run(options: ProjectOptions, context: Context) -> Report:
     layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
     write_folder(options.folder, report, POINTS_FILE, [layer], context)
     return report
-
-
-def _from_lines(surface: HeightSurface | None) -> tuple[GroundPoints, list[str]]:
-    """Return the text behind the coordinates as ids."""
-    ground, rest = parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split())
-    missing = np.flatnonzero(np.isnan(ground[:, 2]))
-    if missing.size and surface is None:
-        raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
-    if missing.size and surface is not None:
-        ground[missing, 2] = surface_heights(surface, ground[missing, :2])
-    lost = np.count_nonzero(np.isnan(ground[:, 2]))
-    points = GroundPoints.create(np.array(rest, dtype=str), ground)
-    return points, [f"the DEM has no height for {lost} points"] if lost else []
 
 
 def _project_points(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """`refine-rpc`: one image or several, each by itself, from ground control points only."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -99,32 +99,25 @@ def _compare_models(block: Block, refinements: Sequence[Refinement], context: Co
 
 
 def summarise(report: Report) -> str:
-    """Return a block's summary with each image's model and the table of models."""
+    """Return a block's summary with each image's model and the table of models.
+
+    The table has check points where there are any, else control points; its last column is the 2D error of each GCP
+    when it is predicted from the others.
+    """
     lines = []
     for name, entry in report["image_models"].items():
         reason = f" ({entry['choice']['reason']})" if entry["choice"] else ""
         lines.append(f"{name}: {entry['model']}{reason}")
-    return "\n".join([*lines, "", *_model_table(report.get("models", {})), summarise_block(report)])
-
-
-def _model_table(models: Mapping[str, Any]) -> list[str]:
-    """Return the comparison as lines: check points where there are any, else control points.
-
-    The last column is the 2D error of each GCP when it is predicted from the others.
-    """
-    if not models:
-        return []
-    role = "check" if any(entry["check"].get("points") for entry in models.values()) else "control"
-    head = f"{f'model ({role} RMSE)':<24}{'points':>7}" + "".join(
-        f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()
-    )
-    head += f"{'left out px':>13}"
-    lines = [head]
-    for name, entry in models.items():
-        figures = entry[role]
-        numbers = "".join(
-            f"{format_digits(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in COLUMN_WIDTHS.items()
-        )
-        predicted = f"{format_digits(entry['prediction_rmse_px']):>13}"
-        lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
-    return [*lines, ""]
+    lines.append("")
+    if models := report.get("models"):
+        role = "check" if any(entry["check"].get("points") for entry in models.values()) else "control"
+        axes = "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items())
+        lines.append(f"{f'model ({role} RMSE)':<24}{'points':>7}{axes}{'left out px':>13}")
+        for name, entry in models.items():
+            figures, predicted = entry[role], f"{format_digits(entry['prediction_rmse_px']):>13}"
+            numbers = "".join(
+                f"{format_digits(figures.get(f'rmse_{axis}')):>{width}}" for axis, width in COLUMN_WIDTHS.items()
+            )
+            lines.append(f"{name:<24}{figures.get('points', '-'):>7}{numbers}{predicted}  {entry['note']}".rstrip())
+        lines.append("")
+    return "\n".join([*lines, summarise_block(report)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..hrsi_engine.block.block import Image
-from ..hrsi_engine.block.exposures import STRIP, StripPlaces, StripRpc, fit_strip, place_parts
+from ..hrsi_engine.block.exposures import STRIP, StripPlaces, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.io.csv_tables import write_csv
@@ -35,7 +35,17 @@ def run(options: StripOptions, context: Context) -> Report:
     with_pixels = all(map(has_file, parts))
     file = name + (FORMAT_ENDINGS[options.format] if with_pixels else "_RPC.TXT")
     grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""
-    warnings = _list_warnings(parts, places, strip, grid_file)
+    warnings = [
+        f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
+        "the strip lies between"
+        for part, off in zip(parts, places.off_px.tolist(), strict=True) if off > STRIP.whole_px
+    ]  # fmt: skip
+    if grid_file:
+        worst = int(strip.max_px.argmax())
+        warnings.append(
+            f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The "
+            f"grid of the parts' RPCs is in {grid_file}; give fewer parts, or a block the parts themselves"
+        )
     folder = options.folder.output_dir
     if context.dry_run:
         names = [REPORT_FILE, file, *filter(None, [grid_file])]
@@ -67,22 +77,6 @@ def run(options: StripOptions, context: Context) -> Report:
             rows = np.column_stack([strip.ground, strip.image]).tolist()
             write_csv(str(staged / grid_file), ("lon", "lat", "height", "sample", "line"), rows)
     return report
-
-
-def _list_warnings(parts: Sequence[Image], places: StripPlaces, strip: StripRpc, grid_file: str) -> list[str]:
-    """Return a word on parts that do not lie on whole pixels by their RPCs, and where one RPC cannot hold the strip."""
-    found = [
-        f"{part.id}: by the RPCs it lies {off:.2g} px from whole pixels; it is placed at the next one, and the RPC of "
-        "the strip lies between"
-        for part, off in zip(parts, places.off_px.tolist(), strict=True) if off > STRIP.whole_px
-    ]  # fmt: skip
-    worst = int(strip.max_px.argmax())
-    if strip.max_px[worst] > STRIP.fit_px:
-        found.append(
-            f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The "
-            f"grid of the parts' RPCs is in {grid_file}; give fewer parts, or a block the parts themselves"
-        )
-    return found
 
 
 def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:

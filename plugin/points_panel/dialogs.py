@@ -36,7 +36,18 @@ class NewBlockDialog(QDialog):
         self.images = QgsFileWidget()
         self.images.setStorageMode(QgsFileWidget.StorageMode.GetMultipleFiles)
         self.images.setFilter(f"{tr('Images and RPC files')} (*)")
-        self.layers = self._layers_button()
+        # A button with the project's rasters; what is chosen joins the images
+        self.layers, menu = QToolButton(self), QMenu(self)
+        self.layers.setText(tr("Layers"))
+        self.layers.setToolTip(tr("Add raster layers of the project"))
+        self.layers.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        rasters = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsRasterLayer)]
+        rasters = sorted((one for one in rasters if one.providerType() == "gdal"), key=lambda one: one.name().lower())
+        for title, chosen in ((tr("All"), rasters), *((layer.name(), [layer]) for layer in rasters)):
+            ids = [layer.id() for layer in chosen]
+            menu.addAction(title).triggered.connect(lambda _checked=False, ids=ids: self._add_layers(ids))
+        self.layers.setMenu(menu)
+        self.layers.setEnabled(bool(rasters))
         self.gcps, self.image_points = LayerOrFile(), LayerOrFile()
         self.crs = QgsProjectionSelectionWidget()
         self.crs.setOptionVisible(QgsProjectionSelectionWidget.CrsOption.CrsNotSet, True)
@@ -57,22 +68,6 @@ class NewBlockDialog(QDialog):
         form.addRow(tr("Heights refer to"), self.datum)
         form.addWidget(box)
         self.resize(720, self.sizeHint().height())  # file names are long
-
-    def _layers_button(self) -> QToolButton:
-        """Return a button with the project's rasters; what is chosen joins the images."""
-        button = QToolButton(self)
-        button.setText(tr("Layers"))
-        button.setToolTip(tr("Add raster layers of the project"))
-        button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        layers = [one for one in QgsProject.instance().mapLayers().values() if isinstance(one, QgsRasterLayer)]
-        layers = sorted((one for one in layers if one.providerType() == "gdal"), key=lambda one: one.name().lower())
-        menu = QMenu(button)
-        for title, chosen in ((tr("All"), layers), *((layer.name(), [layer]) for layer in layers)):
-            ids = [layer.id() for layer in chosen]
-            menu.addAction(title).triggered.connect(lambda _checked=False, ids=ids: self._add_layers(ids))
-        button.setMenu(menu)
-        button.setEnabled(bool(layers))
-        return button
 
     def _add_layers(self, ids: list[str]) -> None:
         context = QgsProcessingContext()

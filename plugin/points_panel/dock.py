@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
-from qgis.core import QgsApplication, QgsProject, QgsVectorLayer
+from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtCore import QModelIndex, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
@@ -22,6 +22,7 @@ from ...processing_algorithms.point_session.rows import TIE
 from ..background_task import AdjustTask
 from ..dependencies import missing_package_message
 from ..dialog_fields import LayerOrFile
+from ..layer_sources import point_source
 from ..translation import tr
 from .dialogs import NewBlockDialog, NewPointDialog
 from .image_view import ImageView, Marker
@@ -462,7 +463,10 @@ class PointsDock(QDockWidget):
         if chosen and name:
             field = LayerOrFile()
             field.box.setEditText(name)
-            self.session.add_points(point_session.read_ground_points(source_of(field.value(), "gcps")))
+            context = QgsProcessingContext()
+            context.setProject(QgsProject.instance())
+            source = point_source(field.value(), "gcps", context, QgsProcessingFeedback())
+            self.session.add_points(point_session.read_ground_points(source))
             self._on_edit()
 
     @show_errors
@@ -614,14 +618,3 @@ class PointsDock(QDockWidget):
             buttons.Save | buttons.Discard | buttons.Cancel,
         )  # fmt: skip
         return answer == buttons.Discard or (answer == buttons.Save and bool(self.save()))
-
-
-def source_of(value: Any, name: str) -> str:
-    """Return what the engine opens for a layer, its selected features, or a file."""
-    from qgis.core import QgsProcessingContext, QgsProcessingFeedback
-
-    from ..layer_sources import point_source
-
-    context = QgsProcessingContext()
-    context.setProject(QgsProject.instance())
-    return point_source(value, name, context, QgsProcessingFeedback())

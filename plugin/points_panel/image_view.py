@@ -218,12 +218,24 @@ class ImageView(QWidget):
 
     def show_view(self, view: View | None, markers: list[Marker]) -> None:
         """Show an image around a position; without pixels only where the points are."""
-        self._set_layer(view)
+        for widget in (self.band, self.whole):
+            widget.setEnabled(view is not None and bool(view.source))
+        if view is None or not view.source:
+            self.canvas.setLayers([])
+            self._layer = None
+        else:
+            if self._layer is None or self._layer.source() != view.source:
+                options = QgsRasterLayer.LayerOptions(False)  # without looking at the pixels: that reads a whole scene
+                options.skipCrsValidation = True
+                self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
+                self.band.setMaximum(max(self._layer.bandCount(), 1))
+                self.canvas.setLayers([self._layer])
+            self._grey_range = view.grey_range
+            self._stretch()
         self.markers.show_markers(markers)
-        if view is None:
-            return
-        self.note.setText("" if view.source else tr("no pixels"))
-        self.show_place(view.middle)
+        if view is not None:
+            self.note.setText("" if view.source else tr("no pixels"))
+            self.show_place(view.middle)
 
     def show_place(self, middle: tuple[float, float], half: tuple[float, float] = (HALF_VIEW_PX, HALF_VIEW_PX)) -> None:
         """Show the surroundings of a place (sample, line), ``half`` pixels to each side."""
@@ -241,23 +253,6 @@ class ImageView(QWidget):
         self.canvas.stopRendering()
         self.canvas.setLayers([])
         self._layer = None
-
-    def _set_layer(self, view: View | None) -> None:
-        has_pixels = view is not None and bool(view.source)
-        for widget in (self.band, self.whole):
-            widget.setEnabled(has_pixels)
-        if view is None or not view.source:
-            self.canvas.setLayers([])
-            self._layer = None
-            return
-        if self._layer is None or self._layer.source() != view.source:
-            options = QgsRasterLayer.LayerOptions(False)  # without looking at the pixels: that reads a whole scene
-            options.skipCrsValidation = True
-            self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
-            self.band.setMaximum(max(self._layer.bandCount(), 1))
-            self.canvas.setLayers([self._layer])
-        self._grey_range = view.grey_range
-        self._stretch()
 
     def _stretch(self) -> None:
         """Stretch the contrast to the surroundings of the point."""

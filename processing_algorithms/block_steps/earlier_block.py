@@ -69,7 +69,14 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
     require_ids([*(one.path for one in record.images), *(image.path for image in images)],
                 [*(one.id for one in record.images), *(image.id for image in images)])  # fmt: skip
     if options.earlier_cameras != FREE:
-        return _observe_cameras(record)
+        # The cameras before any adjustment, and what that said of them together
+        source = os.path.join(record.folder, CAMERAS_FILE)
+        joint = read_joint_arrays(read_cameras(record.folder), source)
+        if set(joint.images) != {one.id for one in record.images}:
+            raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
+        cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
+        banded = join_named_bands(open_block_images(record), [[joint.images[k] for k in members] for members in cameras])
+        return EarlierBlock(tuple(banded), model=record.model, joint=joint)
     earlier = open_block_images(record)
     ids = [one.id for one in record.images]
     tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
@@ -91,17 +98,6 @@ def open_block_images(record: BlockRecord) -> tuple[Image, ...]:
         raise InputError(f"{missing[0]}: an image of the earlier block is not there any more: put it back")
     opened = zip(paths, record.images, strict=True)
     return tuple(join_exposures([replace(open_image(path), id=one.id, rpc=one.rpc) for path, one in opened]))
-
-
-def _observe_cameras(record: BlockRecord) -> EarlierBlock:
-    """Return the images with their cameras before any adjustment, and what that said of them together."""
-    source = os.path.join(record.folder, CAMERAS_FILE)
-    joint = read_joint_arrays(read_cameras(record.folder), source)
-    if set(joint.images) != {one.id for one in record.images}:
-        raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
-    cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
-    images = join_named_bands(open_block_images(record), [[joint.images[k] for k in members] for members in cameras])
-    return EarlierBlock(tuple(images), model=record.model, joint=joint)
 
 
 def _rename_conflicts(

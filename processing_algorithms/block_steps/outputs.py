@@ -146,7 +146,13 @@ def write_results(
     ``discarded`` are folders that are not needed any more when all is written.
     """
     report, images, target = result.report, result.images, output.folder
-    how, stale = _choose_writing(output, result, context)
+    how, stale = output.write, list[str]()  # files of earlier runs that have to go
+    if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
+        how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)
+        report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
+    cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
+    if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
+        stale.append(cameras_file)
     pairs = list(zip(images, result.refined, strict=True))
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
     changes = Transaction(target.output_dir)
@@ -193,19 +199,6 @@ def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tu
         part = stage(context.progress, done / len(pairs), (done + 1) / len(pairs))
         advance(part, 0.0, f"writing {image.id}")
         yield part, (image, new)
-
-
-def _choose_writing(output: BlockOutput, result: BlockResult, context: Context) -> tuple[str, list[str]]:
-    """Return how refined RPCs are written, as asked or not at all, and files of earlier runs that have to go."""
-    how, folder = output.write, output.folder.output_dir
-    stale: list[str] = []
-    if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
-        how, stale = WRITE_NOTHING, earlier_rpcs(folder, context.inputs)
-        result.report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
-    cameras_file = os.path.join(folder, CAMERAS_FILE)
-    if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
-        stale.append(cameras_file)
-    return how, stale
 
 
 def _name_outputs(

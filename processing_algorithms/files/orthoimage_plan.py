@@ -336,15 +336,11 @@ def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Cal
     """Yield the chunks of all orthoimages, in the order in which they are written."""
     windows = ((job, window) for job in jobs for window in chunk_windows(job.grid, job.warp))
     if not calls.elsewhere:
-        yield from calls.answers(_chunk_here, windows)
+        parts = ((job.source, job.mapping.chunk, job.warp, window) for job, window in windows)
+        yield from calls.answers(lambda part: make_chunk(*part), parts)
         return
     recipes = {job.key: recipe_of(job, options) for job in jobs}
     yield from calls.answers(_chunk_elsewhere, ((recipes[job.key], window) for job, window in windows))
-
-
-def _chunk_here(part: tuple[OrthoJob, GridWindow]) -> OrthoChunk:
-    job, window = part
-    return make_chunk(job.source, job.mapping.chunk, job.warp, window)
 
 
 def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:

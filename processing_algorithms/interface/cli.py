@@ -16,7 +16,7 @@ from ...hrsi_engine.foundation.large_arrays import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
-from .declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
+from .declare import Algorithm, Context, fill_options, is_unusable, spell_arguments, unusable_text
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
 from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
@@ -206,24 +206,17 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
         print(json_text(report, indent=2))
     elif not (line.quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout has it
         print(summary)
-    failed = failure_of(report)
-    if failed is None:
+    if unsolved := report.get("unsolved"):
+        code, reason = SolveError.exit_code, str(unsolved)
+    elif is_unusable(report):
+        code, reason = InputError.exit_code if report.get("dry_run") else UNUSABLE, unusable_text(report)
+    else:
         return 0
-    code, reason = failed
     if code != UNUSABLE or line.quiet or line.json:  # a summary ends with the verdict
         print(f"ERROR: {spelt(reason)}", file=sys.stderr)
     if log is not None:
         log.write("ERROR", spelt(reason))
     return code
-
-
-def failure_of(report: Report) -> tuple[int, str] | None:
-    """Return exit code and reason of an unsuccessful run from its report; None where it succeeded."""
-    if unsolved := report.get("unsolved"):
-        return SolveError.exit_code, str(unsolved)
-    if is_unusable(report):
-        return (InputError.exit_code if report.get("dry_run") else UNUSABLE), unusable_text(report)
-    return None
 
 
 HELP = {"--help", "-h"}

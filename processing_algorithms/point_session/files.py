@@ -24,7 +24,6 @@ from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.positions import SURVEYED
 from ...hrsi_engine.io.rasters.images import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers, name_point_operations
-from .adjusted import AdjustmentView
 from .rows import ROLES, TIE, ImageMeasurement, SurveyPoint
 from .session import PointSession
 
@@ -166,9 +165,9 @@ def new_session(
     return session
 
 
-def read_ground_points(source: str, ground_crs: str | None = None, height_datum: str = "layer") -> list[SurveyPoint]:
+def read_ground_points(source: str) -> list[SurveyPoint]:
     """Return the ground points of a layer or file, to be added to a session."""
-    ground = read_points(source, ground_crs=ground_crs, height_datum=height_datum).ground
+    ground = read_points(source).ground
     if ground is None:
         raise InputError(f"{source}: holds no positions on the ground: name another layer")
     return _survey_points(ground)
@@ -179,28 +178,25 @@ def save(session: PointSession, path: str = "") -> None:
     target = path or session.path
     if not target:
         raise InputError("the block has no file yet: name one")
-    layers = [images_layer(session), *point_layers(session)]
-    if session.adjusted is not None and session.is_adjusted:
-        layers = _result_layers(session, session.adjusted)
-    replace_layers(target, layers)
+    layers = {layer.name: layer for layer in (images_layer(session), *point_layers(session))}
+    adjusted = session.adjusted
+    if adjusted is not None and session.is_adjusted:
+        plain = layers
+        layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
+        # Mark the tie points of the list among the ground points: by a position of their own
+        ground = layers["ground_points"]
+        columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
+        for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
+            point = session.points.get(name)
+            if point is not None and point.role == TIE:
+                columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
+                columns["survey_height"][row] = point.height
+        layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
+        # … and add what took no part in it: points that are off, or that no image shows
+        for name in ("ground_points", "image_points"):
+            layers[name] = _with_others(layers[name], plain[name])
+    replace_layers(target, list(layers.values()))
     session.note_save(target)
-
-
-def _result_layers(session: PointSession, adjusted: AdjustmentView) -> list[Layer]:
-    """Return all layers of the adjustment, and what took no part in it: points that are off, or that no image shows."""
-    layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
-    # Mark the tie points of the list among the ground points: by a position of their own
-    ground = layers["ground_points"]
-    columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}
-    for row, name in enumerate(np.asarray(ground.fields["id"]).tolist()):
-        point = session.points.get(name)
-        if point is not None and point.role == TIE:
-            columns["survey_lon"][row], columns["survey_lat"][row] = point.lon, point.lat
-            columns["survey_height"][row] = point.height
-    layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
-    for plain in point_layers(session):
-        layers[plain.name] = _with_others(layers[plain.name], plain)
-    return list(layers.values())
 
 
 def _with_others(full: Layer, plain: Layer) -> Layer:

@@ -13,7 +13,6 @@ from ...hrsi_engine.adjustment.observations import select_points
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.foundation.progress import Progress, advance, silent
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
 from ...hrsi_engine.io.rasters.dems import open_dem
@@ -97,9 +96,7 @@ def place_tie(session: PointSession, name: str) -> SurveyPoint:
     return SurveyPoint(name, lon, lat, height, TIE) if np.isfinite((lon, lat, height)).all() else point
 
 
-def find_transfers(
-    session: PointSession, name: str, images: Sequence[str] = (), progress: Progress = silent
-) -> dict[str, Transfer]:
+def find_transfers(session: PointSession, name: str, images: Sequence[str] = ()) -> dict[str, Transfer]:
     """Measure a point, by matching, on the images (default: all) that should show it and where it is not measured.
 
     It is matched from the image on which it was measured first. Raises `InputError` where it is measured on none.
@@ -114,8 +111,7 @@ def find_transfers(
     wanted = [image for image in wanted if not images or image in images]
     found = {}
     try:
-        for number, image_id in enumerate(wanted):
-            advance(progress, number / len(wanted), f"{name} on {image_id}")
+        for image_id in wanted:
             found[image_id] = _transfer_to_image(session, name, first.id, image_id)
     finally:
         close_images()  # as after a click
