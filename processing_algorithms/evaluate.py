@@ -324,10 +324,8 @@ def _set_entry(
         "images": {}, "pairs": [], "control": _survey_entry(one, Role.GCP), "check": _survey_entry(one, Role.CHECK),
         "dem": None,
     }  # fmt: skip
-    if (
+    if surface is not None:
         # How high the tracks lie above the DEM; what stands on the ground makes the 90th percentile
-        surface is not None
-    ):  # how high the tracks lie above the DEM; what stands on the ground makes the 90th percentile
         ground = one.fit.ground[kept]
         above = ground[:, 2] - surface_heights(surface, ground[:, :2])
         above = above[np.isfinite(above)]
