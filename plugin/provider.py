@@ -23,6 +23,7 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QIcon
 
 from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
+from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
 from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
@@ -33,7 +34,6 @@ from .results import (
     collect_results,
     drop_unlistable_outputs,
     headline,
-    log_verdict,
     output_definitions,
     show_in_message_bar,
     show_layers,
@@ -118,7 +118,11 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         if unsolved := report.get("unsolved"):
             feedback.reportError(self._name_options(unsolved))
         if verdict := report.get("verdict"):
-            log_verdict(verdict, self._name_options(headline(verdict)), feedback)
+            told_verdict = self._name_options(headline(verdict))
+            if verdict["level"] == Level.UNUSABLE.label:
+                feedback.reportError(told_verdict, fatalError=False)  # so that it looks like the failure that it is
+            elif verdict["level"] == Level.DOUBTFUL.label:
+                feedback.pushWarning(told_verdict)
         self._report = report
         show_layers(self.declaration, self._options, report, context)
         made = collect_results(self.declaration, self._options, report)

@@ -164,14 +164,6 @@ def headline(verdict: dict[str, Any]) -> str:
     return f"{tr('Verdict')}: {tr(verdict['level'])}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
 
 
-def log_verdict(verdict: dict[str, Any], text: str, feedback: QgsProcessingFeedback) -> None:
-    """Write the headline into the log, so that what cannot be used looks like a failure."""
-    if verdict["level"] == Level.UNUSABLE.label:
-        feedback.reportError(text, fatalError=False)
-    elif verdict["level"] == Level.DOUBTFUL.label:
-        feedback.pushWarning(text)
-
-
 def show_in_message_bar(verdict: dict[str, Any], title: str, text: str) -> None:
     """Show the headline above the map, if there is a desktop; QGIS calls this in its main thread only.
 

@@ -37,6 +37,7 @@ from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geop
 from ..hrsi_engine.io.pages.page import write_page
 from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
+from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import radial_rmse, rmse
 from ..hrsi_engine.results.surface_figures import describe_surface
@@ -54,7 +55,7 @@ from .block_steps.rpc_sets import (
     split_measurements,
 )
 from .block_steps.summary import format_digits
-from .block_steps.tie_search import count_pairs, find_ties
+from .block_steps.tie_search import find_ties
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.opening import dem_surface, open_control_surface, open_images
 from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, stage_results
@@ -154,7 +155,7 @@ def _plan_run(
     counts = {"images": len(images), "sets of RPCs": len(sets)}
     warnings: list[str] = []
     if options.tracks == AUTOMATIC_TRACKS:
-        counts["overlapping pairs to be matched"] = count_pairs(images, options.search, surface)
+        counts["overlapping pairs to be matched"] = len(find_overlapping_pairs(images, options.search.search, surface))
     if options.tracks != AUTOMATIC_TRACKS or options.points.gcps or options.points.image_points:
         file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
         block, warnings = read_block(images, options.points, options.dem, file)

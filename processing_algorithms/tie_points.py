@@ -13,9 +13,9 @@ from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geop
 from ..hrsi_engine.io.opening.item_images import item_entry
 from ..hrsi_engine.io.output_dir import check_output_dir
 from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
-from ..hrsi_engine.measurement.tie_points import TiePoints
+from ..hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs
 from .block_steps.outputs import Clock
-from .block_steps.tie_search import connection_entries, count_pairs, find_ties, read_earlier_ties
+from .block_steps.tie_search import connection_entries, find_ties, read_earlier_ties
 from .declarations.image_points import TIES_FILE, TIES_LAYER, TiePointsOptions
 from .files.opening import open_images, open_terrain
 from .files.result_folder import plan, stage_results
@@ -34,7 +34,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
     surface = open_terrain(options.terrain)
     clock.lap("read")
     if context.dry_run:
-        pairs = count_pairs(images, options.search, surface, earlier.ids)
+        pairs = len(find_overlapping_pairs(images, options.search.search, surface, earlier.ids))
         counts = {"images": len(images), "overlapping pairs to be matched": pairs}
         files = ["report.json", TIES_FILE, COLUMNS_FILE, *([TABLE_FILE] if options.csv else [])]
         return plan(context, options.folder.output_dir, files, counts)

@@ -6,6 +6,7 @@ from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.block.block import Image, ImagePoints
 from ..hrsi_engine.block.exposures import join_exposures
 from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
@@ -22,7 +23,7 @@ from .block_steps.laser_points import (
 from .block_steps.reference_control import read_reference_block, reference_reasons
 from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
-from .block_steps.tie_search import connection_entries, count_pairs, find_ties, join_ties
+from .block_steps.tie_search import connection_entries, find_ties, join_ties
 from .declarations.triangulation import TriangulateOptions
 from .files.opening import dem_surface, open_images
 from .interface.declare import Context, Report
@@ -99,7 +100,7 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if options.tie_points == AUTOMATIC_TIES:
         surface = dem_surface(options.dem, points.height_datum, points.gcp_epoch)
-        pairs = count_pairs(images, options.search, surface, earlier.image_ids)
+        pairs = len(find_overlapping_pairs(images, options.search.search, surface, earlier.image_ids))
     if pairs and not points.gcps and not points.image_points and not earlier.ties:
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)

@@ -6,13 +6,13 @@ import itertools
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtCore import QModelIndex, QTimer, pyqtSignal
-from qgis.PyQt.QtWidgets import QDockWidget, QFileDialog, QInputDialog, QMessageBox
+from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...hrsi_engine.foundation.reasons import Level
@@ -317,7 +317,7 @@ class PointsDock(QDockWidget):
         self.session.add_tie(tie, image, fit.measured)
         self._on_edit()
         self.choose(name)
-        self._propose([view.image() for view in self.ui.list_views()])
+        self.transfer([view.image() for view in self.ui.list_views()])
 
     def _new_name(self, letter: str) -> str:
         """Return a name that neither the list nor the tie points in the background have."""
@@ -332,12 +332,8 @@ class PointsDock(QDockWidget):
             self.session.move_point(point_session.place_tie(self.session, point.id))
 
     @show_errors
-    def transfer(self) -> None:
-        """Look for the chosen point in all images that should show it."""
-        self._propose([])
-
-    def _propose(self, images: list[str]) -> None:
-        """Look for the chosen point by matching; the views go where it was found, and wait for an answer."""
+    def transfer(self, images: Sequence[str] = ()) -> None:
+        """Look for the chosen point by matching in the images (all) that should show it, and wait for an answer."""
         found = point_session.find_transfers(self.session, self.point(), images)
         self.proposals = {image: one for image, one in found.items() if not one.refusal}
         for view in self.ui.list_views():
@@ -409,10 +405,19 @@ class PointsDock(QDockWidget):
 
     def pick_point(self) -> None:
         """Ask for a place in the map, and make a ground point of it."""
-        self.ui.go_to.setChecked(False)
-        if self.ui.pick.isChecked():
-            self.tell(tr("Click in the map where the new point is"))
-            self.map.ask(self._add_point_at)
+        text = tr("Click in the map where the new point is")
+        self._ask_map(self.ui.pick, self.ui.go_to, text, self._add_point_at)
+
+    def go_to_place(self) -> None:
+        """Ask for places in the map, and show them in all images."""
+        text = tr("Click in the map: the images show that place, at the points' middle height")
+        self._ask_map(self.ui.go_to, self.ui.pick, text, self._show_ground)
+
+    def _ask_map(self, asked: QAction, other: QAction, text: str, told: Callable[[tuple[float, float]], None]) -> None:
+        other.setChecked(False)
+        if asked.isChecked():
+            self.tell(text)
+            self.map.ask(told)
         else:
             self.map.stop()
 
@@ -423,15 +428,6 @@ class PointsDock(QDockWidget):
             self.session.add_points([dialog.point()])
             self._on_edit()
             self.choose(dialog.point().id)
-
-    def go_to_place(self) -> None:
-        """Ask for places in the map, and show them in all images."""
-        self.ui.pick.setChecked(False)
-        if self.ui.go_to.isChecked():
-            self.tell(tr("Click in the map: the images show that place, at the points' middle height"))
-            self.map.ask(self._show_ground)
-        else:
-            self.map.stop()
 
     def _show_ground(self, lonlat: tuple[float, float]) -> None:
         height = self.session.middle_height_m()

@@ -20,7 +20,7 @@ from ...hrsi_engine.io.point_files import read_image_points, read_points
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.safety.array_files import PartStore
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
-from ...hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs, find_tie_points
+from ...hrsi_engine.measurement.tie_points import TiePoints, find_tie_points
 from ...hrsi_engine.surface.dem import HeightSurface
 from ..declarations.image_points import TIES_FILE, TIES_LAYER
 from ..files.opening import require_ids
@@ -61,13 +61,6 @@ def find_ties(
         if hold.image not in earlier:
             context.log(hold.sentence)
     return found, () if options.work_dir else (str(finished.folder),)
-
-
-def count_pairs(
-    images: Sequence[Image], options: SearchOptions, surface: HeightSurface | None, earlier: Collection[str] = ()
-) -> int:
-    """Return the number of pairs that overlap; `InputError` where there are none, as in the search itself."""
-    return len(find_overlapping_pairs(images, options.search, surface, earlier))
 
 
 def connection_entries(found: TiePoints) -> Report:

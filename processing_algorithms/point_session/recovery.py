@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.safety.line_journals import LineJournal, OrphanJournal, find_orphan_journals, remove_journal
+from ...hrsi_engine.io.safety.line_journals import LineJournal, find_orphan_journals, remove_journal
 from .files import new_session, open_block
 from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession
@@ -85,10 +85,19 @@ def find_journals(root: str | Path) -> list[JournalSession]:
     """Return what was left by programs that have ended, the oldest first."""
     found = []
     for left in find_orphan_journals(root):
-        try:
-            found.append(_read_journal(left))
-        except (KeyError, TypeError, ValueError):  # no journal of a session
-            continue
+        points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
+        with suppress(KeyError, TypeError, ValueError):  # no journal of a session
+            for entry in left.entries:
+                if entry["points"] is not None:
+                    points = {values["id"]: SurveyPoint(**_drop_nulls(values)) for values in entry["points"]}
+                for name, image, values in entry["measured"]:
+                    if values is None:
+                        measured.pop((name, image), None)
+                    else:
+                        measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
+            first = left.entries[0]
+            path, images, sources = first["path"], tuple(first["images"]), first["sources"]
+            found.append(JournalSession(left.folder, path, images, sources, points, measured, left.time_s))
     return found
 
 
@@ -112,22 +121,6 @@ def recover(unsaved: JournalSession) -> PointSession:
 def forget(unsaved: JournalSession) -> None:
     """Remove what was left."""
     remove_journal(unsaved.folder)
-
-
-def _read_journal(left: OrphanJournal) -> JournalSession:
-    points, measured = dict[str, SurveyPoint](), dict[Key, ImageMeasurement]()
-    for entry in left.entries:
-        if entry["points"] is not None:
-            points = {values["id"]: SurveyPoint(**_drop_nulls(values)) for values in entry["points"]}
-        for name, image, values in entry["measured"]:
-            if values is None:
-                measured.pop((name, image), None)
-            else:
-                measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
-    first = left.entries[0]
-    return JournalSession(
-        left.folder, first["path"], tuple(first["images"]), first["sources"], points, measured, left.time_s
-    )
 
 
 def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -118,10 +118,6 @@ class PointSession:
             suspicion = self.shown.image_suspicions.get(key, "")
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
-    def suspicion(self, name: str) -> str:
-        """Return why a point is suspicious, empty where it is not."""
-        return "" if name in self._stale_points() else self._suspicion(name)
-
     def predict_place(self, name: str, image_id: str) -> tuple[float, float]:
         """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
         known = self._predicted.setdefault(image_id, {})
