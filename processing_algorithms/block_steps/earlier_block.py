@@ -75,7 +75,9 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
         if set(joint.images) != {one.id for one in record.images}:
             raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
         cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
-        banded = join_named_bands(open_block_images(record), [[joint.images[k] for k in members] for members in cameras])
+        banded = join_named_bands(
+            open_block_images(record), [[joint.images[k] for k in members] for members in cameras]
+        )
         return EarlierBlock(tuple(banded), model=record.model, joint=joint)
     earlier = open_block_images(record)
     ids = [one.id for one in record.images]

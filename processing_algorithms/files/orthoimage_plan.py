@@ -20,10 +20,10 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
-from ...hrsi_engine.foundation.workers.streams import Calls
+from ...hrsi_engine.foundation.workers.scheduling import Calls
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
-from ...hrsi_engine.io.catalogue.versions import versions
+from ...hrsi_engine.io.catalogue.lineage import versions
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters.dems import fill_gaps

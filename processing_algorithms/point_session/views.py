@@ -15,9 +15,9 @@ from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
+from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
 from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.images import close_images
-from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
