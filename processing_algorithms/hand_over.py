@@ -27,9 +27,9 @@ from ..hrsi_engine.surface.dem import HeightSurface
 from .block_steps.earlier_block import open_block_images
 from .declarations.rpcs import HandOverOptions
 from .files.opening import dem_surface
+from .files.orthoimage_plan import parse_box
 from .files.result_folder import REPORT_FILE, check_folder, plan, tell
 from .interface.declare import Context, Report
-from .ortho_steps.inputs import parse_box
 
 
 def run(options: HandOverOptions, context: Context) -> Report:
