@@ -87,7 +87,12 @@ class Follower:
         """
         is_edited = np.isin(self._ids, list(edited))
         now = self._select_now(block)
-        self._widen(now.observations)
+        # room in the reduced equations for pairs of cameras that had no common point before
+        pattern = self._pattern.extend_by(now.observations)
+        if pattern.blocks != self._pattern.blocks:
+            wider = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
+            wider[pattern.find_blocks(self._pattern.rows, self._pattern.columns)] = self._blocks
+            self._pattern, self._blocks, self._system = pattern, wider, choose_camera_system(pattern)
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
         for part, sign in ((self._form_normals_before(is_edited), -1.0), (self._form_normals(now), 1.0)):
@@ -97,13 +102,20 @@ class Follower:
             step = self._system.solve_nearby(blocks, prior, 0.0, right)
         except np.linalg.LinAlgError as error:
             raise SolveError(f"the equations are singular without what was edited ({error})") from error
-        estimated = values + step
-        delivered = absorb_drift(estimated, self._gain)
-        return BlockUpdate(
-            delivered[self._problem.observations.camera_of_image],
-            self._reintersect_points(delivered, edited),
-            self._intersect_edit(block, now, delivered),
-        )
+        delivered = absorb_drift(values + step, self._gain)
+        ground = np.full_like(self.result.ground, np.nan)
+        if self._watched is not None:
+            equations, state, weight, normals = self._watched
+            steps = equations.compute_point_steps(state, weight, normals, delivered - state.values)
+            ground[equations.observations.points] = move_ground(state.ground, steps)
+            ground[np.isin(self._problem.block.points.ids, list(edited))] = np.nan
+        edited_ground = np.full((len(block.points), 3), np.nan)
+        if now.observations.count:
+            equations = form_point_equations(now.observations, self._problem.model)
+            state = State(delivered, now.ground)
+            weighting = now.weighting
+            edited_ground[now.observations.points] = equations.intersect(state, weighting.image, weighting.points)
+        return BlockUpdate(delivered[self._problem.observations.camera_of_image], ground, edited_ground)
 
     # ---- equations -------------------------------------------------------------------------------------------------
 
@@ -139,25 +151,17 @@ class Follower:
             if same is not None and np.array_equal(whole.survey_weight[same], survey[point]):
                 priors = self._last.weighting.points
                 survey[point] = np.where(priors.observed[same] & (survey[point] > 0.0), priors.weight[same], 0.0)
-        start = self._find_start(block, observations, weight, survey)
+        # The adjustment's positions, of other points where their rays meet
+        start = estimate_start_positions(observations)
+        place = np.array([self._place_of.get(name, -1) for name in names.tolist()], dtype=np.int64)
+        start[place >= 0] = self._last.state.ground[place[place >= 0]]
+        if (place < 0).any():
+            state, priors = State(self._last.state.values, start), PointPriors.from_surveys(observations, start, survey)
+            ground = form_point_equations(observations, self._problem.camera).intersect(state, weight, priors)
+            start = np.where(finite_rows(ground)[:, None], ground, start)
         priors_now = PointPriors.from_surveys(observations, start, survey)
         contributes = observations.contributing_points & find_determinable_points(observations, weight, survey)
         return _PointEquations(observations, Weighting(weight, priors_now, contributes), start)
-
-    def _find_start(
-        self, block: Block, observations: Observations, weight: np.ndarray, survey: np.ndarray
-    ) -> np.ndarray:
-        """Return approximate positions ``(m, 3)``: those of the adjustment, of other points where their rays meet."""
-        if not observations.count:
-            return np.empty((0, 3))
-        start = estimate_start_positions(observations)
-        place = np.array([self._place_of.get(name, -1) for name in block.points.ids[observations.points].tolist()])
-        start[place >= 0] = self._last.state.ground[place[place >= 0]]
-        if (place >= 0).all():
-            return start
-        state, priors = State(self._last.state.values, start), PointPriors.from_surveys(observations, start, survey)
-        ground = form_point_equations(observations, self._problem.camera).intersect(state, weight, priors)
-        return np.where(finite_rows(ground)[:, None], ground, start)
 
     def _form_normals(self, share: _PointEquations) -> Normals | None:
         """Return what points put into the reduced equations, None without any."""
@@ -173,15 +177,6 @@ class Follower:
         if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
             self._taken_out = edited, self._pattern, self._form_normals(self._select_before(edited))
         return self._taken_out[2]
-
-    def _widen(self, observations: Observations) -> None:
-        """Make room in the reduced equations for pairs of cameras that had no common point before."""
-        pattern = self._pattern.extend_by(observations)
-        if pattern.blocks == self._pattern.blocks:
-            return
-        blocks = np.zeros((pattern.blocks, *self._blocks.shape[1:]))
-        blocks[pattern.find_blocks(self._pattern.rows, self._pattern.columns)] = self._blocks
-        self._pattern, self._blocks, self._system = pattern, blocks, choose_camera_system(pattern)
 
     # ---- positions -------------------------------------------------------------------------------------------------
 
@@ -203,25 +198,6 @@ class Follower:
         state = State(delivered, self.result.ground[points[wanted]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
         return equations, state, weighting.image, normals
-
-    def _reintersect_points(self, delivered: np.ndarray, edited: Collection[str]) -> np.ndarray:
-        """Return the positions of the watched points ``(points, 3)`` by other cameras, NaN for edited ones."""
-        ground = np.full_like(self.result.ground, np.nan)
-        if self._watched is not None:
-            equations, state, weight, normals = self._watched
-            steps = equations.compute_point_steps(state, weight, normals, delivered - state.values)
-            ground[equations.observations.points] = move_ground(state.ground, steps)
-            ground[np.isin(self._problem.block.points.ids, list(edited))] = np.nan
-        return ground
-
-    def _intersect_edit(self, block: Block, now: _PointEquations, delivered: np.ndarray) -> np.ndarray:
-        """Return the positions of a block's points ``(k, 3)`` by the cameras as they are now."""
-        ground = np.full((len(block.points), 3), np.nan)
-        if now.observations.count:
-            ground[now.observations.points] = form_point_equations(now.observations, self._problem.model).intersect(
-                State(delivered, now.ground), now.weighting.image, now.weighting.points
-            )
-        return ground
 
     # ---- looking up ------------------------------------------------------------------------------------------------
 

@@ -22,37 +22,29 @@ def hold_out_ties(block: Block, share: float) -> Block:
     share : of the tie tracks to hold out, of blocks with more than `HOLD_OUT.fewest_tracks`; 0 holds out none
     """
     role = block.points.role.copy()
+    tracks = (role == Role.TIE) & (block.rays_per_point() >= 2)
     if share == 0.0:
         role[role == Role.HELD_OUT] = Role.TIE
-    elif not (role == Role.HELD_OUT).any():
-        role[choose_tracks(block, (role == Role.TIE) & (block.rays_per_point() >= 2), share)] = Role.HELD_OUT
+    elif not (role == Role.HELD_OUT).any() and np.count_nonzero(tracks) > HOLD_OUT.fewest_tracks:
+        chosen = sample_tracks(block, tracks, share)
+        # How many tracks each pair of images has in common, and how many of them would stay
+        rows = block.measurements
+        here = np.flatnonzero(tracks[rows.point])
+        seen = sparse.csr_matrix(
+            (np.ones(len(here), dtype=np.int32), (rows.point[here], rows.image[here])),
+            (len(block.points), len(block.images)),
+        )
+        seen.data[:] = 1  # of a point that was measured twice on an image
+        common, lost = seen.T @ seen, seen[chosen].T @ seen[chosen]
+        pairs = lost.tocoo()
+        every = np.asarray(common[pairs.row, pairs.col]).ravel()
+        kept = every - pairs.data
+        poor = (kept < HOLD_OUT.least_kept * every) | (kept < np.minimum(every, HOLD_OUT.fewest_kept))
+        poor &= pairs.row != pairs.col
+        weak = sparse.csr_matrix((np.ones(poor.sum(), np.int32), (pairs.row[poor], pairs.col[poor])), common.shape)
+        needed = np.asarray((seen[chosen] @ weak).multiply(seen[chosen]).sum(axis=1)).ravel() > 0
+        role[chosen[~needed]] = Role.HELD_OUT
     return block if (role == block.points.role).all() else replace(block, points=replace(block.points, role=role))
-
-
-def choose_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:
-    """Return the indices of a share of the ``tracks`` (mask over the points), evenly over the images."""
-    if np.count_nonzero(tracks) <= HOLD_OUT.fewest_tracks:
-        return np.zeros(0, dtype=np.int64)
-    chosen = sample_tracks(block, tracks, share)
-    # How many tracks each pair of images has in common, and how many of them would stay
-    rows = block.measurements
-    here = np.flatnonzero(tracks[rows.point])
-    seen = sparse.csr_matrix(
-        (np.ones(len(here), dtype=np.int32), (rows.point[here], rows.image[here])),
-        (len(block.points), len(block.images)),
-    )
-    seen.data[:] = 1  # of a point that was measured twice on an image
-    common, lost = seen.T @ seen, seen[chosen].T @ seen[chosen]
-    pairs = lost.tocoo()
-    every = np.asarray(common[pairs.row, pairs.col]).ravel()
-    kept = every - pairs.data
-    poor = (kept < HOLD_OUT.least_kept * every) | (kept < np.minimum(every, HOLD_OUT.fewest_kept))
-    poor &= pairs.row != pairs.col
-    if not poor.any():
-        return chosen
-    weak = sparse.csr_matrix((np.ones(poor.sum(), np.int32), (pairs.row[poor], pairs.col[poor])), common.shape)
-    needed = np.asarray((seen[chosen] @ weak).multiply(seen[chosen]).sum(axis=1)).ravel() > 0
-    return chosen[~needed]
 
 
 def sample_tracks(block: Block, tracks: np.ndarray, share: float) -> np.ndarray:

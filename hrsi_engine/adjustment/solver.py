@@ -121,7 +121,8 @@ class Adjuster(Snooping):
             self.judge_tie_variance(self.solution)
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
-        self.collect_warnings()
+        self.found.findings += self._undecided  # on control that nobody can decide
+        self.found.warnings += [one.message for one in self.found.findings]
         if not (self.problem.block.points.role == Role.CHECK).any():
             self.found.left_out_surveys = self.leave_out_each_survey(self.solution)
         if options.cross_validate:

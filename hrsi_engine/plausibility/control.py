@@ -273,15 +273,30 @@ class Disagreement:
 def find_disagreement(given: ControlFit) -> Disagreement | None:
     """Return the smaller part of the surveyed points that disagrees with the rest; None where all agree.
 
-    Each point has one vector: the mean over its images of its misfit on the ground. Two clusters of these vectors,
-    whose gap is several times their spread, show that two surveys were mixed.
+    Each point has one vector: the mean over its images of its misfit east and north, and its parallax, the mean misfit
+    along the direction in which the image's ray leans from the point's mean ray. The parallax shows a wrong height,
+    which moves images of different directions against each other. Two clusters of these vectors, whose gap is several
+    times their spread, show that two surveys were mixed.
     """
     control = given.control
     points = control.points
     if len(points) < GROUP.fewest_points:
         return None
-    vector, expected = compute_point_misfits(given)
-    least = np.maximum(GROUP.least_gap_sigmas * expected, GROUP.least_gap_px * _compute_median_gsd(given))
+    place, gsd = np.searchsorted(points, control.point), float(np.median(control.get_figures("gsd_m")[control.images]))
+    count = np.bincount(place)
+
+    def average(values: np.ndarray) -> np.ndarray:
+        """Return the means ``(p, …)`` over the points' measurements."""
+        return np.column_stack([np.bincount(place, column) for column in values.T]) / count[:, None]
+
+    lean = control.sights.slope - average(control.sights.slope)[place]
+    length = np.hypot(*lean.T)
+    along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
+    along[length < GROUP.least_lean] = 0.0
+    vector = average(np.column_stack([given.misfit_m, along]))
+    noise = np.sqrt(np.bincount(place, control.noise_m**2) / count)
+    expected = np.maximum(noise, CONTROL_FIT.least_noise_px * gsd)
+    least = np.maximum(GROUP.least_gap_sigmas * expected, GROUP.least_gap_px * gsd)
     two = _find_two_clusters(vector, expected, float(least.max()))
     if two is not None:
         smaller, gap = two
@@ -293,34 +308,6 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
     if not off.any() or off.sum() > len(points) / 2:
         return None
     return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
-
-
-def compute_point_misfits(given: ControlFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return each point's mean misfit east and north and its parallax ``(p, 3)`` m, and their noise ``(p,)`` m.
-
-    The parallax is the mean over the images of the misfit along the direction in which the image's ray leans from the
-    point's mean ray. It shows a wrong height, which moves images of different directions against each other.
-    """
-    control = given.control
-    place = np.searchsorted(control.points, control.point)
-    count = np.bincount(place)
-    mean = np.column_stack([np.bincount(place, given.misfit_m[:, axis]) / count for axis in (0, 1)])
-    lean = control.sights.slope - np.column_stack(
-        [(np.bincount(place, control.sights.slope[:, axis]) / count)[place] for axis in (0, 1)]
-    )
-    length = np.hypot(*lean.T)
-    along = np.sum(given.misfit_m * lean, axis=1) / np.maximum(length, 1e-9)
-    along[length < GROUP.least_lean] = 0.0
-    parallax = np.bincount(place, along) / count
-    expected = np.sqrt(np.bincount(place, control.noise_m**2) / count)
-    return np.column_stack([mean, parallax]), np.maximum(
-        expected, CONTROL_FIT.least_noise_px * _compute_median_gsd(given)
-    )
-
-
-def _compute_median_gsd(given: ControlFit) -> float:
-    control = given.control
-    return float(np.median(control.get_figures("gsd_m")[control.images]))
 
 
 def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:

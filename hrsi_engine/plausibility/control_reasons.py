@@ -91,7 +91,18 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
         return [_make_disagreement_reason(control, given, apart) if single is None else single]
     if not given.fits:
         return [_make_misfit_reason(control, given, rivals)]
-    return [*_find_large_shifts(control, given, datum), *_find_common_height_offset(control, given)]
+    reasons = _find_large_shifts(control, given, datum)
+    if sigma > 0.0 and abs(lift) >= SLIP.height_sigmas * sigma:
+        reasons.append(
+            Reason(
+                "height-offset", Level.DOUBTFUL,
+                f"the heights of the ground points seem to be {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'} "
+                f"({sigma:.0f} m can be told): images from different sides disagree by it",
+                "check what the heights refer to (height_datum) and their unit",
+                control.image_ids(control.images), control.point_ids(control.points),
+            )
+        )  # fmt: skip
+    return reasons
 
 
 # ---- the mistake that explains -------------------------------------------------------------------------------------
@@ -366,18 +377,3 @@ def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
         sample, line = np.median(seen - control.xy[rows], axis=0)
         told.append(f"{sample:+.0f} px in sample, {line:+.0f} px in line on {control.block.images[index].id}")
     return "; ".join(told)
-
-
-def _find_common_height_offset(control: ControlMeasurements, given: ControlFit) -> list[Reason]:
-    lift, sigma = estimate_common_lift(control, given.shift_m)
-    if sigma <= 0.0 or abs(lift) < SLIP.height_sigmas * sigma:
-        return []
-    return [
-        Reason(
-            "height-offset", Level.DOUBTFUL,
-            f"the heights of the ground points seem to be {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'} "
-            f"({sigma:.0f} m can be told): images from different sides disagree by it",
-            "check what the heights refer to (height_datum) and their unit",
-            control.image_ids(control.images), control.point_ids(control.points),
-        )
-    ]  # fmt: skip

@@ -80,11 +80,6 @@ class Structure:
             return blocks
         return np.asarray(mixing.T @ blocks @ mixing)
 
-    def by_values(self, by_quantity: np.ndarray, terms: np.ndarray) -> np.ndarray:
-        """Return A ``(n, 2, p)`` from G ``(n, 2, q)`` and t ``(n, m)``."""
-        by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
-        return np.asarray(by_coefficient.reshape(len(terms), 2, len(self.mixing)) @ self.mixing)
-
 
 #: Index of formulas shared by compiled loops (one row) and NumPy (all rows).
 RowIndex = int | slice

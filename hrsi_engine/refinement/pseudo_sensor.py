@@ -94,7 +94,8 @@ class PseudoSensor:
                 ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
                 computed, by_ground, by_quantity, terms, ALL_ROWS,
             )  # fmt: skip
-            return Equations(computed, structure.by_values(by_quantity, terms), by_ground)
+            by_coefficient = (by_quantity[:, :, :, None] * terms[:, None, None, :]).reshape(count, 2, -1)
+            return Equations(computed, by_coefficient @ structure.mixing, by_ground)
 
         return linearise
 

@@ -102,15 +102,6 @@ class ModelChoice:
 Controls = Sequence[tuple[Image, Control]]
 
 
-def collect_controls(block: Block) -> list[tuple[Image, Control]]:
-    """Return the images of a block that have GCPs, with these; GCPs of height or of position only are left out."""
-    rows, points = block.measurements, block.points
-    located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]
-    with_gcps = np.unique(rows.image[located])
-    few = block.with_measurements(located)  # of millions that are ties
-    return [(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps.tolist()]
-
-
 def select_control(block: Block, image: int, role: Role) -> Control:
     """Return the points of a role that were measured on an image (by index)."""
     rows, points = block.measurements, block.points
@@ -136,30 +127,30 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     ModelChoice
         The model, the reason for it and the suspected GCPs.
     """
-    choice = RULES[rule](collect_controls(block))
-    if drift_held and rule == "auto" and choice.model in NESTED_MODELS and _can_follow_drift(block):
-        reason = f"the images' drift is estimated from the block as a variance component; {choice.reason}"
-        return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
-    return choice
+    rows, points = block.measurements, block.points
+    located = ((points.role == Role.GCP) & finite_rows(points.sigma_m))[rows.point]  # in plan and height
+    with_gcps = np.unique(rows.image[located]).tolist()
+    few = block.with_measurements(located)  # of millions that are ties
+    choice = RULES[rule]([(block.images[index], select_control(few, index, Role.GCP)) for index in with_gcps])
+    if not drift_held or rule != "auto" or choice.model not in NESTED_MODELS:
+        return choice
+    # Whether the block's points determine the drift of its images
+    rays, known = block.rays_per_point(), points.role == Role.GCP
+    holds = ((rays >= 2) & (points.role == Role.TIE)) | (known & (rays >= 1))
+    used, exposure = holds[rows.point], block.exposure_of_image
+    per_exposure = np.bincount(exposure[rows.image[used]], minlength=exposure.max() + 1)
+    observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
+    unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(per_exposure)
+    enough = (per_exposure >= SELECTION.drift_points).all() and observed >= unknown
+    if not enough or not can_estimate_drift(len(rows), len(block.images)):
+        return choice
+    reason = f"the images' drift is estimated from the block as a variance component; {choice.reason}"
+    return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
 
 
 def can_estimate_drift(measurements: int, images: int) -> bool:
     """Return whether the standard deviation of the drift is estimated; with more measurements it is overestimated."""
     return measurements <= SELECTION.drift_measurements * images
-
-
-def _can_follow_drift(block: Block) -> bool:
-    """Return whether the block's points determine the drift of its images (`can_estimate_drift`, redundancy)."""
-    rows = block.measurements
-    rays, known = block.rays_per_point(), block.points.role == Role.GCP
-    holds = ((rays >= 2) & (block.points.role == Role.TIE)) | (known & (rays >= 1))
-    used = holds[rows.point]
-    exposure = block.exposure_of_image
-    per_exposure = np.bincount(exposure[rows.image[used]], minlength=exposure.max() + 1)
-    observed = 2 * int(used.sum()) + 3 * int((holds & known).sum())
-    unknown = 3 * int(holds.sum()) + len(MODELS[DRIFTING].parameters) * len(per_exposure)
-    enough = (per_exposure >= SELECTION.drift_points).all() and observed >= unknown
-    return bool(enough and can_estimate_drift(len(rows), len(block.images)))
 
 
 def choose_by_number(controls: Controls) -> ModelChoice:
@@ -221,7 +212,19 @@ def _exclude_suspects(
 ) -> tuple[tuple[SuspectGcp, ...], tuple[str, ...], list[tuple[Image, Control]]]:
     """Return suspects, warnings, and the controls without the suspects."""
     suspects = [suspect for image, control in controls for suspect in find_suspects(image, control)]
-    warnings = [warning for image, control in controls for warning in _warn_of_few_gcps(image, control)]
+    warnings = []  # where GCPs are too few to find out whether one is wrong
+    for image, control in controls:
+        if len(control) == 1:
+            warnings.append(
+                f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"
+            )
+        found = _estimate_or_none("shift", image, control) if 1 < len(control) <= SELECTION.few_gcps else None
+        if found is not None and _normalize_errors(found).max() > SELECTION.large_error:
+            apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
+            warnings.append(
+                f"{image.id}: the GCPs {', '.join(control.ids.tolist())} disagree by up to {apart:.1f} px after a "
+                "shift; too few to tell whether one is wrong or the image is distorted: measure more"
+            )
     bad = {(suspect.image, suspect.id) for suspect in suspects}
     clean = [
         (image, control.select(np.array([(image.id, name) not in bad for name in control.ids.tolist()])))
@@ -335,7 +338,15 @@ def _find_outliers(name: str, image: Image, control: Control) -> dict[int, tuple
         found = _estimate_or_none(name, image, control.select(left))
         if found is None or found.redundancy - 2.0 < SELECTION.least_redundancy:
             break
-        worst, ratio = _find_worst(found, len(control))
+        # The GCP with the largest F statistic, and the statistic over its critical value, of F(2, redundancy - 2)
+        whitened, predicted = (
+            np.einsum("nij,nj->ni", found.roots, residual) for residual in (found.residual_px, found.left_out_px)
+        )
+        q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
+        rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
+        critical = 1.0 / special.fdtri(freedom, 2, SELECTION.blunder_risk / len(control))
+        worst = int(np.argmax(q / rest))
+        ratio = float(q[worst] / 2.0 / rest[worst] / critical)
         deviation = float(np.linalg.norm(found.left_out_px[worst]))
         removed.append((int(left[worst]), (deviation, ratio)))
         if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
@@ -354,32 +365,5 @@ def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | N
     return found if found.converged else None
 
 
-def _find_worst(found: Estimate, tests: int) -> tuple[int, float]:
-    """Return the GCP with the largest F statistic, and the statistic over its critical value."""
-    whitened = np.einsum("nij,nj->ni", found.roots, found.residual_px)
-    predicted = np.einsum("nij,nj->ni", found.roots, found.left_out_px)
-    q = np.sum(whitened * predicted, axis=1)
-    rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / (found.redundancy - 2.0)
-    critical = 1.0 / special.fdtri(found.redundancy - 2.0, 2, SELECTION.blunder_risk / tests)  # of F(2, redundancy - 2)
-    worst = int(np.argmax(q / rest))
-    return worst, float(q[worst] / 2.0 / rest[worst] / critical)
-
-
 def _normalize_errors(found: Estimate) -> np.ndarray:
     return np.linalg.norm(np.einsum("nij,nj->ni", found.roots, found.left_out_px), axis=1)
-
-
-def _warn_of_few_gcps(image: Image, control: Control) -> list[str]:
-    """Return warnings where GCPs are too few to find out whether one is wrong."""
-    if len(control) == 1:
-        return [f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"]
-    if len(control) > SELECTION.few_gcps:
-        return []
-    found = _estimate_or_none("shift", image, control)
-    if found is None or _normalize_errors(found).max() <= SELECTION.large_error:
-        return []
-    apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
-    return [
-        f"{image.id}: the GCPs {', '.join(control.ids.tolist())} disagree by up to {apart:.1f} px after a shift; too "
-        "few to tell whether one is wrong or the image is distorted: measure more"
-    ]

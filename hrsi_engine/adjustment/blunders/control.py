@@ -143,12 +143,7 @@ def find_suspect_gcps(control: Discrepancies, sigmas: float) -> list[Suspect]:
         return []
     if gcps <= GCP_TESTS.most_together:
         return _SuspectSearch(control, sigmas, gcps).find_suspect_gcps()
-    return list(_search_neighbourhoods(control, sigmas))
-
-
-def _search_neighbourhoods(control: Discrepancies, sigmas: float) -> Iterator[Suspect]:
-    """Yield the suspects of many GCPs, neighbourhood by neighbourhood."""
-    gcps = len(control.points)
+    suspects = []  # neighbourhood by neighbourhood
     first = np.flatnonzero(np.r_[True, control.point[1:] != control.point[:-1]])
     related = np.add.reduceat(np.add.reduceat(control.s**2, first, axis=0), first, axis=1)
     related /= np.sqrt(related.diagonal()[:, None] * related.diagonal())
@@ -167,7 +162,7 @@ def _search_neighbourhoods(control: Discrepancies, sigmas: float) -> Iterator[Su
             said = replace(one, gcp=int(near[one.gcp]), group=group, rivals=rivals)
             if not np.isin(said.concerned, judged).any():  # its own neighbourhood will tell
                 continue
-            yield said
+            suspects.append(said)
             waiting[list(said.concerned)] = False
             wrong += [said.gcp] if said.is_clear else []
         if wrong:
@@ -175,6 +170,7 @@ def _search_neighbourhoods(control: Discrepancies, sigmas: float) -> Iterator[Su
             out = control.find_measurements(np.flatnonzero(~present).tolist())
             inverse = control.invert_subset(out)
             suspicion = _compute_suspicion(control, out, inverse)
+    return suspects
 
 
 def _compute_suspicion(control: Discrepancies, out: np.ndarray, inverse: np.ndarray) -> np.ndarray:
@@ -200,21 +196,17 @@ class _SuspectSearch:
         self.limit = 0.5 * sigmas**2 + np.log(tests * explanations)  # -log probability
 
     def find_suspect_gcps(self) -> list[Suspect]:
-        """Return who is wrong, or may be."""
-        if self.is_consistent():
-            return []
-        group = self.drop_sound_gcps(self.find_core(self.gcps // 2))
-        return self.decide(group) if group else []
-
-    def is_consistent(self) -> bool:
-        """Return whether the control as a whole, and each observation, agrees with its stated sigma."""
+        """Return who is wrong, or may be; nobody where the control as a whole and each observation agree."""
         whole = special.chdtrc(max(self.freedom, 1), self.squares) > 0.01
         factor = VarianceFactor(1.0, 1e9, ())
-        return bool(whole) and all(
+        if whole and all(
             factor.compute_surprise(*self.control.test_subset(one.out)) < self.limit
             for gcp in range(self.gcps)
             for one in _list_explanations(self.control, gcp)
-        )
+        ):
+            return []
+        group = self.drop_sound_gcps(self.find_core(self.gcps // 2))
+        return self.decide(group) if group else []
 
     def test_group(self, group: tuple[int, ...]) -> tuple[float, int]:
         """Return the squares and dimensions that go with a group of GCPs."""

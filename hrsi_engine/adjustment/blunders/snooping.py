@@ -177,7 +177,9 @@ class Snooping:
                 break
             control = self.compute_control(solution, gcps)
             found = find_suspect_gcps(control, problem.options.reject_sigma)
-            if found and self._may_drift():
+            # whether the cameras have a drift whose size is a guess of ours so far
+            guessed = problem.options.sigma_drift is None and bool(problem.guessed.any())
+            if found and guessed and np.array_equal(self.loop.prior_weight, problem.prior_weight):
                 drifting = find_suspect_gcps(self._loosen_drift(solution, gcps), problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 found = [one for one in found if suspected.intersection(one.concerned)]
@@ -217,12 +219,6 @@ class Snooping:
             self._control = last = ref(solution), self.loop.prior_weight, control
         return last[2]
 
-    def _may_drift(self) -> bool:
-        """Return whether the cameras have a drift whose size is a guess of ours so far."""
-        problem = self.problem
-        guessed = problem.options.sigma_drift is None and np.array_equal(self.loop.prior_weight, problem.prior_weight)
-        return guessed and bool(problem.guessed.any())
-
     def _loosen_drift(self, solution: Solution, points: np.ndarray) -> Discrepancies:
         """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
         loop = copy(self.loop)  # its equations and its system, but a history of its own
@@ -232,11 +228,6 @@ class Snooping:
         loop.set_prior_weight(prior_weight, self.loop.common)
         free = loop.continue_from(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
         return compute_discrepancies(self.problem, loop, free, points)
-
-    def collect_warnings(self) -> None:
-        """Enter the findings on control that nobody can decide, and the warnings of all."""
-        self.found.findings += self._undecided
-        self.found.warnings += [one.message for one in self.found.findings]
 
     def _find_testable_gcps(self, solution: Solution) -> np.ndarray:
         """Return the GCPs that have a survey and a measurement with a say."""

@@ -140,7 +140,12 @@ def judge_ties(
             np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2), all_in.points, points,
         )))  # fmt: skip
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
-    limit = compute_shared_limit(probability, int(ties.sum()), sigmas)
+    # the limit in sigmas at which the wrong ones among all ties are found; those not suspicious are taken to be right
+    ordered, tests = np.sort(probability), max(int(ties.sum()), 1)
+    allowed = FALSE_ALARMS.false_share * np.arange(1, len(ordered) + 1) / tests
+    passed = np.flatnonzero(ordered <= allowed)
+    shared = allowed[passed[-1]] if len(passed) else FALSE_ALARMS.false_share / tests
+    limit = max(sigmas, float(np.sqrt(-2.0 * np.log(shared))))
     touched = probability < error_probability(limit)
     wrong = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())
     worst = np.concatenate([group.worst for _, group in groups])
@@ -360,15 +365,3 @@ def error_probability(sigmas: float) -> float:
 def critical_value(sigmas: float, dimensions: int, candidates: int = 1) -> float:
     """Return the limit of a chi² test with the error probability of ``sigmas``, shared by several ``candidates``."""
     return float(special.chdtri(dimensions, error_probability(sigmas) / candidates))
-
-
-def compute_shared_limit(probability: np.ndarray, tests: int, sigmas: float) -> float:
-    """Return the limit in sigmas at which the wrong ones among many ``tests`` are found, at least ``sigmas``.
-
-    ``probability (k,)`` are those of the suspicious ones; all others are taken to be right.
-    """
-    ordered = np.sort(probability)
-    allowed = FALSE_ALARMS.false_share * np.arange(1, len(ordered) + 1) / max(tests, 1)
-    passed = np.flatnonzero(ordered <= allowed)
-    limit = allowed[passed[-1]] if len(passed) else FALSE_ALARMS.false_share / max(tests, 1)
-    return max(sigmas, float(np.sqrt(-2.0 * np.log(limit))))

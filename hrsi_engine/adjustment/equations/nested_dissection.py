@@ -33,16 +33,7 @@ from scipy.sparse import csgraph
 from ...foundation.errors import SolveError
 from ...foundation.large_arrays import allocate_zeros
 from ...foundation.workers.threads import are_one_thread_calls, thread_count
-from .dense_matrices import (
-    add_product,
-    inverse_cholesky,
-    multiply_by_own_transpose,
-    multiply_by_triangle,
-    multiply_dense,
-    multiply_symmetric,
-    square_lower,
-    subtract_square,
-)
+from . import dense_matrices as dense
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: below, calls cost more than arithmetic
 WORTH_THREADS = 8  # fronts
@@ -256,14 +247,14 @@ class SparseFactor:
         def eliminate(front: Front) -> None:
             matrix, own = self._assemble(front, blocks, updates), len(front.own) * self.size
             try:
-                front.factor = inverse_cholesky(matrix[:own, :own])
+                front.factor = dense.inverse_cholesky(matrix[:own, :own])
             except np.linalg.LinAlgError as error:
                 text = (
                     "the normal equations are singular: add GCPs or tie points, or choose a model with fewer parameters"
                 )
                 raise SingularSystemError(text, front.own) from error
-            front.coupling = multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
-            subtract_square(matrix[own:, own:], front.coupling)
+            front.coupling = dense.multiply_by_triangle(matrix[own:, :own], front.factor, transposed=True)
+            dense.subtract_square(matrix[own:, own:], front.coupling)
             updates[id(front)] = matrix[own:, own:]
 
         work_through_fronts(self.fronts, eliminate)
@@ -317,9 +308,9 @@ class SparseFactor:
             x[here.col, np.searchsorted(taking_part, here.row)] = here.data
             for child, (numbers, values) in zip(front.children, brought, strict=True):
                 x[np.ix_(child.place, np.searchsorted(taking_part, numbers))] += values
-            y = multiply_dense(front.factor, x[:own])
-            borders[id(front)] = taking_part, x[own:] - multiply_dense(front.coupling, y)
-            square, runs = multiply_by_own_transpose(y), find_runs(taking_part)
+            y = dense.multiply_dense(front.factor, x[:own])
+            borders[id(front)] = taking_part, x[own:] - dense.multiply_dense(front.coupling, y)
+            square, runs = dense.multiply_by_own_transpose(y), find_runs(taking_part)
             with adding:
                 for part, place in list_lower_parts(runs):
                     result[place] += square[part]
@@ -338,11 +329,11 @@ class SparseFactor:
             parent, outer = above.pop(id(front), inverse), inverse[own:, own:]
             for part, place in list_lower_parts(front.runs):
                 outer[part] = parent[place]
-            gain = multiply_by_triangle(front.coupling, front.factor)
-            pulled = multiply_symmetric(outer, gain)
+            gain = dense.multiply_by_triangle(front.coupling, front.factor)
+            pulled = dense.multiply_symmetric(outer, gain)
             inverse[own:, :own] = -pulled
-            inverse[:own, :own] = square_lower(front.factor)
-            add_product(inverse[:own, :own], gain, pulled)
+            inverse[:own, :own] = dense.square_lower(front.factor)
+            dense.add_product(inverse[:own, :own], gain, pulled)
             entries = front.entries
             values = inverse.reshape(cameras, self.size, cameras, self.size)[entries.row, :, entries.column, :]
             values[entries.transposed] = values[entries.transposed].transpose(0, 2, 1)
