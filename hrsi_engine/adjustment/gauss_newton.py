@@ -16,15 +16,7 @@ from ..foundation.progress import Progress, advance
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from .common_drift import CommonDrift
-from .equations import (
-    CameraSystem,
-    NormalEquations,
-    Normals,
-    Pattern,
-    PointPriors,
-    State,
-    choose_camera_system,
-)
+from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State, choose_camera_system
 from .joint_prior import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares

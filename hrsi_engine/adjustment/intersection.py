@@ -8,20 +8,13 @@ in the middle of the RPC's height range: the cameras are nearly linear, a few st
 import numpy as np
 
 from ..block.block import stack_of
-from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import move_ground
 from ..refinement.model import RefinementModel
 from .equations import NormalEquations, PointPriors, State, make_diagonal_pattern
+from .equations.normal_equations import POINT_STEPS
 from .observations import Observations
 
 CENTRE_STEPS = 6
-
-
-@thresholds
-class START:
-    """When a start position is near enough."""
-
-    closure_m: float = threshold(10.0, "m", "step at which the ray of an image's centre is settled: it is a start")
 
 
 def estimate_start_positions(observations: Observations) -> np.ndarray:
@@ -46,7 +39,7 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         step = np.zeros((len(moving), 3))
         step[:, :2] = (outwards[moving] @ (centre_px[moving] - at)[:, :, None])[:, :, 0]
         centre[moving] = move_ground(centre[moving], step)
-        moving = moving[~(np.abs(step).max(axis=1) < START.closure_m)]
+        moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.start_closure_m)]
     for number in moving.tolist():  # slower, and safer with odd RPCs
         centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
     step = np.zeros((len(first), 3))

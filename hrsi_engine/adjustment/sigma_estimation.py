@@ -38,19 +38,8 @@ from .gauss_newton import GaussNewton, Solution
 from .outcome import RoundFindings, compute_redundancy
 from .problem import Problem
 from .result import ModelTest
+from .statistics import variance_components as components
 from .statistics.precision import Precision, compute_precision
-from .statistics.variance_components import (
-    SURVEY_GROUPS,
-    SURVEYS,
-    VARIANCE,
-    Groups,
-    Sigmas,
-    compute_group_sums,
-    compute_image_sums,
-    describe_wrong_sigmas,
-    list_components,
-    number_survey_groups,
-)
 
 ROUNDS = 25
 
@@ -84,11 +73,11 @@ class SigmaEstimation:
 
     def __post_init__(self) -> None:
         problem, options = self.problem, self.problem.options
-        self.groups = Groups.assign_groups(
+        self.groups = components.Groups.assign_groups(
             problem.block, problem.observations, options.variance_groups, options.sensor_images
         )
         count = len(self.groups.names)
-        self.sigmas = Sigmas.start_groups(self.groups, problem.observations)
+        self.sigmas = components.Sigmas.start_groups(self.groups, problem.observations)
         drifts = [estimate_priors(image).drift for image in problem.observations.images]
         per_px = float(np.sqrt(np.mean(np.square(drifts))))
         self.drift = DriftPrior(problem.camera, problem.prior_weight, problem.usual_drift, per_px, problem.common)
@@ -124,28 +113,28 @@ class SigmaEstimation:
         """
         gcps = int((solution.weighting.contributes & self.problem.observations.surveyed).sum())
         if gcps <= SIGMA.hidden_by_drift:
-            self.test_sigmas(loop, solution, SURVEY_GROUPS)
+            self.test_sigmas(loop, solution, components.SURVEY_GROUPS)
 
     def test_sigmas(self, loop: GaussNewton, solution: Solution, groups: Sequence[str] = ()) -> bool:
         """Test the sigmas of some groups, or all; return whether sigmas are to be estimated from now on."""
         if self.sigmas.free.any():
             return False
         precise = self.precision_at(loop, solution)
-        self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
+        self.sums = components.compute_group_sums(self.groups, self.problem.observations, solution, precise)
         self.tests = []
         for name, (squares, freedom, _) in zip(self.groups.names, self.sums.tolist(), strict=True):
-            if freedom >= VARIANCE.least_redundancy:
+            if freedom >= components.VARIANCE.least_redundancy:
                 chance = 2.0 * min(special.chdtrc(freedom, squares), special.chdtr(freedom, squares))
                 ratio = float(np.sqrt(squares / freedom))
                 failed = chance < SIGMA.significance and not 1.0 / SIGMA.material < ratio < SIGMA.material
                 self.tests.append(ModelTest(name, ratio, freedom, bool(failed)))
         # Wrong points make residuals, too, and wrong heights or places that hold points: larger sigmas let them stay.
         # With hardly any ties sigma0 is the factor of all.
-        told = not self.problem.held and self.sums[:-SURVEYS:2, 1].sum() >= VARIANCE.of_group
+        told = not self.problem.held and self.sums[: -components.SURVEYS : 2, 1].sum() >= components.VARIANCE.of_group
         most = SIGMA.most_plausible if told else SIGMA.beside_held
         least_px = SIGMA.of_camera_px if told else 0.0
         # The stated sigma of the image points of each group that has any, RMS
-        of_point, names = self.groups.of_image_point, self.groups.names[:-SURVEYS]
+        of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]
         count = np.bincount(of_point, minlength=len(names))
         squared = np.bincount(of_point, self.problem.observations.sigma_px**2, len(names))
         stated_px = {name: float(np.sqrt(s / n)) for name, s, n in zip(names, squared, count, strict=True) if n}
@@ -168,13 +157,13 @@ class SigmaEstimation:
         if self.sigmas.free.any():
             precise = self.precision_at(loop, solution)
             cofactors = precise.cameras
-            self.sums = compute_group_sums(self.groups, self.problem.observations, solution, precise)
+            self.sums = components.compute_group_sums(self.groups, self.problem.observations, solution, precise)
             before, of_image = self.sigmas.factor, self.sigmas.of_image
             self.sigmas.correct_factors(self.sums)
             self._iterate_control(solution, before, control)
             # what is left of the squares with the groups' new sigmas tells the images apart
             grown = (self.sigmas.factor / before)[self.groups.of_image_point]
-            of_images = compute_image_sums(self.problem.observations, solution, precise, grown)
+            of_images = components.compute_image_sums(self.problem.observations, solution, precise, grown)
             self.sigmas.correct_images(of_images, self.groups.sensor)
             changes = self.sigmas.factor / before - 1.0, self.sigmas.of_image / of_image - 1.0
             change = float(max(np.abs(one).max() for one in changes))
@@ -209,7 +198,7 @@ class SigmaEstimation:
             return
         points = points[:: -(-len(points) // SIGMA.most_gcps)]
         control = control_at(solution, points)
-        images, kinds = groups - SURVEYS, number_survey_groups(observations)[points]
+        images, kinds = groups - components.SURVEYS, components.number_survey_groups(observations)[points]
         of_survey = images + kinds[control.point, control.axis]  # the last number, `groups`, is of no group
         group = np.where(control.kind == IMAGE, self.groups.of_image_point[control.row], of_survey)
         told = np.isin(np.arange(groups), group)
@@ -230,7 +219,7 @@ class SigmaEstimation:
             factors = linalg.lu_factor(np.eye(len(u)) + s * (variance - 1.0), check_finite=False)
             left = linalg.lu_solve(factors, np.column_stack([u, s]), check_finite=False)
             own = left[:, 1:].diagonal()
-            telling = variance * own < 1.0 - VARIANCE.least_survey_share
+            telling = variance * own < 1.0 - components.VARIANCE.least_survey_share
             freedom = own @ (np.where(telling, group, groups)[:, None] == np.arange(groups))
             kind = np.where(telling, np.append(label, groups)[group], groups)[:, None] == np.arange(groups)
             excess = left[:, 0] ** 2 @ kind - own @ kind
@@ -263,7 +252,8 @@ class SigmaEstimation:
         if not self.tried:
             return
         if self.sigmas.free.any():
-            found.components = list_components(self.groups, self.problem.observations, self.sigmas, self.sums)
-            found.warnings += describe_wrong_sigmas(found.components, self.groups.cautious)
+            groups, observations = self.groups, self.problem.observations
+            found.components = components.list_components(groups, observations, self.sigmas, self.sums)
+            found.warnings += components.describe_wrong_sigmas(found.components, self.groups.cautious)
         if self.drifts:
             found.components += self.drift.list_components()

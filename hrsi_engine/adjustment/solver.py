@@ -118,7 +118,7 @@ class Adjuster(Snooping):
             if self.loop.solves > solves:
                 precise = compute_precision(self.loop, self.solution)
         if self.sigmas.tried and self.ties.any():  # the weights are others than when the ties were judged
-            self.judge_tie_variance(self.solution)
+            self.find_tie_variance(self.solution, self.weigh_rays_alone(self.solution, self.solution.weighting))
         if self.problem.choice is not None:
             precise = self.choose_delivered_model(precise)
         self.found.findings += self._undecided  # on control that nobody can decide

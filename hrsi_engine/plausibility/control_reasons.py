@@ -306,11 +306,9 @@ def _make_disagreement_reason(control: ControlMeasurements, given: ControlFit, a
             f"{count} ({list_ids(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
             "find out which of the two is right (datum, base station, epoch) and leave the other out", images, ids,
         )  # fmt: skip
-    return Reason(
-        "control-outliers", _choose_level(control, apart.points),
-        f"{count} ({list_ids(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more",
-        "check where these points are measured, their coordinates and their ids", images, ids,
-    )  # fmt: skip
+    message = f"{count} ({list_ids(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more"
+    advice = "check where these points are measured, their coordinates and their ids"
+    return Reason("control-outliers", _choose_level(control, apart.points), message, advice, images, ids)
 
 
 def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals: list[SlipHypothesis]) -> Reason:
@@ -350,22 +348,16 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
             control.get_figures("biased_m"), ACCURACY.unwritten_sigmas * control.get_figures("sigma_m")
         )
         level = Level.UNUSABLE if (size > unwritten_m).any() else Level.DOUBTFUL
-        return [
-            Reason(
-                "control-far", level,
-                f"the RPCs of {where} see all ground points {off}: farther than biased RPCs do",
-                "check the datum of the ground points, and that RPC and image points are of these pixels, not of a "
-                "crop or the whole scene", *concerned,
-            )
-        ]  # fmt: skip
-    also = "" if datum is None else f", which would look alike where {datum.slip.what}"
-    return [
-        Reason(
-            "rpc-biased", Level.DOUBTFUL,
-            f"the RPCs of {where} are biased: they see all ground points alike, {off}; the GCPs take that away",
-            f"check the datum of the ground points{also}; if it is right, nothing needs to be done", *concerned,
+        message = f"the RPCs of {where} see all ground points {off}: farther than biased RPCs do"
+        advice = (
+            "check the datum of the ground points, and that RPC and image points are of these pixels, not of a "
+            "crop or the whole scene"
         )
-    ]  # fmt: skip
+        return [Reason("control-far", level, message, advice, *concerned)]
+    also = "" if datum is None else f", which would look alike where {datum.slip.what}"
+    message = f"the RPCs of {where} are biased: they see all ground points alike, {off}; the GCPs take that away"
+    advice = f"check the datum of the ground points{also}; if it is right, nothing needs to be done"
+    return [Reason("rpc-biased", Level.DOUBTFUL, message, advice, *concerned)]
 
 
 def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:

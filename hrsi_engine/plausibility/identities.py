@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ..block.assembly import find_similar_ids
 from ..block.block import Block
-from ..block.points import GroundPoints, Role
+from ..block.points import Role
 from ..foundation.errors import list_ids
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
@@ -40,7 +40,20 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
     if not len(meant):
         return []
     held = bool((block.points.role == Role.GCP).any())
-    pairs = _match_spellings_by_position(block, accuracies, meant)
+    # Similar ids by surveyed id, of points measured where they were surveyed; none where most are not
+    alike = find_similar_ids(meant.ids, block.points.ids[~block.known])
+    names = {name: others[0] for name, others in alike.items() if len(others) == 1}
+    pairs: dict[str, str] = {}
+    if names:
+        row = {name: index for index, name in enumerate(meant.ids.tolist())}
+        index_of = {name: index for index, name in enumerate(block.points.ids.tolist())}
+        first = np.searchsorted(block.measurements.point, [index_of[name] for name in names.values()])
+        image = block.measurements.image[first]
+        seen = compute_sightlines(block.images, image, block.measurements.xy[first])
+        away = np.hypot(*seen.distance_m(meant.ground[[row[name] for name in names]]).T)
+        near = away < IDENTITY.position_sigmas * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
+        if 2 * near.sum() >= len(near):
+            pairs = {name: names[name] for name, there in zip(names, near.tolist(), strict=True) if there}
     if pairs:
         listed = ", ".join(f"{surveyed!r} is measured as {name!r}" for surveyed, name in list(pairs.items())[:4])
         return [
@@ -54,33 +67,9 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
     if held or not gcps:
         return []
     ids = tuple(meant.ids[meant.role == Role.GCP].tolist())
-    return [
-        Reason(
-            "control-unmeasured", Level.DOUBTFUL,
-            f"none of the {gcps} GCPs is measured on an image ({list_ids(ids)}): no survey holds the block",
-            "check the ids in both files, and that the image points are those of these GCPs", points=ids,
-        )
-    ]  # fmt: skip
-
-
-def _match_spellings_by_position(
-    block: Block, accuracies: Sequence[ImageAccuracy], surveyed: GroundPoints
-) -> dict[str, str]:
-    """Return similar ids by surveyed id, of points measured where they were surveyed; empty where most are not."""
-    alike = find_similar_ids(surveyed.ids, block.points.ids[~block.known])
-    alike = {name: others for name, others in alike.items() if len(others) == 1}
-    if not alike:
-        return {}
-    row = {name: index for index, name in enumerate(surveyed.ids.tolist())}
-    index_of = {name: index for index, name in enumerate(block.points.ids.tolist())}
-    first = np.searchsorted(block.measurements.point, [index_of[others[0]] for others in alike.values()])
-    image = block.measurements.image[first]
-    seen = compute_sightlines(block.images, image, block.measurements.xy[first])
-    away = np.hypot(*seen.distance_m(surveyed.ground[[row[name] for name in alike]]).T)
-    near = away < IDENTITY.position_sigmas * np.array([accuracy.sigma_m for accuracy in accuracies])[image]
-    if 2 * near.sum() < len(near):
-        return {}
-    return {name: others[0] for (name, others), there in zip(alike.items(), near, strict=True) if there}
+    message = f"none of the {gcps} GCPs is measured on an image ({list_ids(ids)}): no survey holds the block"
+    advice = "check the ids in both files, and that the image points are those of these GCPs"
+    return [Reason("control-unmeasured", Level.DOUBTFUL, message, advice, points=ids)]
 
 
 def find_image_permutation(control: ControlMeasurements, wrong: np.ndarray) -> tuple[np.ndarray, Sightlines] | None:

@@ -84,14 +84,12 @@ def find_points_outside(block: Block) -> list[Reason]:
         rows = wrong & (measured.image == index)
         ids = tuple(np.unique(block.points.ids[measured.point[rows]]).tolist())
         image = block.images[index]
-        reasons.append(
-            Reason(
-                "outside-image", Level.DOUBTFUL,
-                f"{rows.sum()} of {count[index]} points on image {image.id} lie outside its {image.size[0]} x "
-                f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({list_ids(ids)})",
-                "check the columns sample and line, and that the points were measured on this image", (image.id,), ids,
-            )
-        )  # fmt: skip
+        message = (
+            f"{rows.sum()} of {count[index]} points on image {image.id} lie outside its {image.size[0]} x "
+            f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({list_ids(ids)})"
+        )
+        advice = "check the columns sample and line, and that the points were measured on this image"
+        reasons.append(Reason("outside-image", Level.DOUBTFUL, message, advice, (image.id,), ids))
     return reasons
 
 
@@ -107,14 +105,12 @@ def find_crops(block: Block) -> list[Reason]:
     )  # fmt: skip
     if not ids:
         return []
-    return [
-        Reason(
-            "crop-origin", Level.DOUBTFUL,
-            f"image {list_ids(ids)} is smaller than the scene that its RPC was made for, and nothing says which part "
-            "of it: as it stands it is taken for the upper left corner",
-            "name the image with its geotransform, or put the RPC of these pixels into it (write-rpc)", ids,
-        )
-    ]  # fmt: skip
+    message = (
+        f"image {list_ids(ids)} is smaller than the scene that its RPC was made for, and nothing says which part "
+        "of it: as it stands it is taken for the upper left corner"
+    )
+    advice = "name the image with its geotransform, or put the RPC of these pixels into it (write-rpc)"
+    return [Reason("crop-origin", Level.DOUBTFUL, message, advice, ids)]
 
 
 def find_reordered_rpcs(block: Block) -> list[Reason]:
@@ -131,14 +127,12 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
                 bent[image.id] = given
     if not bent:
         return []
-    return [
-        Reason(
-            "rpc-order", Level.DOUBTFUL,
-            f"the RPC of image {list_ids(bent)} has its coefficients in another order, of RPC00A: taken as RPC00B they "
-            f"bend rays by {max(bent.values()):.2g} px between the RPC's heights, reordered they leave them straight",
-            "get the RPC in another format, or reorder its coefficients", tuple(bent),
-        )
-    ]  # fmt: skip
+    message = (
+        f"the RPC of image {list_ids(bent)} has its coefficients in another order, of RPC00A: taken as RPC00B they "
+        f"bend rays by {max(bent.values()):.2g} px between the RPC's heights, reordered they leave them straight"
+    )
+    advice = "get the RPC in another format, or reorder its coefficients"
+    return [Reason("rpc-order", Level.DOUBTFUL, message, advice, tuple(bent))]
 
 
 def _reorder(rpc: RPC, order: np.ndarray) -> RPC:
@@ -220,14 +214,11 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     covered = np.array(shares)
     if covered.mean() < PLACEMENT.covered_share:
         ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
-        reasons.append(
-            Reason(
-                "dem-coverage", Level.DOUBTFUL,
-                f"the DEM covers {covered.mean():.0%} of the images' ground"
-                + (f", least of all {list_ids(ids)}" if len(ids) < len(covered) else ""),
-                "name a DEM of the whole block, and check its CRS", ids,
-            )
-        )  # fmt: skip
+        message = f"the DEM covers {covered.mean():.0%} of the images' ground" + (
+            f", least of all {list_ids(ids)}" if len(ids) < len(covered) else ""
+        )
+        advice = "name a DEM of the whole block, and check its CRS"
+        reasons.append(Reason("dem-coverage", Level.DOUBTFUL, message, advice, ids))
     known = block.known & finite_rows(block.points.ground)
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
@@ -244,21 +235,16 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     if found.sign_of_geoid:
         low, high = ("DEM", "ground points") if found.sign_of_geoid > 0 else ("ground points", "DEM")
         argument = "dem_datum" if found.sign_of_geoid > 0 else "height_datum"
-        reasons.append(
-            Reason(
-                "height-datum", Level.DOUBTFUL,
-                f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the "
-                f"{low} are above the geoid but count as ellipsoidal, or those of the {high} were converted needlessly",
-                f"say what the heights of both refer to ({argument})", (), ids,
-            )
-        )  # fmt: skip
+        message = (
+            f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the "
+            f"{low} are above the geoid but count as ellipsoidal, or those of the {high} were converted needlessly"
+        )
+        advice = f"say what the heights of both refer to ({argument})"
+        reasons.append(Reason("height-datum", Level.DOUBTFUL, message, advice, (), ids))
     elif abs(found.median_m) > PLACEMENT.dem_difference_m:
-        reasons.append(
-            Reason(
-                "height-offset", Level.DOUBTFUL, text,
-                "check what the heights of both refer to (height_datum, dem_datum) and their unit", (), ids,
-            )
-        )  # fmt: skip
+        message = text
+        advice = "check what the heights of both refer to (height_datum, dem_datum) and their unit"
+        reasons.append(Reason("height-offset", Level.DOUBTFUL, message, advice, (), ids))
     return reasons
 
 
@@ -312,15 +298,12 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
     if sigma < max(stated, SURVEY.harmful_px * min(accuracy.gsd_m for accuracy in accuracies)):
         return []
     ids = tuple(block.points.ids[points].tolist())
-    return [
-        Reason(
-            "coordinates-rounded", level,
-            f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: they are rounded to "
-            f"{step_m:.3g} m, an error of {sigma:.2g} m (standard deviation)",
-            "take them with at least 7 decimals of a degree; where there are none, give a sigma_xy that says so",
-            points=ids,
-        )
-    ]  # fmt: skip
+    message = (
+        f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: they are rounded to "
+        f"{step_m:.3g} m, an error of {sigma:.2g} m (standard deviation)"
+    )
+    advice = "take them with at least 7 decimals of a degree; where there are none, give a sigma_xy that says so"
+    return [Reason("coordinates-rounded", level, message, advice, points=ids)]
 
 
 def find_dependent_check_points(block: Block) -> list[Reason]:
@@ -354,11 +337,9 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
         return []
     ids = tuple(block.points.ids[checks[same]].tolist())
     control = block.points.ids[gcps[nearest[same]]].tolist()
-    return [
-        Reason(
-            "check-is-control", Level.DOUBTFUL,
-            f"{len(ids)} of {len(checks)} check points lie where GCPs lie ({ids[0]} at {control[0]}"
-            f"{', …' if len(ids) > 1 else ''}): they tell nothing of the accuracy",
-            f"name other check points, or leave these out ({list_ids(ids)})", points=ids,
-        )
-    ]  # fmt: skip
+    message = (
+        f"{len(ids)} of {len(checks)} check points lie where GCPs lie ({ids[0]} at {control[0]}"
+        f"{', …' if len(ids) > 1 else ''}): they tell nothing of the accuracy"
+    )
+    advice = f"name other check points, or leave these out ({list_ids(ids)})"
+    return [Reason("check-is-control", Level.DOUBTFUL, message, advice, points=ids)]

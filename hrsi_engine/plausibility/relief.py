@@ -64,38 +64,32 @@ def find_relief_reasons(
     else:
         low, value, high, alone = 0.0, 0.0, 0.0, False
     if alone and high - low < RELIEF.same_value_m:
-        return [
-            Reason(
-                "dem-nodata", Level.DOUBTFUL,
-                f"the DEM has the height {value:.0f} m at {far.sum()} of {len(far)} tie points, whose ground is at "
-                f"{np.median(ground[far, 2]):.0f} m: a value that means no data and is not declared",
-                "declare it (gdal_translate -a_nodata), or name a DEM without holes",
-            )
-        ]  # fmt: skip
+        message = (
+            f"the DEM has the height {value:.0f} m at {far.sum()} of {len(far)} tie points, whose ground is at "
+            f"{np.median(ground[far, 2]):.0f} m: a value that means no data and is not declared"
+        )
+        advice = "declare it (gdal_translate -a_nodata), or name a DEM without holes"
+        return [Reason("dem-nodata", Level.DOUBTFUL, message, advice)]
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
     east, north, left = _estimate_displacement(ground, surface)
     away = float(np.hypot(east, north))
     if left < min(RELIEF.left_of_scatter * scatter, RELIEF.left_of_relief * relief) and away > max(
         RELIEF.displacement_cells * cell_size_m(surface, ground[0]), RELIEF.displacement_sigmas * sigma_plan_m
     ):
-        return [
-            Reason(
-                "dem-displaced", Level.DOUBTFUL,
-                f"the DEM lies {abs(east):.0f} m {'east' if east > 0.0 else 'west'} and {abs(north):.0f} m "
-                f"{'north' if north > 0.0 else 'south'} of the block's ground: {len(ground)} tie points differ from it "
-                f"by {scatter:.1f} m, and by {left:.1f} m without that",
-                "check the DEM's georeference and CRS, and those of the ground points",
-            )
-        ]  # fmt: skip
+        message = (
+            f"the DEM lies {abs(east):.0f} m {'east' if east > 0.0 else 'west'} and {abs(north):.0f} m "
+            f"{'north' if north > 0.0 else 'south'} of the block's ground: {len(ground)} tie points differ from it "
+            f"by {scatter:.1f} m, and by {left:.1f} m without that"
+        )
+        advice = "check the DEM's georeference and CRS, and those of the ground points"
+        return [Reason("dem-displaced", Level.DOUBTFUL, message, advice)]
     if scatter > max(RELIEF.unlike_m, RELIEF.unlike_share * relief, RELIEF.unlike_sigmas * sigma_h_m):
-        return [
-            Reason(
-                "dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL,
-                f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "
-                f"deviation), where the ground itself varies by {relief:.0f} m: it does not show this ground",
-                "check that the file holds heights, in metres, of this place and the right way up",
-            )
-        ]  # fmt: skip
+        message = (
+            f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "
+            f"deviation), where the ground itself varies by {relief:.0f} m: it does not show this ground"
+        )
+        advice = "check that the file holds heights, in metres, of this place and the right way up"
+        return [Reason("dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL, message, advice)]
     return []
 
 

@@ -273,29 +273,26 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         ids = tuple(block.images[index].id for index in images)
         where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
         readings = "; or ".join(reading.what for reading in (slip, *alike))
-        return [
-            Reason(
-                slip.code, Level.UNUSABLE,
-                f"of tie points{where}: {readings}; the rays of {given.share:.0%} of them do not "
-                f"intersect, and of {cured:.0%} when this is undone"
-                + (" (points of known ground would tell which it is)" if alike else ""),
-                slip.advice, ids,
-            )
-        ]  # fmt: skip
+        message = (
+            f"of tie points{where}: {readings}; the rays of {given.share:.0%} of them do not "
+            f"intersect, and of {cured:.0%} when this is undone"
+            + (" (points of known ground would tell which it is)" if alike else "")
+        )
+        return [Reason(slip.code, Level.UNUSABLE, message, slip.advice, ids)]
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
     wrong = tuple(np.unique(block.points.ids[pairs.point[given.wrong]]).tolist())
     unusable = share >= TIE_CHECK.unusable_share or bool((given.good < TIE_CHECK.broken_share).any())
-    return [
-        Reason(
-            "ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL,
-            f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
-            + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
-            + ("; they miss each other alike, as where an image is a crop whose origin is lost or an RPC is another's"
-               if alike else ""),
-            "check that the tie points belong to these images, the columns and ids of their file; or find them anew",
-            ids, wrong,
+    message = (
+        f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
+        + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
+        + (
+            "; they miss each other alike, as where an image is a crop whose origin is lost or an RPC is another's"
+            if alike
+            else ""
         )
-    ]  # fmt: skip
+    )
+    advice = "check that the tie points belong to these images, the columns and ids of their file; or find them anew"
+    return [Reason("ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL, message, advice, ids, wrong)]
 
 
 def _select_common_images(ends: np.ndarray) -> list[int]:

@@ -119,23 +119,14 @@ def intersect_frame_height(
     xy = cos * flat_x + sin * flat_y + bow * rays[row, 12], cos * flat_y - sin * flat_x + bow * rays[row, 13]
     along_x, along_y = cos * x + sin * y, cos * y - sin * x
     x_by = (
-        cos,
-        sin,
-        along_x,
-        drop * (cos * by_roll[0] + sin * by_roll[1]),
-        drop * (cos * by_pitch[0] + sin * by_pitch[1]),
-        drop * (cos * by_yaw[0] + sin * by_yaw[1]),
-        cos * flat_y - sin * flat_x,
-    )
+        cos, sin, along_x, drop * (cos * by_roll[0] + sin * by_roll[1]), drop * (cos * by_pitch[0] + sin * by_pitch[1]),
+        drop * (cos * by_yaw[0] + sin * by_yaw[1]), cos * flat_y - sin * flat_x,
+    )  # fmt: skip
     y_by = (
-        -sin,
-        cos,
-        along_y,
-        drop * (cos * by_roll[1] - sin * by_roll[0]),
-        drop * (cos * by_pitch[1] - sin * by_pitch[0]),
-        drop * (cos * by_yaw[1] - sin * by_yaw[0]),
+        -sin, cos, along_y, drop * (cos * by_roll[1] - sin * by_roll[0]),
+        drop * (cos * by_pitch[1] - sin * by_pitch[0]), drop * (cos * by_yaw[1] - sin * by_yaw[0]),
         -cos * flat_x - sin * flat_y,
-    )
+    )  # fmt: skip
     by_z = bow_by_z * rays[row, 12] - along_x, bow_by_z * rays[row, 13] - along_y
 
     # derivatives by the image point: through its ray, and through the terms of the corrections

@@ -51,16 +51,14 @@ _SHIFTS = [(axis, 0) for axis in range(3)]
 OBJECT_SPACE_TABLE = {
     "object-shift": ModelEntry("a shift of the ground coordinates", "correction", (_SHIFTS, 1)),
     "object-scale-shift": ModelEntry(
-        "a shift and a scale of each ground coordinate",
-        "correction",
+        "a shift and a scale of each ground coordinate", "correction",
         (_SHIFTS + [(axis, axis + 1) for axis in range(3)], 2),
     ),
     "object-affine": ModelEntry(
-        "an affine transformation of the ground coordinates",
-        "correction",
+        "an affine transformation of the ground coordinates", "correction",
         (_SHIFTS + [(axis, by) for axis in range(3) for by in range(1, 4)], 4),
     ),
-}
+}  # fmt: skip
 _TILT, _ALL = ("xs", "ys", "psi_x", "psi_y"), ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
 #: Corrections of a pseudo sensor: quantities, whether linear in the image, fewest GCPs, factor of the drifts' sigmas.
 PSEUDO_SENSOR_TABLE = {

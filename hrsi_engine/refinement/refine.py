@@ -33,12 +33,6 @@ class CONTROL:
     farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
     same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
     least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
-
-
-@thresholds
-class UNCERTAINTY:
-    """When the GCPs of an image do not determine its model."""
-
     warned_px: float = threshold(10.0, "px", "standard deviation at the image's corners beyond which a warning says so")
     undetermined_px: float = threshold(1e3, "px", "standard deviation beyond which nothing is determined there")
 
@@ -173,7 +167,7 @@ def refine_image(
     if not found.converged:
         warnings.append(f"{image.id}: model {name} {found.status}: its parameters are not to be trusted")
     edge = edge_sigma_px(chosen, image, found)
-    if edge > UNCERTAINTY.warned_px:
+    if edge > CONTROL.warned_px:
         warnings.append(
             f"{image.id}: model {name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
             "or choose a simpler `model`"
@@ -268,7 +262,7 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
             f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are so far from where "
             "the RPC sees the ground that it says nothing of them: check their coordinates and ids"
         ) from error
-    if edge_sigma_px(model, image, found) > UNCERTAINTY.undetermined_px:
+    if edge_sigma_px(model, image, found) > CONTROL.undetermined_px:
         raise SolveError(
             f"{image.id}: the {len(control)} GCPs do not determine model {model.name} over the image: spread them, or "
             "choose a simpler `model`"

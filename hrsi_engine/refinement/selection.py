@@ -313,46 +313,37 @@ def _count_gcps(count: int) -> str:
 
 def find_suspects(image: Image, control: Control) -> list[SuspectGcp]:
     """Return the GCPs of an image that every model with enough redundancy finds to be blunders, worst first."""
-    verdicts = []
+    verdicts: list[dict[int, tuple[float, float]]] = []  # index -> (deviation px, statistic over critical value)
     for name in JUDGES:
-        found = _find_outliers(name, image, control)
-        if found == {}:  # this one finds nothing strange: no need to ask the others, which take longer
+        left = np.arange(len(control))
+        removed: list[tuple[int, tuple[float, float]]] = []
+        failed = 0
+        for _ in range(max(1, (len(control) - 1) // 3)):
+            found = _estimate_or_none(name, image, control.select(left))
+            if found is None or found.redundancy - 2.0 < SELECTION.least_redundancy:
+                break
+            # The GCP with the largest F statistic, and the statistic over its critical value, of F(2, redundancy - 2)
+            whitened, predicted = (
+                np.einsum("nij,nj->ni", found.roots, residual) for residual in (found.residual_px, found.left_out_px)
+            )
+            q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
+            rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
+            critical = 1.0 / special.fdtri(freedom, 2, SELECTION.blunder_risk / len(control))
+            worst = int(np.argmax(q / rest))
+            ratio = float(q[worst] / 2.0 / rest[worst] / critical)
+            deviation = float(np.linalg.norm(found.left_out_px[worst]))
+            removed.append((int(left[worst]), (deviation, ratio)))
+            if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
+                failed = len(removed)
+            left = np.delete(left, worst)
+        if removed and not failed:  # this one finds nothing strange: no need to ask the others, which take longer
             return []
-        verdicts += [found] if found else []
+        verdicts += [dict(removed[:failed])] if removed else []  # others have too little redundancy to judge
     if not verdicts:
         return []
     common = set(verdicts[0]).intersection(*verdicts[1:])
     suspects = [SuspectGcp(str(control.ids[k]), image.id, *min(verdict[k] for verdict in verdicts)) for k in common]
     return sorted(suspects, key=lambda suspect: -suspect.deviation_px)
-
-
-def _find_outliers(name: str, image: Image, control: Control) -> dict[int, tuple[float, float]] | None:
-    """Return index -> (deviation px, statistic over critical value) of the outliers of one model.
-
-    None where the model has too little redundancy to judge.
-    """
-    left = np.arange(len(control))
-    removed: list[tuple[int, tuple[float, float]]] = []
-    failed = 0
-    for _ in range(max(1, (len(control) - 1) // 3)):
-        found = _estimate_or_none(name, image, control.select(left))
-        if found is None or found.redundancy - 2.0 < SELECTION.least_redundancy:
-            break
-        # The GCP with the largest F statistic, and the statistic over its critical value, of F(2, redundancy - 2)
-        whitened, predicted = (
-            np.einsum("nij,nj->ni", found.roots, residual) for residual in (found.residual_px, found.left_out_px)
-        )
-        q, freedom = np.sum(whitened * predicted, axis=1), found.redundancy - 2.0
-        rest = np.maximum(found.sigma0**2 * found.redundancy - q, 1e-12) / freedom
-        critical = 1.0 / special.fdtri(freedom, 2, SELECTION.blunder_risk / len(control))
-        worst = int(np.argmax(q / rest))
-        ratio = float(q[worst] / 2.0 / rest[worst] / critical)
-        deviation = float(np.linalg.norm(found.left_out_px[worst]))
-        removed.append((int(left[worst]), (deviation, ratio)))
-        if ratio > 1.0 and _normalize_errors(found)[worst] > SELECTION.least_deviation:
-            failed = len(removed)
-        left = np.delete(left, worst)
-    return dict(removed[:failed]) if removed else None
 
 
 def _estimate_or_none(name: str, image: Image, control: Control) -> Estimate | None:

@@ -125,8 +125,8 @@ class Snooping:
     def _judge_measurements(self, solution: Solution, present: Weighting, points: np.ndarray) -> bool:
         """Decide on the measurements of some ``points (m,)``; return whether more than rare decisions changed."""
         problem, observations = self.problem, self.problem.observations
-        present = self._weigh_rays_alone(solution, present)
-        squares, freedom = self._find_tie_variance(solution, present)
+        present = self.weigh_rays_alone(solution, present)
+        squares, freedom = self.find_tie_variance(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
             squares = compute_point_squares(problem.equations, solution, everything, observations)
@@ -141,11 +141,7 @@ class Snooping:
         self.found.decision, self.found.failed = decision, np.where(judged, failed, before)
         return changed > SNOOPING.rare * len(decision)
 
-    def judge_tie_variance(self, solution: Solution) -> None:
-        """Find the ties' variance factor for the weights of a solution."""
-        self._find_tie_variance(solution, self._weigh_rays_alone(solution, solution.weighting))
-
-    def _find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
+    def find_tie_variance(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
         """Find the ties' variance factor for weights by rays; return the points' squares, and the factor's freedom."""
         observations = self.problem.observations
         squares = compute_point_squares(self.problem.equations, solution, present, observations)
@@ -153,7 +149,7 @@ class Snooping:
         self.found.tie_variance, freedom = estimate_tie_variance(observations, squares, rays, self.ties)
         return squares, freedom
 
-    def _weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
+    def weigh_rays_alone(self, solution: Solution, present: Weighting) -> Weighting:
         """Return weights by which rays are judged by rays, not by heights that may be wrong where they meet."""
         if not self.problem.held:
             return present
@@ -180,7 +176,15 @@ class Snooping:
             # whether the cameras have a drift whose size is a guess of ours so far
             guessed = problem.options.sigma_drift is None and bool(problem.guessed.any())
             if found and guessed and np.array_equal(self.loop.prior_weight, problem.prior_weight):
-                drifting = find_suspect_gcps(self._loosen_drift(solution, gcps), problem.options.reject_sigma)
+                # what the control says where the cameras may drift more: no GCP is accused of what a drift explains
+                loop = copy(self.loop)  # its equations and its system, but a history of its own
+                loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
+                prior_weight = self.loop.prior_weight.copy()
+                prior_weight[:, problem.guessed] /= SNOOPING.strong_drift**2
+                loop.set_prior_weight(prior_weight, self.loop.common)
+                free = loop.continue_from(solution, problem.options.robust, problem.options.tolerance, silent)
+                loose = compute_discrepancies(problem, loop, free, gcps)
+                drifting = find_suspect_gcps(loose, problem.options.reject_sigma)
                 suspected = {gcp for one in drifting for gcp in one.concerned}
                 found = [one for one in found if suspected.intersection(one.concerned)]
             said = [describe_suspect(problem, control, one) for one in found]
@@ -218,16 +222,6 @@ class Snooping:
             control = compute_discrepancies(self.problem, self.loop, solution, points)
             self._control = last = ref(solution), self.loop.prior_weight, control
         return last[2]
-
-    def _loosen_drift(self, solution: Solution, points: np.ndarray) -> Discrepancies:
-        """Return what the control says where the cameras may drift more: no GCP is accused of what a drift explains."""
-        loop = copy(self.loop)  # its equations and its system, but a history of its own
-        loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
-        prior_weight = self.loop.prior_weight.copy()
-        prior_weight[:, self.problem.guessed] /= SNOOPING.strong_drift**2
-        loop.set_prior_weight(prior_weight, self.loop.common)
-        free = loop.continue_from(solution, self.problem.options.robust, self.problem.options.tolerance, silent)
-        return compute_discrepancies(self.problem, loop, free, points)
 
     def _find_testable_gcps(self, solution: Solution) -> np.ndarray:
         """Return the GCPs that have a survey and a measurement with a say."""

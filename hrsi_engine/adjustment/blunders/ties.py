@@ -18,7 +18,7 @@ that the other k - 2 are wrong, is
 **Error probabilities** are shared over all tests. ``reject_sigma`` names an error probability: that of an image point
 (two dimensions) this many standard deviations off. A block has thousands of tests, so that probability alone would
 accuse somebody in every clean block. The limit of the tie points is therefore that of Benjamini and Hochberg (1995): of
-all N points tested those R are wrong whose probability is below p R / N with p = `FALSE_ALARMS.false_share`, so that a
+all N points tested those R are wrong whose probability is below p R / N with p = `RAYS.false_share`, so that a
 clean block is accused in p of cases, and a bad one tested as sharply as the user asks. GCPs share the probability
 equally (Bonferroni).
 """
@@ -48,6 +48,9 @@ class RAYS:
         "rendered strip of 20 frames: 2 % of its ties fail at 4 sigma of 0.01 px, off by 0.04 px and more",
     )  # fmt: skip
     gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder, and not bad luck")
+    false_share: float = threshold(
+        0.002, "", "share of clean blocks in which a tie point is accused; of the points accused, share of right ones"
+    )
     least_variance: float = threshold(1e-12, "", "variance factor of ties below which their residuals are rounding")
 
 
@@ -59,16 +62,6 @@ class TREND:
     sample: int = threshold(600, "measurements", "of an image that tell it: each coefficient to 0.1 sigma")
     steps: int = threshold(4, "steps", "of the robust fit")
     levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")
-
-
-@thresholds
-class FALSE_ALARMS:
-    """How often tests of many points may be wrong."""
-
-    false_share: float = threshold(
-        0.002, "",
-        "share of clean blocks in which a tie point is accused; of the points accused, share of those that are right",
-    )  # fmt: skip
 
 
 def estimate_tie_variance(
@@ -142,9 +135,9 @@ def judge_ties(
     probability = np.concatenate([group.test_worst_rays(freedom) for _, group in groups])
     # the limit in sigmas at which the wrong ones among all ties are found; those not suspicious are taken to be right
     ordered, tests = np.sort(probability), max(int(ties.sum()), 1)
-    allowed = FALSE_ALARMS.false_share * np.arange(1, len(ordered) + 1) / tests
+    allowed = RAYS.false_share * np.arange(1, len(ordered) + 1) / tests
     passed = np.flatnonzero(ordered <= allowed)
-    shared = allowed[passed[-1]] if len(passed) else FALSE_ALARMS.false_share / tests
+    shared = allowed[passed[-1]] if len(passed) else RAYS.false_share / tests
     limit = max(sigmas, float(np.sqrt(-2.0 * np.log(shared))))
     touched = probability < error_probability(limit)
     wrong = 1.0 - (1.0 - touched.sum() / ties.sum()) ** (1.0 / lengths[ties].mean())

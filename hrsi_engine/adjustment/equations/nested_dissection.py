@@ -182,17 +182,6 @@ def list_lower_parts(runs: Runs) -> Iterator[tuple[tuple[slice, slice], tuple[sl
             yield (rows, columns), (places, others)
 
 
-def mirror_lower(lower: np.ndarray) -> np.ndarray:
-    """Return the matrix of a lower triangle; what is above the diagonal does not matter."""
-    result = np.array(lower)
-    for begin in range(0, len(lower), MIRRORED_AT_ONCE):  # parts that the processor's cache holds
-        end = min(begin + MIRRORED_AT_ONCE, len(lower))
-        own = np.tril(lower[begin:end, begin:end])
-        result[begin:end, begin:end] = own + np.tril(own, -1).T
-        result[begin:end, end:] = lower[end:, begin:end].T
-    return result
-
-
 class SparseFactor:
     """Cholesky factor of a block matrix given by its upper blocks.
 
@@ -316,7 +305,12 @@ class SparseFactor:
                     result[place] += square[part]
 
         work_through_fronts(self.fronts, add)
-        return mirror_lower(result)
+        for begin in range(0, len(result), MIRRORED_AT_ONCE):  # parts that the processor's cache holds
+            end = min(begin + MIRRORED_AT_ONCE, len(result))
+            own = np.tril(result[begin:end, begin:end])
+            result[begin:end, begin:end] = own + np.tril(own, -1).T
+            result[begin:end, end:] = result[end:, begin:end].T
+        return result
 
     def invert_on_pattern(self) -> np.ndarray:
         """Return the blocks ``(blocks, p, p)`` of the inverse on the pattern."""

@@ -42,6 +42,7 @@ class POINT_STEPS:
     """When an intersection of rays is settled."""
 
     closure_m: float = threshold(1e-4, "m", "step below which a point is settled: far below any measurement")
+    start_closure_m: float = threshold(10.0, "m", "step at which an image's centre is settled, a start")
     most_step_m: float = threshold(5e3, "m", "largest step: with weak geometry steps are short")
     worth_compiling: int = threshold(20_000, "image points", "from here on points are eliminated by compiled loops")
 

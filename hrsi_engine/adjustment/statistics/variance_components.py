@@ -119,11 +119,7 @@ class Groups:
 
     @classmethod
     def assign_groups(
-        cls,
-        block: Block,
-        observations: Observations,
-        grouping: str = "kind",
-        sensor_groups: Sequence[Sequence[str]] = (),
+        cls, block: Block, observations: Observations, grouping: str, sensor_groups: Sequence[Sequence[str]]
     ) -> Groups:
         """Return the groups: image points as an entry of `GROUPINGS`, GCPs' horizontal coordinates, GCPs' heights."""
         number, names = np.zeros(observations.count, dtype=np.int64), [""]
