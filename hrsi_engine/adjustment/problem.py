@@ -4,7 +4,7 @@ Cameras that share points belong together. Each such *part* of a block is held b
 priors of its images' RPCs; a part has its own priors accordingly, and is named where the user should know of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -253,7 +253,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
 
 def _require_known_names(block: Block, options: AdjustOptions) -> None:
     """Raise `InputError` where options name what there is not."""
-    tables = {
+    tables: dict[str, tuple[Collection[str], str]] = {
         "model": (MODELS, options.model), "robust weight function": (WEIGHTS, options.robust),
         "grouping of image points": (GROUPINGS, options.variance_groups),
     }  # fmt: skip

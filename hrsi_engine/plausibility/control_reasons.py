@@ -159,15 +159,15 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
             seen = compute_sightlines(images, control.image, control.xy)
             yield SlipHypothesis(slip, fit_control(control, seen=seen), images=some)
     suspects = wrong if len(wrong) > 1 else control.images
-    images = find_image_permutation(control, suspects)
-    if images is not None:
-        changed = np.unique(control.image[images[0] != control.image])
-        owner, names = images[0].tolist(), control.block.images
+    permuted = find_image_permutation(control, suspects)
+    if permuted is not None:
+        changed = np.unique(control.image[permuted[0] != control.image])
+        owner, names = permuted[0].tolist(), control.block.images
         pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
         text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
         what = f"measurements belong to other images: those said to be on {text}"
         slip = Slip("image-ids-permuted", what, "correct the field 'image'", 4.0)
-        yield SlipHypothesis(slip, fit_control(replace(control, image=images[0], sights=images[1])), images=changed)
+        yield SlipHypothesis(slip, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed)
     owners = find_point_permutation(control)
     if owners is not None:
         points = control.points

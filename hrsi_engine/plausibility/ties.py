@@ -266,8 +266,8 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
-    alike = judge_pairs(pairs, shifted=True).share < TIE_CHECK.cured_share
-    found = None if alike else _find_best_slip(pairs, given, suspects)
+    shifted_alike = judge_pairs(pairs, shifted=True).share < TIE_CHECK.cured_share
+    found = None if shifted_alike else _find_best_slip(pairs, given, suspects)
     if found is not None:
         (slip, *alike), images, cured = found
         ids = tuple(block.images[index].id for index in images)
@@ -287,7 +287,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
         + (
             "; they miss each other alike, as where an image is a crop whose origin is lost or an RPC is another's"
-            if alike
+            if shifted_alike
             else ""
         )
     )
