@@ -68,7 +68,7 @@ def run_for_harm(inputs: Inputs) -> Harm:
             return Harm("crashed", (), *nothing, traceback.format_exc())
         verdict = report["verdict"]
         codes = tuple(reason["code"] for reason in verdict["reasons"])
-        rpcs = [_read_rpc_text(folder / "out" / f"{Path(path).stem}_RPC.TXT") for path in _paths(inputs)]
+        rpcs = [read_rpc_text(folder / "out" / f"{Path(path).stem}_RPC.TXT") for path in _paths(inputs)]
         assert inputs.truth is not None
         error = measure_errors(rpcs, inputs.truth)
         part = next((part for part in report["parts"] if part["ce90_m"] is not None), None) or {}
@@ -80,7 +80,7 @@ def _paths(inputs: Inputs) -> list[str]:
     return [image.path or image.id for image in inputs.images]
 
 
-def _read_rpc_text(path: Path) -> dict[str, str] | None:
+def read_rpc_text(path: Path) -> dict[str, str] | None:
     """Return the fields of an ``_RPC.TXT`` as GDAL's metadata domain; None where there is no file."""
     if not path.exists():
         return None
@@ -112,10 +112,27 @@ def measure_errors(rpcs: Sequence[dict[str, str] | None], truth: TruePoints) -> 
     tuple of float
         CE90 and LE90; NaN where no point is on two of these images (CE90 of one image is at the true height).
     """
+    error = intersect_pixels(rpcs, truth)
+    if len(error):
+        return float(np.quantile(np.hypot(*error[:, :2].T), 0.9)), float(np.quantile(np.abs(error[:, 2]), 0.9))
+    plan = []
+    for index, metadata in enumerate(rpcs):
+        rows = truth.image == index
+        if metadata is not None and rows.any():
+            ground = truth.ground[truth.point[rows]]
+            off = _offsets_m(_localize(metadata, truth.xy[rows], ground[:, 2]), ground)
+            plan.append(np.hypot(*off[:, :2].T))
+    return (float(np.quantile(np.concatenate(plan), 0.9)) if plan else np.nan), np.nan
+
+
+def intersect_pixels(rpcs: Sequence[dict[str, str] | None], truth: TruePoints) -> np.ndarray:
+    """Return the errors ``(k, 3)`` east, north, up (m) of points intersected from true pixels on two images or more.
+
+    Arguments as of `measure_errors`. A point's rays are taken from 100 m below to 100 m above where it lies.
+    """
     normals = np.zeros((len(truth.ground), 3, 3))
     sums = np.zeros((len(truth.ground), 3))
     rays = np.zeros(len(truth.ground), dtype=int)
-    plan: list[np.ndarray] = []
     for index, metadata in enumerate(rpcs):
         rows = truth.image == index
         if metadata is None or not rows.any():
@@ -131,16 +148,10 @@ def measure_errors(rpcs: Sequence[dict[str, str] | None], truth: TruePoints) -> 
         normals[points] += across
         sums[points] += np.einsum("nij,nj->ni", across, low)
         rays[points] += 1
-        plan.append(np.hypot(*((low + high) / 2.0)[:, :2].T))
-    if not plan:
-        return np.nan, np.nan
     met = rays > 1
-    if not met.any():
-        return float(np.quantile(np.concatenate(plan), 0.9)), np.nan
     off = np.where(np.isfinite(sums[met]).all(axis=1)[:, None], sums[met], 1e6)
     matrix = np.where(np.isfinite(normals[met]).all(axis=(1, 2))[:, None, None], normals[met], np.eye(3))
-    error = np.linalg.solve(matrix, off[..., None])[..., 0]
-    return float(np.quantile(np.hypot(*error[:, :2].T), 0.9)), float(np.quantile(np.abs(error[:, 2]), 0.9))
+    return np.linalg.solve(matrix, off[..., None])[..., 0] if met.any() else np.empty((0, 3))
 
 
 def _localize(metadata: dict[str, str], xy: np.ndarray, height_m: np.ndarray) -> np.ndarray:
