@@ -24,6 +24,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,17 +68,17 @@ class Place(NamedTuple):
         rng = np.random.default_rng([self.seed, 3])
         lon, lat = PLACES[int(rng.integers(len(PLACES)))]
         wide = self.sensor == "wide-field"
-        side_m = WIDE_M if wide else SIDE_M
-        relief_m = LANDFORMS[self.landform].relief_m * (WIDE_RELIEF if wide else 1.0)
         number = list(itertools.product(SENSORS, LANDFORMS)).index((self.sensor, self.landform))
         out = folder / f"{self.sensor}_{self.landform}_{self.seed}"
-        call(
-            "simulate", "--sensor", self.sensor, "--landform", self.landform, "--relief", relief_m, "--no-pixels",
-            "--size", int(side_m / SENSORS[self.sensor].gsd_m), "--images", 2 + self.seed % 2, "--gcps", 6,
-            "--checks", 60, "--ties", 1500, "--blunders", 0.01, "--free-dem", 30,
-            "--free-dem-trees", TREES[self.landform], "--free-dem-tree-height", TREE_M, "--lon", lon, "--lat", lat, "--height", int(rng.integers(50, 900)),
-            "--heading", int(rng.choice([190, 350])), "--seed", 100 * self.seed + number, "--output-dir", out, *more,
-        )  # fmt: skip
+        words: dict[str, object] = {
+            "sensor": self.sensor, "landform": self.landform, "seed": 100 * self.seed + number, "output-dir": out,
+            "relief": LANDFORMS[self.landform].relief_m * (WIDE_RELIEF if wide else 1.0),
+            "size": int((WIDE_M if wide else SIDE_M) / SENSORS[self.sensor].gsd_m), "images": 2 + self.seed % 2,
+            "lon": lon, "lat": lat, "height": int(rng.integers(50, 900)), "heading": int(rng.choice([190, 350])),
+            "gcps": 6, "checks": 60, "ties": 1500, "blunders": 0.01,
+            "free-dem": 30, "free-dem-trees": TREES[self.landform], "free-dem-tree-height": TREE_M,
+        }  # fmt: skip
+        call("simulate", "--no-pixels", *(f"--{name}={value}" for name, value in words.items()), *more)
         return out
 
 
@@ -276,9 +277,8 @@ def run_wrong(seed: int) -> Iterator[list[str]]:
             block = Place(sensor, landform, seed).write(Path(name))
             other = Place(sensor, landform, seed + 50).write(Path(name))
             truth, right = read_truth(block), (block / "free_dem.tif").read_bytes()
-            heights = gdal.Open(str(other / "free_dem.tif")).ReadAsArray()
-            changes = WRONG | {"of another place": lambda mine, _: _fit(heights, mine)}
-            for title, change in changes.items():
+            others = partial(_fit, gdal.Open(str(other / "free_dem.tif")).ReadAsArray())
+            for title, change in (WRONG | {"of another place": others}).items():
                 (block / "free_dem.tif").write_bytes(right)
                 rewrite_dem(block, change)
                 one = adjust_block(block, truth, *DEM)
@@ -289,7 +289,7 @@ def run_wrong(seed: int) -> Iterator[list[str]]:
                 ]  # fmt: skip
 
 
-def _fit(heights: np.ndarray, like: np.ndarray) -> np.ndarray:
+def _fit(heights: np.ndarray, like: np.ndarray, _: list[float]) -> np.ndarray:
     """Return heights of another DEM in the shape and at the mean height of this one."""
     rows, columns = like.shape
     repeated = np.pad(heights, [(0, max(rows - heights.shape[0], 0)), (0, max(columns - heights.shape[1], 0))], "wrap")
