@@ -159,6 +159,10 @@ def _scale_covariances(
     beside[by_cameras] = ((alike - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
     without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # an error that is known, and left
     beside += without_drift[:, :, None] * without_drift[:, None, :]
+    if problem.held_heights is not None:
+        beside[:, 2, 2] += problem.held_heights.find_unweighted_variance(
+            solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
+        )
     left_out = observations.surveyed & ~solution.weighting.points.held  # as wrong: what is left of it tells nothing
     known = (placed & ~left_out)[:, None, None]
     covariance = np.where(known, of_point * precise.points + beside, np.nan)

@@ -52,6 +52,12 @@ class SURFACE_MATCHING:
     steepest: float = threshold(1.5, "m/m", "steeper cells are walls: their gradient is that of the interpolation")
     uneven: float = threshold(0.7, "", "bend of the surface over its slope, beyond which a place has no weight …")
     even_sigmas: float = threshold(3.0, "sigma", "… where the slope exceeds so many standard deviations")
+    part_cells: float = threshold(
+        12.0, "cells", "side of the parts of the ground that may have an error of their own …"
+    )
+    part_points: float = threshold(8.0, "points", "… and points in them on the average, both at least")
+    noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
+    least_relief: float = threshold(0.03, "", "least share of the squares of the slopes that is not noise")
     known_share: float = threshold(0.6, "", "share of the points with heights that a displacement must leave")
     fewest_cells: int = threshold(12, "cells", "fewer groups of points tell no covariance")
     decided_sigmas: float = threshold(3.0, "sigma", "difference of two minima's scores that decides between them")
@@ -93,23 +99,26 @@ class SurfaceMatch:
 
 
 def match_surface(
-    ground: np.ndarray, surface: HeightSurface, search_m: float, kind: str = "dsm"
+    ground: np.ndarray, surface: HeightSurface, search_m: float, kind: str = "dsm", noise_m: float = 0.0
 ) -> SurfaceMatch | None:
     """Return the displacement that lays points on a surface; None where too few have heights in it.
 
     ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
     search_m : largest displacement in plan, along each axis
     kind : ``dsm``, or ``dtm``: trees and buildings are not on it
+    noise_m : standard deviation of the surface's heights by themselves
     """
-    return SurfaceMatcher(ground, surface, kind).search(search_m) if len(ground) else None
+    return SurfaceMatcher(ground, surface, kind, None, noise_m).search(search_m) if len(ground) else None
 
 
 class SurfaceMatcher:
     """Points, with variances ``(n,)`` of their own heights, and a surface; as of `match_surface`."""
 
     def __init__(
-        self, ground: np.ndarray, surface: HeightSurface, kind: str = "dsm", variance_m2: np.ndarray | None = None
-    ) -> None:
+        self, ground: np.ndarray, surface: HeightSurface, kind: str = "dsm", variance_m2: np.ndarray | None = None,
+        noise_m: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.noise_m = noise_m
         self.surface, self.kind, self.cell_m = surface, kind, cell_size_m(surface, ground[0])
         place_m = ground_difference_m(ground, np.broadcast_to(ground[0], ground.shape))[:, :2]
         in_cell = len(ground) * self.cell_m**2 / max(float(np.prod(np.nanmax(place_m, 0) - np.nanmin(place_m, 0))), 1.0)
@@ -122,21 +131,27 @@ class SurfaceMatcher:
             self.height = _smooth_heights(self.place_m, place_m, ground[:, 2], self.cell_m)
         at, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
         self._at, self._per_m = at, np.stack([east - at, north - at], axis=2) / _STEP_M.max()
+        self._part = self._divide_ground()
+
+    def _divide_ground(self) -> np.ndarray:
+        """Return the part of the ground ``(n,)`` that each point lies in."""
+        away = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
+        of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(away.max(axis=0)) / len(away)))
+        side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
+        return np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
     def search(self, search_m: float) -> SurfaceMatch | None:
         """Return the best displacement within ``search_m`` along each axis, and the next best beside it."""
         offsets, scores, middles = self._search_grid(search_m)
-        found = [
-            one
-            for k in _find_minima(scores)
-            if (one := self.refine(np.append(offsets[k], middles[k]), search_m)) is not None
-            and np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m
-        ]
+        refined = [self.refine(np.append(offsets[k], middles[k]), search_m) for k in _find_minima(scores)]
+        found = sorted((one for one in refined if one is not None), key=lambda one: one.scatter_m)
         if not found:
             return None
-        best = min(found, key=lambda one: one.scatter_m)
-        apart = [one for one in found if one is not best and one.is_apart_from(best, self.cell_m)]
-        second = min(apart, key=lambda one: one.scatter_m, default=None)
+        within = [one for one in found if np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m]
+        best = (within or found)[0]
+        # where none is inside, the search has not decided
+        apart = [one for one in within if one.is_apart_from(best, self.cell_m)] if within else found
+        second = next(iter(apart), None)
         return replace(
             best, before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]), offsets_m=offsets, scores_m=scores,
             second_m=None if second is None else second.displacement_m,
@@ -167,9 +182,11 @@ class SurfaceMatcher:
             t *= np.where(t < 0.0, SURFACE_MATCHING.one_sided if self.kind == "dtm" else 1.0, 1.0)
             inner = np.clip(1.0 - (t / cut) ** 2, 0.0, 1.0)
             weight = inner**2 / variance * _weigh_facets(around[:, known], scale)
-            N = A.T @ (weight[:, None] * A)
-            M = self._differentiate_score(A, np.where(np.isfinite(wide[known]), wide[known], 0.0), weight)
-            step = np.linalg.solve(0.5 * (N + M) + ridge, A.T @ (weight * q))
+            wide_A = np.column_stack([-np.where(np.isfinite(wide[known]), wide[known], 0.0), A[:, 2]])
+            B, wide_B, r = np.split(_whiten(np.column_stack([A, wide_A, q]), weight, self._part[known]), [3, 6], axis=1)
+            N, r = B.T @ (weight[:, None] * B), r[:, 0]
+            M = self._differentiate_score(B.T @ (weight[:, None] * wide_B), weight.sum(), scale)
+            step = np.linalg.solve(0.5 * (N + M) + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
             if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
                 if is_near:
@@ -179,7 +196,7 @@ class SurfaceMatcher:
         # of the biweight: mean derivative of the influence over mean weight
         steady = float(np.sum(inner * (1.0 - 5.0 * (t / cut) ** 2)) / max(np.sum(inner**2), 1e-9))
         N = max(steady, 0.1) * M + ridge
-        score = A * (weight * (q - A @ step))[:, None]
+        score = B * (weight * (r - B @ step))[:, None]
         covariance, cells = _sum_over_cells(N, ridge, score, self.place_m[known], self.cell_m)
         return SurfaceMatch(d, covariance, scale, int(known.sum()), cells)
 
@@ -193,16 +210,21 @@ class SurfaceMatcher:
         sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         return self._heights(offset_m + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
 
-    @staticmethod
-    def _differentiate_score(A: np.ndarray, wide: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the derivative ``(3, 3)`` of the estimating equations by the displacement.
+    def _differentiate_score(self, M: np.ndarray, weight: float, scale: float) -> np.ndarray:
+        """Return the derivative ``(3, 3)`` of the estimating equations by the displacement, symmetric and positive.
 
-        The noise of the surface is in its slopes, too, and would count as relief in ``A' P A``. In the product with
-        slopes over two cells ``(n, 2)``, whose noise is another, it does not (instrumental variables).
+        The noise of the surface is in its slopes, too, and would count as relief in ``A' P A``. In the product ``M``
+        with slopes over two cells, whose noise is another, most of it does not (instrumental variables); what noise
+        over some cells has in common is taken off.
         """
-        M = A.T @ (weight[:, None] * np.column_stack([-wide, np.ones(len(wide))]))
-        values, axes = np.linalg.eigh(0.5 * (M + M.T))
-        return np.asarray((axes * np.maximum(values, 1e-9 * values[-1])) @ axes.T)
+        M = 0.5 * (M + M.T)
+        of_mean = np.outer(M[:2, 2], M[:2, 2]) / M[2, 2]
+        values, axes = np.linalg.eigh(M[:2, :2] - of_mean)
+        noise = SURFACE_MATCHING.noise_alike * (min(self.noise_m, scale) / (2.0 * self.cell_m)) ** 2 * weight
+        M[:2, :2] = (
+            axes * np.maximum(values - noise, SURFACE_MATCHING.least_relief * np.abs(values))
+        ) @ axes.T + of_mean
+        return M
 
     def _search_grid(self, search_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return offsets ``(k, 2)`` in plan, score and displacement in height of each; NaN: unknown."""
@@ -218,6 +240,23 @@ class SurfaceMatcher:
         middle, score = shortest_half(miss)
         score[np.isfinite(miss).sum(axis=1) < SURFACE_MATCHING.known_share * len(rows)] = np.nan
         return offsets, score, middle
+
+
+def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Return columns ``(n, k)``, the last one misclosures, less a share of their means in parts of the ground ``(n,)``.
+
+    What the misclosures of a part have in common, woods or the noise of a radar DEM over hundreds of metres, is an
+    error of the part (random effects): with its variance u and that of single points e, the generalised least squares
+    take 1 - sqrt(e / (e + n u)) of the means of its n points away (Wallace and Hussain 1969).
+    """
+    total = np.bincount(part, weight) + 1e-12
+    means = np.stack([np.bincount(part, weight * column) / total for column in values.T], axis=1)
+    points, q = len(values), means[:, -1]
+    single = np.average((values[:, -1] - q[part]) ** 2, weights=weight + 1e-12) * points / max(points - len(total), 1)
+    of_part = np.average((q - np.average(q, weights=total)) ** 2, weights=total) - single * len(total) / points
+    count = total * points / total.sum()
+    share = 1.0 - np.sqrt((single + 1e-9) / (single + 1e-9 + count * max(float(of_part), 0.0)))
+    return np.asarray(values - share[part, None] * means[part])
 
 
 def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:

@@ -44,6 +44,10 @@ class HEIGHTS:
     """Which heights can be judged."""
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
+    dem_whole: float = threshold(
+        0.8, "", "share of a DEM's standard deviation by which all of it is off, in predictions",
+        "GLO-30: 4 m LE90 with noise of 1 to 3 m",
+    )  # fmt: skip
     most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")
     least_common_m: float = threshold(1e-3, "m", "error that surveyed heights share: each is wrong by itself")
 
@@ -98,6 +102,11 @@ class DemHeights:
     def overall_m(self) -> float:
         datum_m = largest_sigma_m(getattr(self.dem, "operations", ()))[1]
         return float(np.hypot(DEM.by_all * self.sigma_m, datum_m))
+
+    @property
+    def predicted_m(self) -> float:
+        """Standard deviation of what all of it is off by, for predictions: it weighs more than `overall_m` says."""
+        return float(np.hypot(HEIGHTS.dem_whole * self.sigma_m, self.overall_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the heights of the DEM where the points lie."""
@@ -196,6 +205,20 @@ class HeightObservations:
         for one in judged:
             one.reduce_shared_weights()
         return judged
+
+    def find_unweighted_variance(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray
+    ) -> np.ndarray:
+        """Return the variances ``(m,)`` of heights by what a DEM is off as a whole, beyond what its weights say.
+
+        It counts as far as the DEM holds the cameras; ``precise (m, 3, 3)`` are cofactors with those of the cameras.
+        """
+        of_cameras, variance = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0), np.zeros(len(ground))
+        for one in self.fit_sources(priors, ground, cofactors):
+            if isinstance(one.source, DemHeights) and one.weight > 0.0:
+                beyond_m2 = max(one.source.predicted_m**2 - 1.0 / one.weight, 0.0)
+                variance += np.minimum(of_cameras * one.weight, 1.0) ** 2 * beyond_m2
+        return variance
 
     def _compare_surveys(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> OtherOffsets:
         """Return what the surveyed heights that take part say of the block's height, against the rays alone."""

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...block.orthoimage import DEM
 from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
@@ -41,8 +40,13 @@ class SURFACE_FIT:
     cells_off: float = threshold(
         0.1, "cells", "standard deviation of a DEM's place along each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
     )
+    noise_share: float = threshold(
+        0.45, "", "noise of a DEM within some cells over its standard deviation", "GLO-30: 1 m"
+    )
+    most_matches: int = threshold(12, "matches", "of a part; what is left then follows the block")
     moved_cells: float = threshold(0.05, "cells", "move of the block after which it is matched again")
     fewest_cells: float = threshold(12.0, "cells", "independent ones, with fewer of which the relief holds no plan")
+    flat: float = threshold(0.7, "", "scatter about the surface over that of the ground's heights: half is unexplained")
     left_of_relief: float = threshold(0.5, "", "scatter about the surface over that of the ground's heights …")
     left_sigmas: float = threshold(4.0, "sigma", "… or in standard deviations of the surface: beyond, another ground")
 
@@ -70,6 +74,7 @@ class SurfacePlan:
     cell_m: float
     last: SurfaceMatch = field(init=False)
     _at: np.ndarray | None = None
+    _matches: int = 0
 
     def __post_init__(self) -> None:
         self.last = self.first
@@ -81,7 +86,7 @@ class SurfacePlan:
     ) -> SurfacePlan | None:  # fmt: skip
         """Return the relief under ``points (k,)`` of ``ground (m, 3)``, searched; None where it is not there."""
         at = ground[points]
-        first = match_surface(at, surface, search_m, kind)
+        first = match_surface(at, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
         if first is None:
             return None
         relief_m = float(robust_sigma(at[:, 2] - np.median(at[:, 2])))
@@ -96,6 +101,8 @@ class SurfacePlan:
         match = self.first
         if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, SURFACE_FIT.left_sigmas * self.sigma_m):
             return f"it does not show this ground ({match.scatter_m:.1f} m scatter are left)"
+        if match.scatter_m > SURFACE_FIT.flat * self.relief_m:
+            return f"the ground is flat: its relief of {self.relief_m:.1f} m does not stand out of the misclosures"
         if match.cells < SURFACE_FIT.fewest_cells:
             return f"only {match.cells:.0f} of its parts are independent"
         if not match.is_decided:
@@ -109,8 +116,8 @@ class SurfacePlan:
     def covariance_m2(self) -> np.ndarray:
         """Covariance ``(3, 3)`` of the block's place by the surface, with that of the surface's own place."""
         datum_m, vertical_m = largest_sigma_m(getattr(self.surface, "operations", ()))
-        shared_m2, cells_m2 = (DEM.by_all * self.sigma_m) ** 2, (SURFACE_FIT.cells_off * self.cell_m) ** 2
-        own_m2 = shared_m2 + np.array([cells_m2 + datum_m**2, cells_m2 + datum_m**2, vertical_m**2])
+        shared_m2, cells_m2 = (HEIGHTS.dem_whole * self.sigma_m) ** 2, (SURFACE_FIT.cells_off * self.cell_m) ** 2
+        own_m2 = np.array([cells_m2 + datum_m**2, cells_m2 + datum_m**2, shared_m2 + vertical_m**2])
         return np.asarray(self.last.covariance_m2 + np.diag(own_m2))
 
     @property
@@ -153,13 +160,22 @@ class SurfacePlan:
         now = np.median(by_rays, axis=0)
         moved = np.zeros(3) if self._at is None else ground_difference_m(now[None], self._at[None])[0]
         start = (np.zeros(3) if self._at is None else self.last.displacement_m) - moved
-        if self._at is None or np.abs(moved).max() > SURFACE_FIT.moved_cells * self.cell_m:
-            matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable])
+        has_moved = self._at is None or np.abs(moved).max() > SURFACE_FIT.moved_cells * self.cell_m
+        if has_moved and self._matches < SURFACE_FIT.most_matches:
+            self._matches += 1
+            noise_m = SURFACE_FIT.noise_share * self.sigma_m
+            matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable], noise_m)
             found = matcher.refine(start, self.search_m)
-            if found is not None:
+            if found is not None and not self._strays(now, found, start):
                 self.last, self._at = found, now
                 return found.displacement_m
         return start
+
+    def _strays(self, now: np.ndarray, found: SurfaceMatch, start: np.ndarray) -> bool:
+        """Return whether a match of points whose middle is ``now (3,)`` leaves the search, or the minimum it is in."""
+        away = ground_difference_m(now[None], np.median(self.before, axis=0)[None])[0] + found.displacement_m
+        expected = replace(self.last, displacement_m=start)
+        return bool(np.abs(away[:2]).max() > self.search_m + self.cell_m) or found.is_apart_from(expected, self.cell_m)
 
     def _observe(self, priors: PointPriors, ground: np.ndarray, left_m: np.ndarray) -> PointPriors:
         """Return the priors with each point observed in plan at ``left_m (3,)`` from where it lies."""

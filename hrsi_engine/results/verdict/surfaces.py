@@ -32,5 +32,17 @@ def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
             )  # fmt: skip
 
 
+def find_open_surfaces(evidence: Evidence) -> Iterator[Reason]:
+    """Yield, for parts that the relief does not hold in plan, why; it accuses nothing."""
+    for one in evidence.result.surfaces:
+        if one.open:
+            yield Reason(
+                "surface-open", Level.OK,
+                f"the relief of the surface does not hold {list_ids(one.images)} in plan: {one.open}",
+                "only the RPCs hold it in plan, as well as its CE90 says: GCPs or a reference orthoimage tell more",
+                images=one.images,
+            )  # fmt: skip
+
+
 #: Every check of surfaces.
-ON_SURFACES = (find_surface_offsets,)
+ON_SURFACES = (find_surface_offsets, find_open_surfaces)
