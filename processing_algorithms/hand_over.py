@@ -9,13 +9,13 @@ import numpy as np
 from shapely.geometry import box
 from shapely.ops import unary_union
 
-from ..hrsi_engine.block.block import Image
+from ..hrsi_engine.block.block import GroundPoints, Image
 from ..hrsi_engine.block.imaging_geometry import ViewDirection, compute_all_pairs, intersect_footprints
 from ..hrsi_engine.block.stereo_pairs import StereoPair, choose_stereo_pairs
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.map_crs import map_epsg
-from ..hrsi_engine.io.catalogue.block_records import BlockRecord, read_record
+from ..hrsi_engine.io.catalogue.block_records import read_record
 from ..hrsi_engine.io.output_dir import read_report, stage_folder
 from ..hrsi_engine.io.pages.report import write_report_json
 from ..hrsi_engine.io.point_files import read_points
@@ -37,14 +37,21 @@ def run(options: HandOverOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     record, told = read_record(options.result), read_report(os.path.join(options.result, REPORT_FILE)) or {}
     images = [_refined(image, told, options.result) for image in open_block_images(record)]
-    surface = _find_surface(record, options)
+    points = read_points(record.layer("ground_points"), adjusted=True).ground
+    surface = _find_surface(points, options)
     views = [ViewDirection(image, surface) for image in images]
     geometries = {view.image.id: view.geometry() for view in views}
     advance(context.progress, 0.3, "pairs")
+    suns = {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images}
+    times = {image.id: read_time(image.path) for image in images}
+    measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
+    surveyed = read_points(record.layer("ground_points")).ground
+    if measured is None or points is None or surveyed is None:
+        raise InputError(f"{options.result}: has no adjusted points: adjust the block again")
+    ties = {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
     pairs = choose_stereo_pairs(
         compute_all_pairs(views), {name: view.incidence_deg for name, view in geometries.items()},
-        {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images},
-        {image.id: read_time(image.path) for image in images}, _list_ties(record, images), options.most_pairs,
+        suns, times, ties, options.most_pairs,
     )  # fmt: skip
     if not pairs:
         raise InputError(f"{options.result}: no two images overlap under a useful angle: add images to the block")
@@ -62,6 +69,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     project = BlockProject(
         tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
         map_epsg(area.centroid.x, area.centroid.y), not options.link,
+        options.factor, suns, times, points, surveyed, measured,
     )  # fmt: skip
     if context.dry_run:
         return plan(context, options.folder.output_dir, [REPORT_FILE], {"images": len(images), "pairs": len(pairs)})
@@ -76,11 +84,11 @@ def run(options: HandOverOptions, context: Context) -> Report:
         report["commands"] = [f"cd {folder}", *handed.commands]
         report["expected"] = os.path.join(folder, handed.result)
         report["warnings"] += handed.notices
-        written = {name.partition(".")[0]: name for name in sorted(os.listdir(staged))}
+        written = {image: name for image in images for name in (f"{image.id}.tif", f"{image.id}.vrt")
+                   if (staged / name).exists()}  # fmt: skip
         report["images"] = {
-            image.id: {"path": image.path, "output": os.path.join(folder, written[image.id])}
-            for image in images if image.id in written
-        }  # fmt: skip
+            image.id: {"path": image.path, "output": os.path.join(folder, name)} for image, name in written.items()
+        }
         write_report_json(str(staged / REPORT_FILE), report)
     tell(report["warnings"], context)
     advance(context.progress, 1.0, "done")
@@ -97,23 +105,14 @@ def _refined(image: Image, told: Mapping[str, Any], folder: str) -> Image:
     return replace(image, rpc=read_rpc(found).rpc)
 
 
-def _find_surface(record: BlockRecord, options: HandOverOptions) -> HeightSurface:
+def _find_surface(points: GroundPoints | None, options: HandOverOptions) -> HeightSurface:
     """Return the ground: the DEM of the options, else a surface through the adjusted points."""
     dem = dem_surface(options.dem, options.height_datum)
     if dem is not None:
         return dem
-    ground = read_points(record.layer("ground_points"), adjusted=True).ground
-    if ground is None:
-        raise InputError(f"{record.folder}: has no adjusted points to tell the terrain by: give `dem`")
-    return surface_of_points(ground.ground, ground.sigma_m[:, 1])[0]
-
-
-def _list_ties(record: BlockRecord, images: Sequence[Image]) -> dict[str, set[str]]:
-    """Return the ids of the points measured on each image."""
-    measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
-    if measured is None:
-        return {}
-    return {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
+    if points is None:
+        raise InputError(f"{options.result}: has no adjusted points to tell the terrain by: give `dem`")
+    return surface_of_points(points.ground, points.sigma_m[:, 1])[0]
 
 
 def _pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
@@ -150,4 +149,5 @@ def summarise(report: Report) -> str:
     ]
     lines.append(f"expected: heights +- {accuracy['relative_height_m']:.2f} m among themselves; {', '.join(absolute)}")
     lines += [f"warning: {text}" for text in report["warnings"]]
-    return "\n".join([*lines, f"then type:  {' && '.join(report['commands'])}", f"result:  {report['expected']}"])
+    commands = [f"then type:  {' && '.join(report['commands'])}"] if len(report["commands"]) > 1 else []
+    return "\n".join([*lines, *commands, f"result:  {report['expected']}"])

@@ -383,7 +383,7 @@ FIT_RPC = Algorithm(
 
 # ---- hand-over ------------------------------------------------------------------------------------------------------
 
-NEXT_PROGRAMS = ("cars", "s2p")
+NEXT_PROGRAMS = ("cars", "s2p", "asp", "nerf", "points")
 
 
 @options(kw_only=True)
@@ -391,7 +391,10 @@ class HandOverOptions:
     """What `hand-over` takes."""
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
-    to: str = option("cars", "The next program", choices=NEXT_PROGRAMS)
+    to: str = option(
+        "cars", "The next program; nerf is for radiance fields and splatting, points for point clouds and GCPs",
+        choices=NEXT_PROGRAMS,
+    )  # fmt: skip
     extent: str | None = option(
         None, "Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind it; by "
         "default all that the chosen pairs have in common", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
@@ -399,6 +402,9 @@ class HandOverOptions:
     dem: DemOptions = nest_options(DemOptions)
     height_datum: str = height_datum_option()
     most_pairs: int = option(8, "Most stereo pairs, the best first", minimum=1)
+    factor: float = option(
+        1.0, "Size of the crops for nerf to that of the images", minimum=1e-3, maximum=64.0, advanced=True
+    )
     link: bool = option(False, "Refer to the images by VRTs instead of copying them")
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)

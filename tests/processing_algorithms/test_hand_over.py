@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from datetime import datetime
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
+import pyproj
 import pytest
 from osgeo import gdal
 
@@ -14,6 +16,8 @@ from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry
 from hrsi.hrsi_engine.block.stereo_pairs import choose_stereo_pairs
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.sun import SunAngles
+from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
+from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.projects import PROJECT_WRITERS
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -153,4 +157,120 @@ def test_pairs_by_convergence_sun_season_and_similarity():
     assert [one.right for one in found] == ["B"]
     assert choose_stereo_pairs(pairs, incidence, suns, times, ties, 1)[0].height_sigma_m(0.5) == pytest.approx(
         0.25 * 0.5 / (2.0 * np.tan(np.radians(6.0)))
+    )
+
+
+def evaluate_rpcm(rpc: dict, ground: np.ndarray) -> np.ndarray:
+    """Return sample, line (n, 2) by the RPC's definition (NGA STDI-0002, RPC00B), from the names of `rpcm`."""
+    P, L, H = (
+        (ground[:, axis] - rpc[f"{name}_offset"]) / rpc[f"{name}_scale"]
+        for axis, name in ((1, "lat"), (0, "lon"), (2, "alt"))
+    )
+    one = np.ones_like(P)
+    terms = np.array([
+        one, L, P, H, L * P, L * H, P * H, L * L, P * P, H * H, P * L * H, L**3, L * P * P, L * H * H, L * L * P, P**3,
+        P * H * H, L * L * H, P * P * H, H**3,
+    ])  # fmt: skip
+    return np.column_stack([
+        np.array(rpc[f"{axis}_num"]) @ terms / (np.array(rpc[f"{axis}_den"]) @ terms) * rpc[f"{axis}_scale"]
+        + rpc[f"{axis}_offset"]
+        for axis in ("col", "row")
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 0.37])
+def test_views_reproject_tie_points_to_the_adjusted_residuals(block, factor):
+    """After crop and scale: the view's RPC misses its keypoints by the adjustment's residuals, in the crop's pixels."""
+    folder, _ = hand_over(block, "nerf", f"nerf_{factor}", factor=factor)
+    told = read_layer_table(str(block / "result" / "block.gpkg"), "image_points")
+    ground = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")
+    position = {name: row for row, name in enumerate(ground["id"])}
+    lonlat = np.column_stack([ground[name] for name in ("lon", "lat", "height")])
+    residual = {
+        (image, name): (dx, dy)
+        for image, name, dx, dy in zip(
+            told["image"], told["id"], told["residual_sample_px"], told["residual_line_px"], strict=True
+        )
+    }
+    points = np.load(folder / "pts3d.npy")
+    for number in (1, 2, 3):
+        view = json.loads((folder / f"image_{number}.json").read_text())
+        crop = gdal.Open(str(folder / view["img"]))
+        assert (crop.RasterXSize, crop.RasterYSize) == (view["width"], view["height"])
+        rows = np.array(view["keypoints"]["pts3d_indices"])
+        ties = ground["role"][rows] == "tie"
+        keypoints, rows = np.array(view["keypoints"]["2d_coordinates"])[ties], rows[ties]
+        assert len(rows) > 20
+        names = [ground["id"][row] for row in rows]
+        xyz = np.array(pyproj.Transformer.from_crs(4979, 4978, always_xy=True).transform(*lonlat[rows].T)).T
+        np.testing.assert_allclose(points[rows], xyz, atol=1e-6)
+        expected = np.array([residual[f"image_{number}", name] for name in names])
+        scale = np.array([view["width"], view["height"]]) / view["window"][2:]
+        found = keypoints - evaluate_rpcm(view["rpc"], lonlat[[position[name] for name in names]])
+        assert np.abs(found - expected * scale).max() < 1e-3
+        assert view["min_alt"] < lonlat[rows, 2].min() and view["max_alt"] > lonlat[rows, 2].max()
+    listed = [(folder / name).read_text().split() for name in ("train.txt", "test.txt")]
+    assert sorted(listed[0] + listed[1]) == ["image_1.json", "image_2.json", "image_3.json"] and len(listed[1]) == 1
+
+
+def test_asp_project(block):
+    """Field by field by ASP's rules: RPC XML of each image, ellipsoidal DEM last, one run a pair, one mosaic."""
+    folder, report = hand_over(block, "asp", "asp")
+    commands = [line.split() for line in report["commands"][1:]]
+    mapped = [line for line in commands if line[0] == "mapproject"]
+    stereo = [line for line in commands if line[0] == "parallel_stereo"]
+    assert [line[0] for line in commands] == ["mapproject"] * 3 + ["parallel_stereo", "point2dem"] * 3 + ["dem_mosaic"]
+    for line in mapped:  # mapproject [options] DEM IMAGE CAMERA OUTPUT
+        assert line[1:3] == ["-t", "rpc"] and line[-4] == "dem.tif" and (folder / line[-3]).exists()
+        assert line[-1] == line[-2].replace(".xml", "_map.tif")
+    for line in stereo:  # parallel_stereo [options] LEFT RIGHT LEFT_CAMERA RIGHT_CAMERA PREFIX DEM
+        left, right, left_camera, right_camera, prefix, dem = line[-6:]
+        assert line[line.index("-t") + 1] == "rpcmaprpc" and line[line.index("--alignment-method") + 1] == "none"
+        assert {left, right} <= {one[-1] for one in mapped} and dem == "dem.tif"
+        assert (left_camera, right_camera) == (left.replace("_map.tif", ".xml"), right.replace("_map.tif", ".xml"))
+        after = commands[commands.index(line) + 1]
+        assert (after[0], after[-1]) == ("point2dem", f"{prefix}-PC.tif")
+        assert f"{prefix}-DEM.tif" in commands[-1]
+    for number in (1, 2, 3):
+        rpb = ElementTree.parse(folder / f"image_{number}.xml").getroot().find("RPB/IMAGE")
+        told = gdal_rpc(block / "result" / f"image_{number}.tif")
+        for tag, name in (
+            ("LINEOFFSET", "LINE_OFF"), ("SAMPOFFSET", "SAMP_OFF"), ("LATOFFSET", "LAT_OFF"),
+            ("LONGOFFSET", "LONG_OFF"), ("HEIGHTOFFSET", "HEIGHT_OFF"), ("LINESCALE", "LINE_SCALE"),
+            ("SAMPSCALE", "SAMP_SCALE"), ("LATSCALE", "LAT_SCALE"), ("LONGSCALE", "LONG_SCALE"),
+            ("HEIGHTSCALE", "HEIGHT_SCALE"),
+        ):  # fmt: skip
+            assert float(rpb.findtext(tag)) == pytest.approx(float(told[name]), rel=1e-14), tag
+        for tag, name in (
+            ("LINENUMCOEFList/LINENUMCOEF", "LINE_NUM_COEFF"), ("LINEDENCOEFList/LINEDENCOEF", "LINE_DEN_COEFF"),
+            ("SAMPNUMCOEFList/SAMPNUMCOEF", "SAMP_NUM_COEFF"), ("SAMPDENCOEFList/SAMPDENCOEF", "SAMP_DEN_COEFF"),
+        ):  # fmt: skip
+            np.testing.assert_allclose(
+                np.array(rpb.findtext(tag).split(), float), np.array(told[name].split(), float), rtol=1e-14
+            )
+
+
+def test_points_project(block):
+    folder, _ = hand_over(block, "points", "points")
+    ground = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")
+    head, body = (folder / "tie_points.ply").read_bytes().split(b"end_header\n")
+    rows = np.frombuffer(body, [("xyz", "<f8", 3), ("sigma", "<f4", 2), ("rays", "<i4")])
+    assert f"element vertex {len(ground['id'])}" in head.decode()
+    epsg = int(head.decode().split("EPSG:")[1].split(",")[0])
+    east, north = pyproj.Transformer.from_crs(4326, epsg, always_xy=True).transform(ground["lon"], ground["lat"])
+    np.testing.assert_allclose(rows["xyz"], np.column_stack([east, north, ground["height"]]), atol=1e-4)
+    np.testing.assert_allclose(rows["rays"], ground["rays"])
+    # the GCPs come back from ASP's file as they were surveyed
+    known = read_points(str(folder / "gcps.gcp")).ground
+    table = np.genfromtxt(block / "made" / "ground_points.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    surveyed = {row["id"]: (row["lon"], row["lat"], row["height"]) for row in table}
+    assert len(known) == 10
+    for name, place in zip(known.ids.tolist(), known.ground, strict=True):
+        np.testing.assert_allclose(place, surveyed[name], atol=1e-4)
+    words = (folder / "image_1_gcps.txt").read_text().split()
+    assert words[0] == "-gcp" and len(words) % 6 == 0
+    qgis = (folder / "image_1.points").read_text().splitlines()
+    first = [float(value) for value in qgis[1].split(",")]
+    assert first[2:4] == pytest.approx([float(words[1]), -float(words[2])]) and first[:2] == pytest.approx(
+        [float(words[3]), float(words[4])]
     )

@@ -3,10 +3,19 @@
 `PROJECT_WRITERS` has one entry for each target; a new target is one file with a function ``write(project, folder)``.
 """
 
+from .asp import write_asp_project
 from .cars import write_cars_project
+from .nerf import write_nerf_project
+from .points import write_points_project
 from .project import BlockProject, Handed, ProjectWriter
 from .s2p import write_s2p_project
 
 __all__ = ["PROJECT_WRITERS", "BlockProject", "Handed", "ProjectWriter"]
 
-PROJECT_WRITERS: dict[str, ProjectWriter] = {"cars": write_cars_project, "s2p": write_s2p_project}
+PROJECT_WRITERS: dict[str, ProjectWriter] = {
+    "cars": write_cars_project,
+    "s2p": write_s2p_project,
+    "asp": write_asp_project,
+    "nerf": write_nerf_project,
+    "points": write_points_project,
+}

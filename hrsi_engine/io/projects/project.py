@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal, osr
 from shapely.geometry import Polygon
 
-from ...block.block import Image
-from ...block.imaging_geometry import intersect_footprints
+from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import WGS84, metres_per_degree
+from ...ground.sun import SunAngles
 from ...surface.dem import HeightSurface, surface_heights
 from ..opening.datasets import gdal_messages
 from ..rpc_files.write import write_geotiff_copy, write_vrt
@@ -32,6 +33,9 @@ class PROJECTS:
     )
     node_pixels: float = threshold(4.0, "px", "of the images, distance of the initial DEM's nodes at least")
     margin: float = threshold(0.1, "", "of the area's extent, by which the initial DEM reaches beyond it")
+    dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
+    outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
+    held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
     height_margin_m: float = threshold(30.0, "m", "below and above the terrain where matches are looked for")
 
 
@@ -57,6 +61,14 @@ class BlockProject:
         Projected CRS for results.
     copy : bool
         Whether images are copied; else VRTs refer to them.
+    factor : float
+        Size of crops to that of the images.
+    suns, times : dict
+        Sun and acquisition time of the images by id; None where not known.
+    points, surveyed : GroundPoints
+        The points as adjusted, and the known ones among them as surveyed.
+    measured : ImagePoints
+        Where they were measured.
     """
 
     images: tuple[Image, ...]
@@ -67,6 +79,12 @@ class BlockProject:
     gsd_m: float
     epsg: int
     copy: bool
+    factor: float
+    suns: dict[str, SunAngles | None]
+    times: dict[str, datetime | None]
+    points: GroundPoints
+    surveyed: GroundPoints
+    measured: ImagePoints
 
     def image(self, name: str) -> Image:
         """Return the image of an id."""
@@ -116,7 +134,7 @@ def write_project_images(project: BlockProject, folder: Path, images: Sequence[I
 
 def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[int, int, int, int]:
     """Return the window (first sample and line, samples, lines) of an image that shows an area; empty outside it."""
-    ground = sample_area(intersect_footprints(area, area), surface, 21)[0].reshape(-1, 3)
+    ground = sample_area(area, surface, PROJECTS.outline_nodes)[0].reshape(-1, 3)
     xy = image.rpc.project(ground[np.isfinite(ground[:, 2])])
     last = np.array(image.known_size)
     low = np.clip(np.floor(xy.min(axis=0) + 0.5), 0, last).astype(int)

@@ -1,0 +1,33 @@
+"""Ames Stereo Pipeline: images with their refined RPC as XML, and the commands over map-projected images.
+
+The session ``rpcmaprpc`` takes the RPC of the XML files; ``.adjust`` files are not needed. The DEM's heights are above
+the WGS84 ellipsoid, as ``mapproject`` and ``parallel_stereo`` take them. Each pair becomes a surface model, and
+``dem_mosaic`` joins them. Source: https://stereopipeline.readthedocs.io, "Stereo with mapprojected images", "RPC".
+"""
+
+from pathlib import Path
+
+from ..rpc_files.write import write_rpc_file
+from .project import DEM_FILE, PROJECTS, BlockProject, Handed, write_initial_dem, write_project_images
+
+_RESULT = "dsm.tif"
+
+
+def write_asp_project(project: BlockProject, folder: Path) -> Handed:
+    """Write images, an XML with the RPC of each, and the initial DEM."""
+    names = write_project_images(project, folder, project.paired)
+    write_initial_dem(project, folder)
+    crs, cell = f"--t_srs EPSG:{project.epsg}", PROJECTS.dsm_pixels * project.gsd_m
+    for image in project.paired:
+        write_rpc_file(str(folder / f"{image.id}.xml"), image.rpc, "isd")
+    commands = [
+        f"mapproject -t rpc {crs} --tr {project.gsd_m:.2f} {DEM_FILE} {file} {name}.xml {name}_map.tif"
+        for name, file in names.items()
+    ]
+    runs = [f"{pair.left}__{pair.right}/run" for pair in project.pairs]
+    for pair, run in zip(project.pairs, runs, strict=True):
+        images = f"{pair.left}_map.tif {pair.right}_map.tif {pair.left}.xml {pair.right}.xml"
+        commands.append(f"parallel_stereo -t rpcmaprpc --alignment-method none {images} {run} {DEM_FILE}")
+        commands.append(f"point2dem {crs} --tr {cell:.2f} {run}-PC.tif")
+    commands.append(f"dem_mosaic {' '.join(f'{run}-DEM.tif' for run in runs)} -o {_RESULT}")
+    return Handed(tuple(commands), _RESULT)

@@ -1,0 +1,52 @@
+"""Radiance fields and splatting with RPCs: a JSON for each view in the form of Sat-NeRF, crops, and the tie points.
+
+Each view says its image, size, RPC (as `rpcm` writes it), sun, date, ground outline, and the lowest and highest height
+of the scene, between which rays are sampled; ``keypoints`` are its tie points, with their rows in ``pts3d.npy``
+(geocentric metres). ``train.txt`` and ``test.txt`` list the views to learn from and those held out. ``scene.json`` has
+the local frame, radius, and for each view the distances near and far along its middle ray below the highest height.
+Source: https://github.com/centreborelli/satnerf, ``datasets/satellite.py``; EO-NeRF and EOGS read the same files.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...foundation.json_values import json_text
+from ...ground.geodesy import LocalFrame, to_ecef
+from ..rpc_files.fields import json_members
+from ..rpc_files.text_formats import RPCM_NAMES
+from .project import PROJECTS, BlockProject, Handed, sample_area
+from .views import split_views, write_views
+
+
+def write_nerf_project(project: BlockProject, folder: Path) -> Handed:
+    """Write crops, JSON of the views, tie points, lists, and ``scene.json``."""
+    ground, _, _ = sample_area(project.area, project.surface, PROJECTS.outline_nodes)
+    low = float(np.nanmin(ground[..., 2])) - PROJECTS.height_margin_m
+    high = float(np.nanmax(ground[..., 2])) + PROJECTS.height_margin_m
+    centre = (*project.area.centroid.coords[0], (low + high) / 2.0)
+    frame, names, rays = LocalFrame(*centre), [], {}
+    for view in write_views(project, folder):
+        sun, time = project.suns[view.image.id], project.times[view.image.id]
+        outline = {"type": "Polygon", "coordinates": [[list(corner) for corner in project.area.exterior.coords]]}
+        told = {
+            "img": view.file, "width": view.size[0], "height": view.size[1], "window": view.window,
+            "rpc": json_members(view.rpc, RPCM_NAMES),
+            "sun_elevation": None if sun is None else sun.elevation_deg,
+            "sun_azimuth": None if sun is None else sun.azimuth_deg,
+            "acquisition_date": None if time is None else f"{time:%Y%m%d%H%M%S}", "min_alt": low, "max_alt": high,
+            "geojson": outline | {"center": list(centre[:2])},
+            "keypoints": {"2d_coordinates": view.xy.tolist(), "pts3d_indices": view.point.tolist()},
+        }  # fmt: skip
+        names.append(f"{view.image.id}.json")
+        (folder / names[-1]).write_text(json_text(told, indent=1) + "\n", encoding="utf-8")
+        middle = np.array([view.size]) / 2.0
+        upper, lower = (to_ecef(view.rpc.localize(middle, height).ground) for height in (high, low))
+        rays[view.image.id] = {"near_m": 0.0, "far_m": float(np.linalg.norm(upper - lower))}
+    np.save(folder / "pts3d.npy", to_ecef(project.points.ground))
+    for file, listed in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
+        (folder / file).write_text("".join(f"{name}\n" for name in listed), encoding="utf-8")
+    radius = float(np.linalg.norm(frame.from_ground(ground.reshape(-1, 3)), axis=1).max())
+    scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
+    (folder / "scene.json").write_text(json_text(scene, indent=1) + "\n", encoding="utf-8")
+    return Handed(("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")
