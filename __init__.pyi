@@ -1605,12 +1605,13 @@ def strip(
 def hand_over(
     result: Path,
     *,
-    to: Literal["cars", "s2p"] = "cars",
+    to: Literal["cars", "s2p", "asp", "nerf", "points"] = "cars",
     extent: str | None = None,
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
     height_datum: str = "layer",
     most_pairs: int = 8,
+    factor: float = 1.0,
     link: bool = False,
     output_dir: Path | None = None,
     overwrite: bool = False,
@@ -1629,7 +1630,8 @@ def hand_over(
     result : path
         Output directory of an adjustment.
     to : str, optional
-        The next program (one of cars, s2p; default cars).
+        The next program; nerf is for radiance fields and splatting, points for point clouds and GCPs
+        (one of cars, s2p, asp, nerf, points; default cars).
     extent : str, optional
         Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind
         it; by default all that the chosen pairs have in common.
@@ -1642,6 +1644,8 @@ def hand_over(
         egm2008 or a geoid grid file (default layer).
     most_pairs : int, optional
         Most stereo pairs, the best first (at least 1; default 8).
+    factor : float, optional
+        Size of the crops for nerf to that of the images (at least 0.001; at most 64; default 1).
     link : bool, optional
         Refer to the images by VRTs instead of copying them (default no).
     output_dir : path, optional
