@@ -4,7 +4,7 @@ The example is simulated in a second or two: nothing has to be downloaded, and i
 """
 
 import math
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,9 @@ class FirstSteps(QDialog):
         if not self._dock.may_leave():
             return
         self.note.setText(tr("making the images …"))
-        self._task = _Simulation(self.folder, self._on_simulation_end)
+        simulate = partial(run, "simulate", output_dir=str(self.folder), overwrite=True, **EXAMPLE)
+        title = tr("HRSI: making the example")
+        self._task = BackgroundTask(title, lambda progress: simulate(progress=progress), self._on_simulation_end)
         self.refresh()
         self._task.start()
 
@@ -153,17 +155,6 @@ class FirstSteps(QDialog):
             self._canvas.setExtent(extent)
             self._canvas.refresh()
         self.note.setText(tr("That was all. The panel's New… begins a block of your own; the toolbox has the rest."))
-
-
-class _Simulation(BackgroundTask):
-    """Makes the example."""
-
-    def __init__(self, folder: Path, on_end: Callable[[Any], None]) -> None:
-        super().__init__(tr("HRSI: making the example"), on_end)
-        self._folder = folder
-
-    def work(self) -> None:
-        run("simulate", output_dir=str(self._folder), overwrite=True, progress=self.progress, **EXAMPLE)
 
 
 def is_tour_wanted() -> bool:

@@ -8,7 +8,6 @@ from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
-from .block_steps.earlier_block import read_earlier
 from .block_steps.laser_points import (
     describe_laser,
     name_operations,
@@ -28,7 +27,7 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
     images = open_images(options.images, context)
-    earlier = read_earlier(options.growth, images, options.tie_points)
+    earlier = block_inputs.read_earlier(options.growth, images, options.tie_points)
     images = join_exposures([*earlier.images, *images])
     block_inputs.tell_tiles(images, options.adjustment, context.log)
     block_outputs.require_room(options.output, images, context)

@@ -24,7 +24,7 @@ from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from ..hrsi_engine.io.rpc_files import read_rpc
 from ..hrsi_engine.ortho.point_surface import surface_of_points
 from ..hrsi_engine.surface.dem import HeightSurface
-from .block_steps.earlier_block import open_block_images
+from .block_steps.inputs import open_block_images
 from .declarations.rpcs import HandOverOptions
 from .files.opening import dem_surface
 from .files.orthoimage_plan import parse_box

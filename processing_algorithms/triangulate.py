@@ -11,7 +11,7 @@ from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import outputs as block_outputs
 from .block_steps import plausibility
-from .block_steps.earlier_block import EarlierBlock, read_earlier
+from .block_steps.inputs import EarlierBlock
 from .block_steps.laser_points import (
     adjust_at_laser_points,
     describe_laser,
@@ -40,7 +40,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     file = None if automatic else options.tie_points
     block_inputs.refuse_idle_matches(options.search, automatic, "tie_points")
     images = open_images(options.images, context)
-    earlier = read_earlier(options.growth, images, file)
+    earlier = block_inputs.read_earlier(options.growth, images, file)
     if options.reference.reference and earlier.images:
         raise InputError("`reference` takes no part where images join a block: leave out `reference` or `add_to`")
     if automatic and earlier.joint is not None:

@@ -7,7 +7,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
@@ -19,7 +19,7 @@ from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ...processing_algorithms.point_session.rows import TIE
-from ..background_task import AdjustTask
+from ..background_task import BackgroundTask
 from ..dependencies import missing_package_message
 from ..dialog_fields import LayerOrFile
 from ..layer_sources import point_source
@@ -73,7 +73,7 @@ class PointsDock(QDockWidget):
         self.map = MapLink(canvas)
         self.unsaved_root = unsaved_root or os.path.join(QgsApplication.qgisSettingsDirPath(), "hrsi", "unsaved")
         self.keeper: Any = None  # made with the first session: it needs the engine
-        self._task: AdjustTask | None = None
+        self._task: BackgroundTask | None = None
         self._began_s = self._adjusted_in_s = 0.0  # when the last adjustment began, and how long it took
         self._active: ImageView | None = None
         self.proposals: dict[str, Any] = {}  # by image: where matching has found the chosen point
@@ -503,7 +503,10 @@ class PointsDock(QDockWidget):
         """Adjust the block in the background, and save it where it has a file; `adjusted` is emitted at the end."""
         if self._task is not None:
             return
-        task = AdjustTask(self.session, self.ui.model.currentText(), save, self._on_adjustment_end)
+        session, model, block = self.session, self.ui.model.currentText(), point_session.block_of(self.session)
+        adjust = partial(point_session.adjust_block, block, model, listed=frozenset(session.points))
+        on_end = partial(self._on_adjustment_end, point_session.Snapshot(session), save)
+        task = BackgroundTask(tr("HRSI: adjusting the block"), lambda progress: adjust(progress=progress), on_end)
         task.progressChanged.connect(self.ui.show_progress)
         self._task, self._began_s = task, time.monotonic()
         self.refresh()
@@ -529,25 +532,26 @@ class PointsDock(QDockWidget):
             self._task.cancel()
 
     @show_errors
-    def _on_adjustment_end(self, task: AdjustTask) -> None:
+    def _on_adjustment_end(self, seen: Any, is_to_be_saved: bool, task: BackgroundTask) -> None:
+        """Show the adjustment of what was ``seen`` when it began."""
         if task is not self._task:
             return
         self._task = None
         self.ui.show_progress(0.0)
-        if task.adjusted is None:
+        if task.outcome is None:
             self.tell(task.failure or tr("cancelled"), is_error=bool(task.failure))
         else:
             self._adjusted_in_s = time.monotonic() - self._began_s
-            self.session.accept(task.adjusted, task.seen)
-            if task.is_to_be_saved and self.session.path and self.session.is_adjusted:
+            self.session.accept(task.outcome, seen)
+            if is_to_be_saved and self.session.path and self.session.is_adjusted:
                 point_session.save(self.session)
                 self._after_save()
-            self.tell(task.adjusted.told, is_error=task.adjusted.verdict.level is Level.UNUSABLE)
+            self.tell(task.outcome.told, is_error=task.outcome.verdict.level is Level.UNUSABLE)
             if self.ui.live.isChecked() and not self.session.is_adjusted:
                 self._on_edit()
         self.refresh()
         self.ui.fit_columns()
-        self.adjusted.emit(task.adjusted is not None)
+        self.adjusted.emit(task.outcome is not None)
 
     # ---- project -----------------------------------------------------------------------------------------------
 

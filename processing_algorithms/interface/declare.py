@@ -201,19 +201,6 @@ def _join_items(items: Iterable[Any]) -> str:
     return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 
 
-def format_words(param: Param, value: Any) -> list[str]:
-    """Return an option with a value as words of a command line."""
-    plain = _plain_value(value)
-    if param.kind in POSITIONAL_KINDS:
-        return [plain] if isinstance(plain, str) else list(plain)
-    if param.kind is Kind.FLAG:
-        return [f"--{param.name}" if plain else f"--no-{param.name}"]
-    if param.kind is Kind.FOLDERS:
-        return [word for folder in plain for word in (f"--{param.name}", folder)]
-    text = _join_items(plain) if isinstance(plain, list) else str(plain)
-    return [f"--{param.name}={text}"] if text.startswith("-") else [f"--{param.name}", text]
-
-
 @dataclass(frozen=True)
 class Algorithm:
     """A declared algorithm.
@@ -345,8 +332,19 @@ class Algorithm:
         params = sorted(
             (param for param in self.params if param.key in given), key=lambda p: p.kind in POSITIONAL_KINDS
         )
-        words = [word for param in params for word in format_words(param, given[param.key])]
-        return shlex.join(["hrsi", self.name, *words])
+        words = ["hrsi", self.name]
+        for param in params:
+            plain = _plain_value(given[param.key])
+            if param.kind is Kind.IMAGES:
+                words += plain
+            elif param.kind is Kind.FLAG:
+                words.append(f"--{param.name}" if plain else f"--no-{param.name}")
+            elif param.kind is Kind.FOLDERS:
+                words += [word for folder in plain for word in (f"--{param.name}", folder)]
+            else:
+                text = _join_items(plain) if isinstance(plain, list) else str(plain)
+                words += [f"--{param.name}={text}"] if text.startswith("-") else [f"--{param.name}", text]
+        return shlex.join(words)
 
     def defaults(self) -> dict[str, Any]:
         """Return every option at its default, by key."""

@@ -18,7 +18,7 @@ class Work(BackgroundTask):
     """Raises what it is given, or goes on until it is cancelled."""
 
     def __init__(self, error: Exception | None = None, on_end: Callable[[Work], None] | None = None) -> None:
-        super().__init__("work", on_end or Work.end)
+        super().__init__("work", lambda _progress: self.work(), on_end or Work.end)
         self.error, self.ended = error, ""
 
     def end(self) -> None:
