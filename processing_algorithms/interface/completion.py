@@ -6,7 +6,7 @@ does the rest: quoting, `~`, descending into folders.
 
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
 from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, value_name
@@ -17,13 +17,12 @@ _FOLDER_KINDS = (Kind.OUTPUT_DIR, Kind.FOLDERS)
 _DESCRIPTION = 72  # characters of a help text that are shown beside a word
 
 
-@dataclass(frozen=True)
-class Offer:
+class Offer(NamedTuple):
     """Completions of a word of the command line."""
 
-    words: tuple[str, ...] = ()
-    files: bool = False
-    folders: bool = False
+    words: tuple[str, ...]
+    files: bool
+    folders: bool
 
 
 def completion_script(shell: str, registry: Mapping[str, Algorithm]) -> str:
@@ -161,7 +160,11 @@ def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
         specs = []
         for param in params:
             text = _zsh_text(_short_help(param, params))
-            value = "" if param.kind is Kind.FLAG else f":{_zsh_text(value_name(param))}:{_zsh_action(offer_of(param))}"
+            offer, words = offer_of(param), " ".join(offer_of(param).words)
+            action = "_files" if offer.files else "_files -/" if offer.folders else " "
+            if words:
+                action = f" _hrsi_words_or_files {words}" if offer.files else f"({words})"
+            value = "" if param.kind is Kind.FLAG else f":{_zsh_text(value_name(param))}:{action}"
             specs += [f"{word}[{text}]{value}" for word in _option_words(param)]
         specs.append("*:file:_files")
         listed = " \\\n      ".join(map(shlex.quote, specs))
@@ -169,15 +172,6 @@ def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
     return _ZSH.format(
         commands="\n".join(commands), cases="\n".join(cases), algorithms=" ".join(registry), shells=" ".join(SHELLS)
     )
-
-
-def _zsh_action(offer: Offer) -> str:
-    words = " ".join(offer.words)
-    if offer.words and offer.files:
-        return f" _hrsi_words_or_files {words}"
-    if offer.words:
-        return f"({words})"
-    return "_files" if offer.files else "_files -/" if offer.folders else " "
 
 
 def _zsh_text(text: str) -> str:
@@ -204,23 +198,17 @@ def _fish_script(registry: Mapping[str, Algorithm]) -> str:
         behind = _fish_behind(name)
         lines.append(f"{behind} -F")
         for param in params:
-            for word in _option_words(param):
-                text = _fish_text(_short_help(param, params))
-                lines.append(f"{behind} -l {word.removeprefix('--')} {_fish_value(param)}-d {text}")
+            offer, text = offer_of(param), _fish_text(_short_help(param, params))
+            value = "-a '(__fish_complete_directories)' " if offer.folders else ""
+            if offer.words and not offer.folders:
+                value = f"-a {_fish_text(' '.join(offer.words))} "
+            value = "" if param.kind is Kind.FLAG else ("-r -F " if offer.files else "-x ") + value
+            lines += [f"{behind} -l {word.removeprefix('--')} {value}-d {text}" for word in _option_words(param)]
     return _FISH.format(lines="\n".join(lines))
 
 
 def _fish_behind(command: str) -> str:
     return f"complete -c hrsi -n '__fish_seen_subcommand_from {command}'"
-
-
-def _fish_value(param: Param) -> str:
-    if param.kind is Kind.FLAG:
-        return ""
-    offer = offer_of(param)
-    how = "-r -F " if offer.files else "-x "
-    words = f"-a {_fish_text(' '.join(offer.words))} " if offer.words else ""
-    return how + ("-a '(__fish_complete_directories)' " if offer.folders else words)
 
 
 def _fish_text(text: str) -> str:

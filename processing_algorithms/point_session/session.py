@@ -88,13 +88,16 @@ class PointSession:
     def rows(self) -> list[PointRow]:
         """Return all known points, in the order in which they came."""
         counts = Counter(map(itemgetter(0), self.measured))
-        stale = self._stale_points()
-        return [
-            PointRow(point, counts[name], NO_POSITION, "")
-            if name in stale or self.shown is None
-            else PointRow(point, counts[name], self.shown.residual_m.get(name, NO_POSITION), self._suspicion(name))
-            for name, point in self.points.items()
-        ]
+        stale = self._others_than(self._shown_from, self._stale)
+        rows = []
+        for name, point in self.points.items():
+            residual_m, why = NO_POSITION, ""
+            if self.shown is not None and name not in stale:
+                residual_m = self.shown.residual_m.get(name, NO_POSITION)
+                reasons = self.shown.point_suspicions.get(name, ""), *self.shown.measurement_suspicions.get(name, ())
+                why = "; ".join(dict.fromkeys(filter(None, reasons)))
+            rows.append(PointRow(point, counts[name], residual_m, why))
+        return rows
 
     def measurements(self, name: str) -> list[MeasurementRow]:
         """Return a point on every image; those in which it does not lie are told by ``is_inside``."""
@@ -177,21 +180,9 @@ class PointSession:
             xy = self.project(image_id, ground).tolist()
             known.update({point.id: (sample, line) for point, (sample, line) in zip(points, xy, strict=True)})
 
-    def _suspicion(self, name: str) -> str:
-        if self.shown is None:
-            return ""
-        own = self.shown.measurement_suspicions.get(name, ())
-        return "; ".join(
-            dict.fromkeys(reason for reason in (self.shown.point_suspicions.get(name, ""), *own) if reason)
-        )
-
     def list_edits(self) -> set[str]:
         """Return the points that are not as the adjustment saw them, those that are gone among them."""
         return self._others_than(self._adjusted_from, self._edited)
-
-    def _stale_points(self) -> set[str]:
-        """Return the points that are not as what is shown saw them."""
-        return self._others_than(self._shown_from, self._stale)
 
     def _others_than(self, before: Snapshot, measured: set[Key]) -> set[str]:
         names = {name for name, _ in measured}
