@@ -12,7 +12,7 @@ import pytest
 COUNT = """
 import ctypes, os, tempfile
 from threading import Barrier, Thread
-from hrsi.hrsi_engine.foundation.large_arrays import share_one_heap
+from hrsi.hrsi_engine.foundation.shared_heap import share_one_heap
 
 {call}
 libc = ctypes.CDLL(None)

@@ -1,8 +1,6 @@
-"""Memory of large arrays: zeros in large pages, tests of short rows column by column, one heap for all threads."""
+"""Memory of large arrays: zeros in large pages, and tests of short rows column by column."""
 
-import ctypes
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import reduce
 
 import numpy as np
@@ -30,22 +28,3 @@ def any_of_rows(mask: np.ndarray) -> np.ndarray:
 def finite_rows(values: np.ndarray) -> np.ndarray:
     """Return which short rows of ``values (n, k)`` are finite, ``(n,)``; see `any_of_rows`."""
     return reduce(np.logical_and, map(np.isfinite, values.T))
-
-
-def share_one_heap() -> None:
-    """Let threads take memory from the heap that is there, where the C library is glibc.
-
-    It gives each thread a heap of its own otherwise, and what one has freed is not there for the others. This holds for
-    all that is in the process and for threads that begin later: it is for a process of ours, at its start.
-    """
-    with suppress(AttributeError, OSError, TypeError):  # other libraries; on Windows there is none of no name
-        ctypes.CDLL(None).mallopt(-8, 1)  # M_ARENA_MAX of glibc's malloc.h
-
-
-def return_free_memory() -> None:
-    """Return the free memory of the heap to the system (glibc only); takes some milliseconds a gigabyte.
-
-    It keeps what lies below anything in use otherwise, which the larger arrays of the next part do not fit into.
-    """
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)

@@ -13,9 +13,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError, list_ids
-from ...hrsi_engine.foundation.large_arrays import return_free_memory
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
 from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder

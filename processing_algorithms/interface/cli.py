@@ -12,7 +12,7 @@ from functools import partial
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
 from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
-from ...hrsi_engine.foundation.large_arrays import share_one_heap
+from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
