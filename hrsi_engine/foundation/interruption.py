@@ -3,12 +3,14 @@
 Two ways, one after the other. While modules are loaded nothing is open, and an exception could come out of any half
 loaded library as another one, or as a traceback: the program ends at once (`quit_on_signals`). While it works, the
 signal is an exception that cleans up on its way (`signals_as_exceptions`). Where Python or GDAL swallow that exception,
-as in callbacks, it is raised again. Programs only, in their main thread: what is called from elsewhere keeps its ways.
-While several files change together, signals wait, in any program (`holding_signals`).
+as in callbacks, it is raised again; where a library's code does not come back to Python, a thread ends the program
+without cleaning up, which the next run does, as after SIGKILL. Programs only, in their main thread: what is called from
+elsewhere keeps its ways. While several files change together, signals wait, in any program (`holding_signals`).
 """
 
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -27,6 +29,7 @@ class PATIENCE:
 
     again_s: float = threshold(0.05, "s", "time until an exception that was swallowed is raised again")
     same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
+    blocked_s: float = threshold(10.0, "s", "time that a library's code may go on before the program is ended at once")
 
 
 class TerminationRequest(KeyboardInterrupt):
@@ -36,6 +39,7 @@ class TerminationRequest(KeyboardInterrupt):
 class _State:
     """Which signal has come, and when its exception was raised; None while it is still to be raised."""
 
+    arrived = threading.Event()  # in Python: a handler has run
     number: int | None = None
     raised_at: float | None = None
 
@@ -70,6 +74,7 @@ def signals_as_exceptions() -> Iterator[None]:
         yield
         return
     _State.number = _State.raised_at = None
+    _State.arrived.clear()
     before = {number: signal.getsignal(number) for number in _ENDINGS}
     hooks = sys.unraisablehook, sys.excepthook
     before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
@@ -84,7 +89,8 @@ def signals_as_exceptions() -> Iterator[None]:
             signal.signal(number, _raise)
         sys.unraisablehook = lambda told: _raise_again() if _is_ours(told.exc_value) else hooks[0](told)
         sys.excepthook = lambda kind, error, trace: _raise_again() if _is_ours(error) else hooks[1](kind, error, trace)
-        yield
+        with _ending_blocked_work():
+            yield
     finally:
         try:
             as_before()
@@ -94,16 +100,42 @@ def signals_as_exceptions() -> Iterator[None]:
 
 
 @contextmanager
+def _ending_blocked_work() -> Iterator[None]:
+    """End the process where its main thread stays in a library's code after a signal."""
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    before = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+
+    def watch() -> None:
+        with receiver:
+            while number := receiver.recv(1):  # nothing when the sender is closed
+                if number[0] in _ENDINGS and not _State.arrived.wait(PATIENCE.blocked_s):
+                    _quit(number[0], None)
+
+    threading.Thread(target=watch, name="hrsi-signals", daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        sender.close()
+
+
+@contextmanager
 def holding_signals() -> Iterator[None]:
     """Let signals wait until this ends: an exception between two steps would tear apart what belongs together."""
     if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
         yield
         return
     came: list[int] = []
+
+    def hold(number: int, _frame: FrameType | None) -> None:
+        came.append(number)
+        _State.arrived.set()
+
     before = {number: signal.getsignal(number) for number in _ENDINGS}
     before = {number: handler for number, handler in before.items() if handler is not None}  # None: not Python's
     for number in before:
-        signal.signal(number, lambda number, _frame: came.append(number))
+        signal.signal(number, hold)
     try:
         yield
     finally:
@@ -126,6 +158,7 @@ def _is_ours(error: BaseException | None) -> bool:
 
 
 def _raise(number: int, _frame: FrameType | None) -> None:
+    _State.arrived.set()
     if _State.raised_at is None:
         _State.number, _State.raised_at = number, time.monotonic()
         raise TerminationRequest if number == signal.SIGTERM else KeyboardInterrupt
