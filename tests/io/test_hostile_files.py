@@ -21,6 +21,7 @@ from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.opening.budgets import require_gcp_rows
 from hrsi.hrsi_engine.io.opening.numbers import parse_finite
 from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
 from hrsi.processing_algorithms.files.coordinate_lines import parse_lines
 
@@ -244,3 +245,14 @@ def test_a_text_file_of_three_million_gcps_is_refused_with_the_figure(tmp_path: 
     assert _cpu_seconds() - before < MOST_CPU_S
     path.write_text("id,lon,lat,height\n" + "p,7.05,45.05,300\n" * 500_000)
     require_gcp_rows(str(path))
+
+
+@pytest.mark.parametrize("size", [(1, 120), (160, 1), (1, 1)])
+def test_a_dem_of_one_column_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    raster = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), *size)
+    raster.SetProjection('GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
+                         'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]')  # fmt: skip
+    raster.SetGeoTransform((7.0, 1e-4, 0.0, 45.0, 0.0, -1e-4))
+    raster = None
+    with pytest.raises(InputError, match=f"dem.tif: has {size[0]} x {size[1]} cells"):
+        open_dem(str(tmp_path / "dem.tif"), "ellipsoidal")

@@ -68,6 +68,10 @@ def surface_of_dataset(dataset: gdal.Dataset, path: str, height_datum: str, epoc
     undulations, operations = _find_heights(path, place, height_datum)
     reader = _DemReader(dataset, path, place, undulations)
     size = dataset.RasterYSize, place.turn or dataset.RasterXSize
+    if min(size) < 2:
+        raise InputError(
+            f"{path}: has {size[1]} x {size[0]} cells, and a DEM an area of 2 x 2 at least: name another file"
+        )
     return GridSurface(size, reader.read, place.to_grid, operations)
 
 
