@@ -50,7 +50,7 @@ def make_block(sensor: str, bias_m: float, direction: int, seed: int) -> Block:
     views = make_along_track_views(SENSORS[sensor], 2, (2000, 2000))
     views = tuple(replace(view, vendor_error=error) for view in views)
     lon, lat = PLACES[seed % len(PLACES)]
-    return simulate_block(SceneSpec(lon, lat, 250.0, 100.0, seed=seed), views, PointCounts(8, 30, 200), Noise()).block
+    return simulate_block(SceneSpec(lon, lat, relief_m=100.0, seed=seed), views, PointCounts(8, 30, 200), Noise()).block
 
 
 def judge_block(block: Block) -> Verdict:

@@ -45,7 +45,7 @@ def simulated(sensor: str, seed: int) -> tuple[Block, int]:
     noise = Noise(float(rng.choice((0.1, 0.3, 0.5))), blunders=float(rng.choice((0.0, 0.02, 0.05))))
     place = SceneSpec(
         float(rng.uniform(-170.0, 170.0)), float(rng.uniform(-60.0, 60.0)), float(rng.uniform(0.0, 2000.0)),
-        float(rng.uniform(20.0, 600.0)), seed=seed,
+        relief_m=float(rng.uniform(20.0, 600.0)), seed=seed,
     )  # fmt: skip
     return simulate_block(place, views, counts, noise).block, gcps
 

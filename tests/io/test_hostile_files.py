@@ -13,7 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from osgeo import gdal
+from osgeo import gdal, osr
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -250,8 +250,9 @@ def test_a_text_file_of_three_million_gcps_is_refused_with_the_figure(tmp_path: 
 @pytest.mark.parametrize("size", [(1, 120), (160, 1), (1, 1)])
 def test_a_dem_of_one_column_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     raster = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "dem.tif"), *size)
-    raster.SetProjection('GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
-                         'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]')  # fmt: skip
+    reference = osr.SpatialReference()
+    reference.ImportFromEPSG(4326)
+    raster.SetProjection(reference.ExportToWkt())
     raster.SetGeoTransform((7.0, 1e-4, 0.0, 45.0, 0.0, -1e-4))
     raster = None
     with pytest.raises(InputError, match=f"dem.tif: has {size[0]} x {size[1]} cells"):

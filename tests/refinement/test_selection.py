@@ -140,7 +140,7 @@ def test_what_has_no_minimum_is_not_taken_unjudged(image, monkeypatch):
 def test_heights_that_nothing_explains_are_found_wrong_and_not_bent_to():
     """Two of seven heights 120 m too high: the generic method misses them least, by ten pixels, and is no model."""
     views = make_along_track_views(SENSORS["pleiades"], 2, (2000, 2000))
-    scene = SceneSpec(5.45, 43.53, 250.0, 100.0, seed=30)
+    scene = SceneSpec(relief_m=100.0, seed=30)
     block = simulate_block(scene, views, PointCounts(7, 10, 100), Noise()).block
     wrong = np.flatnonzero(block.points.role == Role.GCP)[:2]
     ground = block.points.ground.copy()
