@@ -46,21 +46,15 @@ class PlateMotion:
     name: str
     accuracy_m: float
 
-    def move(self, ground: np.ndarray) -> np.ndarray:
-        """Return lon, lat, height ``(n, 3)`` on WGS84 of positions on the plate's datum."""
-        return self._pass(ground, self.steps, TransformDirection.FORWARD)
-
     def move_back(self, lonlat: np.ndarray) -> np.ndarray:
         """Return lon, lat ``(n, 2)`` on the plate's datum of positions on WGS84."""
-        ground = np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))])
-        return self._pass(ground, self.steps[::-1], TransformDirection.INVERSE)[:, :2]
+        return self.move(np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))]), TransformDirection.INVERSE)[:, :2]
 
-    def _pass(
-        self, ground: np.ndarray, steps: tuple[pyproj.Transformer, ...], direction: TransformDirection
-    ) -> np.ndarray:
+    def move(self, ground: np.ndarray, direction: TransformDirection = TransformDirection.FORWARD) -> np.ndarray:
+        """Return lon, lat, height ``(n, 3)`` on WGS84 of positions on the plate's datum, or the inverse."""
         lon, lat, height = ground.T
         year = np.full(len(ground), self.epoch)
-        for step in steps:
+        for step in self.steps if direction is TransformDirection.FORWARD else self.steps[::-1]:
             lon, lat, moved, _ = step.transform(lon, lat, height, year, direction=direction)
             height = moved if self.is_3d else height
         return np.column_stack([lon, lat, height])
@@ -100,7 +94,9 @@ def find_plate_motion(geodetic_wkt: str, epoch: float, is_3d: bool) -> PlateMoti
         for part in step.operations or ()
         if " to " in part.name and not part.name.startswith(("Conversion", "Ballpark"))
     ]
-    accuracy = float(np.hypot(WGS84_IN_ITRF_M, sum(_accuracy_m(step) for step in steps)))
+    # As stated, or of one realisation of a datum taken for another
+    stated_m = [float(step.accuracy) if step.accuracy >= 0.0 else REALISATIONS_M for step in steps]
+    accuracy = float(np.hypot(WGS84_IN_ITRF_M, sum(stated_m)))
     pipelines = tuple(pyproj.Transformer.from_pipeline(step.definition) for step in steps)
     return PlateMotion(pipelines, epoch, is_3d, " + ".join(names), accuracy)
 
@@ -116,11 +112,6 @@ def _best(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer | None:
     real = [one for one in group.transformers if "ballpark" not in one.description.lower()]
     alike = _code_of(source) in BY_WAY_OF
     return next(iter(real or (group.transformers if alike else ())), None)
-
-
-def _accuracy_m(step: pyproj.Transformer) -> float:
-    """Return the accuracy of a step (m): as stated, or of one realisation of a datum taken for another."""
-    return float(step.accuracy) if step.accuracy >= 0.0 else REALISATIONS_M
 
 
 def _code_of(crs: pyproj.CRS) -> int:

@@ -78,15 +78,10 @@ def refine_given_matches(
     if not jobs:
         raise InputError(f"{given.source}: holds no match between two images of the block that have pixels: "
                          "check its images' names")  # fmt: skip
+    told = "measuring matches of"
     parts = [
-        WorkPart(
-            f"given-{number}",
-            measure_external_matches,
-            job,
-            keep=False,
-            label=f"measuring matches of {job.reference.id}",
-        )
-        for number, job in enumerate(jobs)
+        WorkPart(f"given-{k}", measure_external_matches, job, keep=False, label=f"{told} {job.reference.id}")
+        for k, job in enumerate(jobs)
     ]
     done = run_parts(parts, [part.key for part in parts], scheduler, None, progress)
     matches = joining.collect_matches([(job.number, done[part.key]) for job, part in zip(jobs, parts, strict=True)])

@@ -66,7 +66,9 @@ def measure_laser_ties(
     laser : points without a ``doubt`` are looked up, a bounded number, evenly along the tracks
     """
     usable = [number for number, image in enumerate(images) if image.raster is not None]
-    rows = select_along_tracks(laser, LASER_TIES.most_points)
+    certain = np.flatnonzero(laser.doubt == "")
+    rows = certain[np.lexsort((laser.ground[certain, 0], laser.ground[certain, 1], laser.track[certain]))]
+    rows = rows[:: max(1, int(np.ceil(len(rows) / LASER_TIES.most_points)))]
     windows = _plan_windows(images, usable, laser.ground[rows])
     with open_calls(threads=thread_count(threads)) as calls:
         found = []
@@ -79,14 +81,6 @@ def measure_laser_ties(
     matches = replace(matches, kind=np.full(len(matches), LASER_KIND))
     points, _ = to_image_points(matches, images, 1, dict.fromkeys(range(len(images)), len(matches)))
     return replace(points, ids=np.char.add(LASER_TIE_IDS, points.ids), source=SOURCE)
-
-
-def select_along_tracks(laser: LaserPoints, most: int) -> np.ndarray:
-    """Return the indices of at most ``most`` laser points without doubt, evenly spaced along their tracks."""
-    usable = np.flatnonzero(laser.doubt == "")
-    order = usable[np.lexsort((laser.ground[usable, 0], laser.ground[usable, 1], laser.track[usable]))]
-    every = max(1, int(np.ceil(len(order) / most)))
-    return order[::every]
 
 
 def _plan_windows(images: Sequence[Image], usable: Sequence[int], ground: np.ndarray) -> list[_Window]:

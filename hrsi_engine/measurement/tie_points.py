@@ -20,7 +20,7 @@ from ..foundation.workers.scheduling import Keeper, Scheduler, open_scheduler
 from ..surface.dem import HeightSurface
 from .block_matching import joining
 from .block_matching.links import ImageHold, cut_weak_bridges, drop_unsound_links, find_bridges, summarise_holds
-from .block_matching.search import PairCandidate, TieSearch, count_points_per_cell
+from .block_matching.search import TieSearch, count_points_per_cell
 from .tie_options import TieOptions
 
 
@@ -117,7 +117,15 @@ def find_tie_points(
     good = drop_unsound_links(good, links)
     room = {k: count_points_per_cell(search.options, image) for k, image in enumerate(images)}
     points, ground = joining.to_image_points(good, images, search.options.cells, room)
-    summaries = _summarise_pairs(search.pairs, good, images)
+    count = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
+    summaries = tuple(
+        PairSummary(
+            images[pair.first].id, images[pair.second].id,
+            count.get((pair.first, pair.second), 0) + count.get((pair.second, pair.first), 0),
+            float("nan") if pair.estimate is None else float(np.hypot(*pair.estimate.geometry.bias_px)),
+        )
+        for pair in search.pairs
+    )  # fmt: skip
     holds = summarise_holds(images, search.usable, links, search.count_trials(), search.reasons)
     # Name the images without any tie point, and the pairs that overlap and gave nothing
     tied = set(points.image_ids.tolist())
@@ -155,17 +163,3 @@ def find_overlapping_pairs(
     found = search.find_overlaps_of_images()
     own = [images[index].id for index in search.usable]
     return [(own[pair.first], own[pair.second]) for pair in found]
-
-
-def _summarise_pairs(
-    pairs: Sequence[PairCandidate], good: joining.BlockMatches, images: Sequence[Image]
-) -> tuple[PairSummary, ...]:
-    count = {pair: len(rows) for pair, rows in joining.group_by_pair(good).items()}
-    return tuple(
-        PairSummary(
-            images[pair.first].id, images[pair.second].id,
-            count.get((pair.first, pair.second), 0) + count.get((pair.second, pair.first), 0),
-            float("nan") if pair.estimate is None else float(np.hypot(*pair.estimate.geometry.bias_px)),
-        )
-        for pair in pairs
-    )  # fmt: skip

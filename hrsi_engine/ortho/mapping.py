@@ -37,13 +37,6 @@ class ChunkMapping(NamedTuple):
     unknown: int
 
 
-def _interpolate_rows(values: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return values ``(k, n, columns)`` at some shares of the way from each row of ``(k, m, columns)`` to the next."""
-    result = np.diff(values, axis=1)[:, :, None] * shares[:, None]
-    result += values[:, :-1, None]
-    return result.reshape(len(values), -1, values.shape[2])
-
-
 class _Cells:
     """Cells of a grid surface under a chunk: heights between them are ``a + x b + y (c + x d)``.
 
@@ -108,10 +101,7 @@ class _Chunk:
     def __init__(self, mapping: OrthoMapping, window: GridWindow) -> None:
         self.window, self._surface = window, mapping.surface
         columns, rows = (-(-size // ORTHO.lattice_px) + 2 for size in window[2:])
-        column, row = (
-            ORTHO.lattice_px * np.arange(columns) + window.column,
-            ORTHO.lattice_px * np.arange(rows) + window.row,
-        )
+        column, row = (ORTHO.lattice_px * np.arange(n) + k for n, k in zip((columns, rows), window[:2], strict=True))
         lonlat = mapping.grid.lonlat(np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2))
         grid = mapping.surface.grid_coordinates(lonlat)
         cells, origin, (low, high) = _read_cells_below(mapping.surface, grid)
@@ -149,19 +139,19 @@ class _Chunk:
         lines = max(1, ORTHO.batch // (columns * len(shares)))  # of the lattice
         for top in range(0, -(-rows // len(shares)), lines):
             part = slice(top * len(shares), min((top + lines) * len(shares), rows))
-            values = _interpolate_rows(across[:, top : top + lines + 1], shares)[:, : part.stop - part.start]
-            yield part, self._project(values.reshape(len(values), -1)).reshape(2, -1, columns)
-
-    def _project(self, values: np.ndarray) -> np.ndarray:
-        """Return positions ``(2, n)`` from interpolated values of the lattice ``(k, n)``, which are used up."""
-        t = self._heights(values[0], values[1])
-        result = values[4:6]
-        if len(values) == 8:
-            values[6:] *= t
-            result += values[6:]
-        result *= t
-        result += values[2:4]
-        return result
+            # … and from each row to the next
+            rows_here = across[:, top : top + lines + 1]
+            down = np.diff(rows_here, axis=1)[:, :, None] * shares[:, None]
+            down += rows_here[:, :-1, None]
+            values = down.reshape(len(down), -1, columns)[:, : part.stop - part.start]
+            values = values.reshape(len(values), -1)
+            t, positions = self._heights(values[0], values[1]), values[4:6]
+            if len(values) == 8:
+                values[6:] *= t
+                positions += values[6:]
+            positions *= t
+            positions += values[2:4]
+            yield part, positions.reshape(2, -1, columns)
 
     def _heights(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         if self._cells is not None:
@@ -234,8 +224,14 @@ class OrthoMapping:
         ChunkMapping or None
             None where the image shows nothing of it.
         """
-        if self.error_px == 0.0:
-            return self._map_every_pixel(window)
+        if self.error_px == 0.0:  # every pixel
+            column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
+            pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
+            nodes = self.exact(pixels).T.reshape(2, len(row), len(column))
+            known = np.isfinite(nodes[0])
+            if not self._touches_image(nodes, 1.0):
+                return None if known.all() else self._make_empty_mapping(window, known)
+            return ChunkMapping(nodes, 1, np.zeros(1), 0 if known.all() else self._count_unknown(window, known))
         chunk = _Chunk(self, window)
         if not chunk.known:
             return self._make_empty_mapping(window, np.zeros((2, 2), dtype=bool))
@@ -265,15 +261,6 @@ class OrthoMapping:
         """Return the mapping of a chunk of which the image shows nothing but what has no terrain height."""
         count = self._count_unknown(window, known)
         return ChunkMapping(np.full((2, 2, 2), np.nan), ORTHO.lattice_px, np.empty(0), count) if count else None
-
-    def _map_every_pixel(self, window: GridWindow) -> ChunkMapping | None:
-        column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
-        pixels = np.stack(np.meshgrid(column + window.column, row + window.row), axis=-1).reshape(-1, 2)
-        nodes = self.exact(pixels).T.reshape(2, len(row), len(column))
-        known = np.isfinite(nodes[0])
-        if not self._touches_image(nodes, 1.0):
-            return None if known.all() else self._make_empty_mapping(window, known)
-        return ChunkMapping(nodes, 1, np.zeros(1), 0 if known.all() else self._count_unknown(window, known))
 
     def _touches_image(self, nodes: np.ndarray, margin: float) -> bool:
         """Tell whether the nodes' bounding box meets the image."""

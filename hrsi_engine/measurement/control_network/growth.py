@@ -28,11 +28,17 @@ from .views import NetworkWindow, correlate_patches
 
 @thresholds
 class GROWTH:
-    """How the rounds of growth search and end."""
+    """How the rounds of growth search and end, and which nodes matching, neighbours and geometry confirm."""
 
     most_candidates: int = threshold(12, "points", "most candidates of a point")
     most_rounds: int = threshold(200, "rounds", "most rounds of all stages")
     closer: float = threshold(0.75, "", "ratio of distances from which a point is matched again under a nearer node")
+    least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
+    largest_move_px: float = threshold(2.0, "px", "largest distance from the interest point", NETWORK_PAIRS)
+    largest_sigma_px: float = threshold(0.3, "px", "largest standard deviation of a coordinate")
+    outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier", NETWORK_PAIRS)
+    outlier_sigmas: float = threshold(4.0, "sigma", "smallest epipolar residual of an outlier")
+    rejection_rounds: int = threshold(8, "rounds", "most rounds of rejection")
 
 
 class GrowthStage(NamedTuple):
@@ -149,21 +155,6 @@ def _find_candidates(
     return point[within], other[within]
 
 
-LSM = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
-
-
-@thresholds
-class REFINEMENT:
-    """Which nodes least-squares matching, neighbours and epipolar geometry confirm."""
-
-    least_correlation: float = threshold(0.75, "", "smallest correlation of matched windows", NETWORK_PAIRS)
-    largest_move_px: float = threshold(2.0, "px", "largest distance from the interest point", NETWORK_PAIRS)
-    largest_sigma_px: float = threshold(0.3, "px", "largest standard deviation of a coordinate")
-    outlier_floor_px: float = threshold(0.75, "px", "smallest epipolar residual of an outlier", NETWORK_PAIRS)
-    outlier_sigmas: float = threshold(4.0, "sigma", "smallest epipolar residual of an outlier")
-    most_rounds: int = threshold(8, "rounds", "most rounds of rejection")
-
-
 class NodePositions(NamedTuple):
     """Matched positions: ``first`` and ``second`` (k, 2), sigma (k,) px, correlation (k,), residual (k,) px.
 
@@ -186,15 +177,12 @@ def refine_matches(
     around = fit_local_affine(network.first, network.first, network.second, network.matrix)
     centre = np.floor(network.first + 0.5)
     start = network.second + np.einsum("nij,nj->ni", around.A, centre - network.first)
-    found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, LSM)
+    small = LsmOptions(window_px=21)  # what differs from its surroundings, as roofs do, is small
+    found = match_patches(first.match_image, second.match_image, centre.astype(np.int64), start, around.A, small)
     sigma = found.sigma_px
     moved = np.hypot(*(found.xy - start).T)
-    good = (
-        (found.status == DONE)
-        & (found.correlation >= REFINEMENT.least_correlation)
-        & (moved <= REFINEMENT.largest_move_px)
-    )
-    good &= np.nan_to_num(sigma, nan=np.inf) <= REFINEMENT.largest_sigma_px
+    good = (found.status == DONE) & (found.correlation >= GROWTH.least_correlation) & (moved <= GROWTH.largest_move_px)
+    good &= np.nan_to_num(sigma, nan=np.inf) <= GROWTH.largest_sigma_px
     good, residual, across = select_consistent(centre, found.xy, good, network.matrix, consistency_px)
     positions = NodePositions(centre, found.xy, sigma, found.correlation, residual, across)
     return network.select(good), NodePositions(*(column[good] for column in positions))
@@ -206,7 +194,7 @@ def select_consistent(
     """Return the mask of good pairs that agree with their neighbours and the epipolar geometry, and both residuals."""
     good = good.copy()
     residual, across = np.full(len(first), np.nan), np.full(len(first), np.nan)
-    for _ in range(REFINEMENT.most_rounds):
+    for _ in range(GROWTH.rejection_rounds):
         rows = np.flatnonzero(good)
         if len(rows) < 6:
             return np.zeros(len(first), dtype=bool), residual, across
@@ -215,7 +203,7 @@ def select_consistent(
         across[rows] = compute_epipolar_residuals(first[rows], second[rows])
         sigma = robust_sigma(across[rows])
         keep = residual[rows] <= consistency_px + 2.0 * np.minimum(around.spread_px, consistency_px)
-        keep &= np.abs(across[rows]) <= max(REFINEMENT.outlier_sigmas * sigma, REFINEMENT.outlier_floor_px)
+        keep &= np.abs(across[rows]) <= max(GROWTH.outlier_sigmas * sigma, GROWTH.outlier_floor_px)
         good[rows[~keep]] = False
         if keep.all():
             break

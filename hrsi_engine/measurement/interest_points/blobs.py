@@ -144,7 +144,11 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
     # The blob about the moved centre must have contrast as well, and lie on usable pixels
     moved_in, moved_out = (_sample_ring(z, xy, radii, *at) for at in _INSIDE_OUTSIDE)
     contrast = sign * (moved_in - moved_out)
-    keep = (contrast >= BLOBS.moved_contrast) & _is_usable(usable, xy, radii)
+    reach = np.concatenate([radii + 2.0 * BLOBS.surroundings_px, radii, radii / 2.0, np.zeros((len(xy), 1))], axis=1)
+    at = xy[:, 0, None] + 1j * xy[:, 1, None] + reach * np.r_[_DIRECTION, _DIRECTION, _DIRECTION, 1.0]
+    column, row = np.rint(at.real).astype(np.int64), np.rint(at.imag).astype(np.int64)
+    here = (column >= 0) & (row >= 0) & (column < usable.shape[1]) & (row < usable.shape[0])
+    keep = (contrast >= BLOBS.moved_contrast) & (here & usable[row * here, column * here]).all(axis=1)
     xy, radii, sign, contrast = xy[keep], radii[keep], sign[keep], contrast[keep]
     chance = 1.0 / (1.0 + np.exp(-compute_chance_terms(radii, sign) @ CHANCE_TERMS))
     blobs = Blobs(xy, sign, radii, contrast, chance)
@@ -246,15 +250,6 @@ def _sample_ring(z: np.ndarray, xy: np.ndarray, radii: np.ndarray, share: float,
     """Return the median ``(n,)`` along outlines at a share of their radii and so far beyond."""
     at = xy[:, 0, None] + 1j * xy[:, 1, None] + (share * radii + beyond_px) * _DIRECTION
     return np.asarray(np.median(interpolate_bilinear(z, at.real, at.imag), axis=1))
-
-
-def _is_usable(usable: np.ndarray, xy: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return the mask of outlines inside the window with nothing but usable pixels in them and around."""
-    reach = np.concatenate([radii + 2.0 * BLOBS.surroundings_px, radii, radii / 2.0, np.zeros((len(xy), 1))], axis=1)
-    at = xy[:, 0, None] + 1j * xy[:, 1, None] + reach * np.r_[_DIRECTION, _DIRECTION, _DIRECTION, 1.0]
-    column, row = np.rint(at.real).astype(np.int64), np.rint(at.imag).astype(np.int64)
-    inside = (column >= 0) & (row >= 0) & (column < usable.shape[1]) & (row < usable.shape[0])
-    return np.asarray((inside & usable[row * inside, column * inside]).all(axis=1))
 
 
 def _compute_grey_centres(

@@ -21,13 +21,18 @@ from ...foundation.thresholds import threshold, thresholds
 
 @thresholds
 class WINDOWS:
-    """Size of the windows that an image is read in, and which of their pixels are saturated."""
+    """Size of the windows that an image is read in, which pixels are saturated, and local means and deviations."""
 
     core_px: int = threshold(1536, "px", "side of a core; with a halo of 256 a window has 2048 x 2048 pixels")
     grid_px: int = threshold(32, "px", "windows begin at multiples of it; side of the cells of local statistics")
     saturated_share: float = threshold(1e-4, "", "share of pixels from which the largest grey value is saturated")
     fill_side_px: int = threshold(31, "px", "side of the square whose mean replaces an invalid pixel")
     saturated_side_px: int = threshold(3, "px", "side of the smallest saturated area; single glints stay usable")
+    averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
+    sample_px: int = threshold(512, "px", "side of a sample area of an image's statistics")
+    samples_per_side: int = threshold(4, "areas", "most sample areas along each side of an image")
+    noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
+    contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,20 +122,7 @@ def _fill_invalid(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.where(valid, grey, near.astype(np.float32))
 
 
-@thresholds
-class LOCAL_STATISTICS:
-    """How local mean and standard deviation are estimated, and from where on a deviation is structure."""
-
-    averaged_cells: int = threshold(5, "cells", "side of the square of cells that a local mean is taken from")
-    sample_px: int = threshold(512, "px", "side of a sample area of an image's statistics")
-    samples_per_side: int = threshold(4, "areas", "most sample areas along each side of an image")
-    noise_floor: float = threshold(4.0, "sigma", "local deviations below so many times the noise are noise")
-    contrast_floor: float = threshold(0.15, "", "or below this share of the image's median local deviation")
-
-
-STATISTICS_HALO_PX = WINDOWS.grid_px * (
-    LOCAL_STATISTICS.averaged_cells // 2 + 1
-)  # distance over which pixels influence a local mean
+STATISTICS_HALO_PX = WINDOWS.grid_px * (WINDOWS.averaged_cells // 2 + 1)  # over which pixels influence a local mean
 _SECOND_DIFFERENCE = (1.0, -2.0, 1.0)  # Immerkaer 1996: in both directions, so that the sum of squares is 36
 
 
@@ -156,13 +148,13 @@ def estimate_image_statistics(raster: Raster, region: Area, mask_saturated: bool
     deviations = [_compute_moments(*_sum_cells(window))[1] for window in samples]
     known = np.concatenate([d[np.isfinite(d)] for d in deviations]) if deviations else np.empty(0)
     typical = float(np.median(known)) if len(known) else 0.0
-    floor = max(LOCAL_STATISTICS.noise_floor * noise, LOCAL_STATISTICS.contrast_floor * typical, 1e-6)
+    floor = max(WINDOWS.noise_floor * noise, WINDOWS.contrast_floor * typical, 1e-6)
     return ImageStatistics(saturation, noise, floor)
 
 
 def choose_sample_areas(region: Area) -> list[Area]:
     """Return sample areas spread over a region; all of it where it is small."""
-    side = LOCAL_STATISTICS.sample_px
+    side = WINDOWS.sample_px
     return [
         Area(x, y, min(x + side, region.right), min(y + side, region.bottom))
         for y in _choose_starts(region.top, region.bottom)
@@ -171,8 +163,8 @@ def choose_sample_areas(region: Area) -> list[Area]:
 
 
 def _choose_starts(first: int, end: int) -> list[int]:
-    count = min(LOCAL_STATISTICS.samples_per_side, -(-(end - first) // LOCAL_STATISTICS.sample_px))
-    last = max(first, end - LOCAL_STATISTICS.sample_px)
+    count = min(WINDOWS.samples_per_side, -(-(end - first) // WINDOWS.sample_px))
+    last = max(first, end - WINDOWS.sample_px)
     return sorted(
         {int(start) // WINDOWS.grid_px * WINDOWS.grid_px for start in np.linspace(first, last, count)} | {first}
     )[:count]
@@ -194,7 +186,7 @@ def estimate_noise(grey: np.ndarray, usable: np.ndarray) -> float:
 def normalise(window: DetectionWindow, statistics: ImageStatistics) -> np.ndarray:
     """Return ``(grey - local mean) / local deviation`` of a window, float32; 0 where there are no usable pixels."""
     # Mean and deviation of the usable pixels in the cells around each cell
-    kernel = np.ones(LOCAL_STATISTICS.averaged_cells)
+    kernel = np.ones(WINDOWS.averaged_cells)
     sums = [filter_separable(layer, kernel, kernel, "constant") for layer in _sum_cells(window)]
     mean, deviation = (_interpolate_cells(values) for values in _compute_moments(*sums))
     relative = (window.grey - mean) / np.maximum(deviation, statistics.deviation_floor)

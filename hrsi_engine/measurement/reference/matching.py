@@ -42,7 +42,7 @@ from .predicted_patches import PATCH, ImageBias, predict_patch, read_means, read
 
 @thresholds
 class REFERENCE_MATCHES:
-    """When a place of a reference is found in an image, and how well."""
+    """When a place of a reference is found in an image, how well, and when offsets agree on one affine bias."""
 
     coarser: float = threshold(1.25, "", "pixel of the orthoimage over the image's, from which it sets the resolution")
     chance_log10: float = threshold(-6.0, "log10", "largest probability that as many false matches agree")
@@ -53,6 +53,10 @@ class REFERENCE_MATCHES:
     lsm_reach: float = threshold(1.5, "working px", "that least-squares matching may move")
     smoothing: float = threshold(0.7, "working px", "Gaussian of both windows")
     border: int = threshold(4, "working px", "around a template, for smoothing and slopes")
+    rounds: int = threshold(20, "rounds", "of reweighting of an image's affine bias")
+    fewest_offsets: int = threshold(6, "offsets", "that agree, below which there is no bias")
+    least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
+    affine_from: int = threshold(12, "offsets", "fewer only give a shift")
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,16 +323,6 @@ def _find_best_spot(
     return start + step * (margin + np.array([column, row])) + (step - 1) / 2.0, float(texture[row, column])
 
 
-@thresholds
-class OFFSETS:
-    """When the offsets of an image agree on one affine bias."""
-
-    rounds: int = threshold(20, "rounds", "of reweighting")
-    fewest: int = threshold(6, "offsets", "that agree, below which there is no bias")
-    least_spread: float = threshold(0.05, "", "standard deviation over the tolerance: offsets agree no better")
-    affine_from: int = threshold(12, "offsets", "fewer only give a shift")
-
-
 TUKEY = 4.685
 
 
@@ -363,18 +357,18 @@ def find_agreement(
     xy, offset : (n, 2) image points and their offsets, each found within ``reach_px`` of what was expected
     tolerance_px : offsets this near to the densest place belong to the start
     """
-    if len(offset) < OFFSETS.fewest:
+    if len(offset) < REFERENCE_MATCHES.fewest_offsets:
         return None
     near = np.hypot(*(offset[:, None] - offset[None]).transpose(2, 0, 1)) <= tolerance_px
     start = near[int(near.sum(axis=1).argmax())]
-    if start.sum() < OFFSETS.fewest:
+    if start.sum() < REFERENCE_MATCHES.fewest_offsets:
         return None
     design = _build_design(xy, centre, half_size)
     coefficients = np.zeros((2, 3))
     coefficients[:, 0] = np.median(offset[start], axis=0)
     residual, spread, used = offset - design @ coefficients.T, tolerance_px / 2.0, start
-    for _ in range(OFFSETS.rounds):
-        columns = 3 if used.sum() >= OFFSETS.affine_from else 1
+    for _ in range(REFERENCE_MATCHES.rounds):
+        columns = 3 if used.sum() >= REFERENCE_MATCHES.affine_from else 1
         weight = np.maximum(1.0 - ((np.hypot(*residual.T) / (spread * np.sqrt(2.0))) / TUKEY) ** 2, 0.0) ** 2
         root = np.sqrt(weight)[:, None]
         values = np.linalg.lstsq(design[:, :columns] * root, offset * root, rcond=1e-8)[0]
@@ -383,9 +377,9 @@ def find_agreement(
         residual = offset - design @ coefficients.T
         # The robust standard deviation of a coordinate, from the median length (of a Rayleigh distribution)
         length = np.hypot(*residual[used].T)
-        spread = float(np.clip(np.median(length) / 1.1774, OFFSETS.least_spread * tolerance_px, tolerance_px))
+        spread = float(np.clip(np.median(length) / 1.1774, REFERENCE_MATCHES.least_spread * tolerance_px, tolerance_px))
         within = np.hypot(*residual.T) <= ROBUST.outlier * spread
-        if within.sum() < OFFSETS.fewest:
+        if within.sum() < REFERENCE_MATCHES.fewest_offsets:
             return None
         if np.array_equal(within, used):
             break

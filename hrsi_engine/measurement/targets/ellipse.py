@@ -77,7 +77,20 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
     """
     xy = np.asarray(xy, dtype=np.float64)
     _require_points(len(xy))
-    near = _find_consensus(xy, tolerance_px, np.random.default_rng(seed))
+    # The largest set of points near one ellipse; all points are the first trial
+    rng, chosen = np.random.default_rng(seed), np.zeros((60, len(xy)))
+    chosen[0] = 1.0
+    for trial in chosen[1:]:
+        trial[rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
+    every = np.broadcast_to(xy, (len(chosen), *xy.shape))
+    centre, Q, good = fit_direct_ellipses(every, chosen)
+    agreeing = (np.abs(compute_ellipse_distances(every, centre, Q)) < tolerance_px) & good[:, None]
+    count = agreeing.sum(axis=1)
+    near = agreeing[0 if count[0] > 0.95 * len(xy) else int(np.argmax(count))]
+    if near.sum() < ELLIPSES.fewest_points:
+        raise SolveError(
+            f"no ellipse passes within {tolerance_px:g} px of {ELLIPSES.fewest_points} of the {len(xy)} edge points"
+        )
     ellipse = _fit_points(xy, near, FITS[method])
     for _ in range(3):
         near = np.abs(ellipse.residual_px) < tolerance_px
@@ -85,24 +98,6 @@ def fit_ellipse_robust(xy: np.ndarray, tolerance_px: float = 0.5, method: str = 
             break
         ellipse = _fit_points(xy, near, FITS[method])
     return ellipse
-
-
-def _find_consensus(xy: np.ndarray, tolerance_px: float, rng: np.random.Generator, trials: int = 60) -> np.ndarray:
-    """Return the mask of the largest set of points near one ellipse; all points are the first trial."""
-    chosen = np.zeros((trials, len(xy)))
-    chosen[0] = 1.0
-    for trial in range(1, trials):
-        chosen[trial, rng.choice(len(xy), ELLIPSES.fewest_points, replace=False)] = 1.0
-    every = np.broadcast_to(xy, (trials, *xy.shape))
-    centre, Q, good = fit_direct_ellipses(every, chosen)
-    near = (np.abs(compute_ellipse_distances(every, centre, Q)) < tolerance_px) & good[:, None]
-    agreeing = near.sum(axis=1)
-    best = near[0] if agreeing[0] > 0.95 * len(xy) else near[np.argmax(agreeing)]
-    if best.sum() < ELLIPSES.fewest_points:
-        raise SolveError(
-            f"no ellipse passes within {tolerance_px:g} px of {ELLIPSES.fewest_points} of the {len(xy)} edge points"
-        )
-    return np.asarray(best)
 
 
 def _require_points(count: int) -> None:

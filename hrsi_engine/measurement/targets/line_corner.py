@@ -22,10 +22,15 @@ from ..interest_points.outlines import OUTLINE_SAMPLING, compute_slope_noise, in
 
 @thresholds
 class LINES:
-    """When edge points make a line, and two lines a corner."""
+    """Which pixels are edge points, when these make a straight segment or a line, and two lines a corner."""
 
     fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
     smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
+    slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
+    weakest_share: float = threshold(0.15, "", "likewise, as a share of the strongest slope of the window")
+    line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
+    direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
+    largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,17 +181,6 @@ def _compute_distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np
     return (xy - line[0]) @ line[1]
 
 
-@thresholds
-class EDGES:
-    """Which pixels are edge points, and which of them a straight segment."""
-
-    slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
-    weakest_share: float = threshold(0.15, "", "likewise, as a share of the strongest slope of the window")
-    line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
-    direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
-    largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")
-
-
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
     """Edge points of a window: ``xy (n, 2)`` in its pixels, unit slopes ``(n, 2)`` towards brighter, and strengths."""
@@ -206,8 +200,8 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     strength = np.hypot(by_x, by_y)
     clear = erode(usable, 5)
     threshold = max(
-        EDGES.slope_to_noise * noise * compute_slope_noise(),
-        EDGES.weakest_share * float(strength[clear].max(initial=0.0)),
+        LINES.slope_to_noise * noise * compute_slope_noise(),
+        LINES.weakest_share * float(strength[clear].max(initial=0.0)),
     )
     rows, columns = np.nonzero(clear & (strength > threshold))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
@@ -250,14 +244,14 @@ def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray
     run = np.array([seed])
     for _ in range(3):
         offset = points.xy - centre
-        near = free & (np.abs(offset @ normal) < EDGES.line_distance_px)
-        near &= points.direction @ normal > np.cos(np.radians(EDGES.direction_deg))
+        near = free & (np.abs(offset @ normal) < LINES.line_distance_px)
+        near &= points.direction @ normal > np.cos(np.radians(LINES.direction_deg))
         candidates = np.flatnonzero(near)
         if len(candidates) < 3:
             return candidates
         along = offset[candidates] @ np.array([-normal[1], normal[0]])
         order = np.argsort(along)
-        breaks = np.flatnonzero(np.diff(along[order]) > EDGES.largest_gap_px)
+        breaks = np.flatnonzero(np.diff(along[order]) > LINES.largest_gap_px)
         middle = int(np.searchsorted(along[order], 0.0))
         start = int(breaks[breaks < middle][-1]) + 1 if np.any(breaks < middle) else 0
         end = int(breaks[breaks >= middle][0]) + 1 if np.any(breaks >= middle) else len(order)

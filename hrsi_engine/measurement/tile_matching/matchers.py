@@ -68,24 +68,20 @@ def seek(
     ``offset`` is where the other's first pixel lies in the first; a place is sought within ``reach_px`` of where it is
     expected, that is, at the same position. Places with a rival, or at the edge of the search, are not found.
     """
-    reach, found, where = int(np.ceil(reach_px)) + 1, [], []
+    half, reach, found, where = FINDER.half_px, int(np.ceil(reach_px)) + 1, [], []
     middle: np.ndarray = places - np.round(offset).astype(np.int64)
     place: np.ndarray
     at: np.ndarray
     for number, (place, at) in enumerate(zip(places, middle, strict=True)):
-        low = np.maximum(at - FINDER.half_px - reach, 0)
-        high = np.minimum(at + FINDER.half_px + reach + 1, other.shape[::-1])
-        if ((high - low) < 2 * FINDER.half_px + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
+        low, high = np.maximum(at - half - reach, 0), np.minimum(at + half + reach + 1, other.shape[::-1])
+        if ((high - low) < 2 * half + 4).any() or not known[low[1] : high[1], low[0] : high[0]].all():
             continue
-        window = pixels[
-            place[1] - FINDER.half_px : place[1] + FINDER.half_px + 1,
-            place[0] - FINDER.half_px : place[0] + FINDER.half_px + 1,
-        ]
+        window = pixels[place[1] - half : place[1] + half + 1, place[0] - half : place[0] + half + 1]
         surface = correlate_template(window, other[low[1] : high[1], low[0] : high[0]])
         peak = _find_clear_peak(surface)
         if peak is not None:
             found.append(number)
-            where.append(peak + low + FINDER.half_px + np.round(offset))
+            where.append(peak + low + half + np.round(offset))
     return np.array(found, dtype=np.int64), np.array(where, dtype=np.float64).reshape(-1, 2)
 
 

@@ -177,15 +177,12 @@ class TileFrame:
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of what a height does in this frame."""
-        moved = (self.predict(points, EPIPOLAR.height_step_m) - self.predict(points, -EPIPOLAR.height_step_m)) / (
-            2.0 * EPIPOLAR.height_step_m
-        )
+        up_m = EPIPOLAR.height_step_m
+        moved = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
         slope = np.linalg.solve(self.compute_jacobians(points), moved[..., None])[..., 0]
         stretch = np.linalg.norm(slope, axis=1)
-        flat = stretch < EPIPOLAR.least_stretch
-        return np.where(
-            flat[:, None], (1.0, 0.0), slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None]
-        ), stretch
+        unit = slope / np.maximum(stretch, EPIPOLAR.least_stretch)[:, None]
+        return np.where((stretch < EPIPOLAR.least_stretch)[:, None], (1.0, 0.0), unit), stretch
 
     def compute_displacements(self, points: np.ndarray, found: np.ndarray) -> np.ndarray:
         """Return how far positions in the second tile are from their prediction, in this frame, ``(n, 2)``."""
