@@ -160,21 +160,14 @@ def measure_external_matches(job: ExternalMatchJob) -> PartResult:
         other = read_tile(pair.image, place, compute_resolution_step(job.reference, pair.image))
         if tile is None or other is None:
             continue
+        # The pair's geometry by its matches: range of heights, offset of the RPCs, and search margin
+        heights = compute_epipolar_miss(*rpcs, agreed.first_xy, agreed.second_xy, start).height_m
+        low_m, high_m = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
+        away = agreed.second_xy - transfer(*rpcs, agreed.first_xy, heights)
+        bias = np.median(away, axis=0)
+        margin = float(np.abs(away - bias).max()) + max(EXTERNAL.reach_px)
+        geometry = TilePairGeometry(*rpcs, low_m, high_m, (float(bias[0]), float(bias[1])), (margin, margin))
         options = TileMatchOptions(reach_px=EXTERNAL.reach_px, across_px=EXTERNAL.across_px)
-        found = refine_points(
-            tile, other, _estimate_geometry(job.reference, agreed), pair.first_xy[inside], pair.second_xy[inside],
-            options,
-        )  # fmt: skip
+        found = refine_points(tile, other, geometry, pair.first_xy[inside], pair.second_xy[inside], options)
         rows.append(PartnerMatches(pair.number, found))
     return stack_matches(rows)
-
-
-def _estimate_geometry(reference: Image, pair: ExternalPair) -> TilePairGeometry:
-    """Return a pair's geometry by its matches: range of heights, offset of the RPCs, and search margin."""
-    first, second, xy, other = reference.rpc, pair.image.rpc, pair.first_xy, pair.second_xy
-    heights = compute_epipolar_miss(first, second, xy, other, float(np.mean(first.height_range))).height_m
-    low, high = float(heights.min()) - EXTERNAL.height_margin_m, float(heights.max()) + EXTERNAL.height_margin_m
-    away = other - transfer(first, second, xy, heights)
-    bias = np.median(away, axis=0)
-    margin = float(np.abs(away - bias).max()) + max(EXTERNAL.reach_px)
-    return TilePairGeometry(first, second, low, high, (float(bias[0]), float(bias[1])), (margin, margin))

@@ -157,7 +157,7 @@ def _detect_in_windows(job: CoarseJob) -> tuple[PartResult, PartResult]:
         for features, tile in zip(found, tiles, strict=True):
             if all(other is not None for other in tiles) and tile is not None:
                 features.append(detect_features(tile, COARSE.features))
-    nothing = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
+    nothing: PartResult = {"xy": np.empty((0, 2)), "descriptors": np.empty((0, 128), np.uint8)}
     first, second = ({name: np.concatenate([part[name] for part in (nothing, *parts)]) for name in nothing}
                      for parts in found)  # fmt: skip
     return first, second

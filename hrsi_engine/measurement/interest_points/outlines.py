@@ -114,7 +114,8 @@ def measure_outlines(slopes: SlopeImage, regions: LevelRegions) -> Outlines:
         table = np.zeros((len(regions), OUTLINE_SAMPLING.most_points, *values.shape[1:]), dtype=values.dtype)
         table[place] = values
         padded.append(table)
-    return Outlines(*padded, counts)
+    xy, normal, steepness, clear = padded
+    return Outlines(xy, normal, steepness, clear, counts)
 
 
 def find_edges_along(

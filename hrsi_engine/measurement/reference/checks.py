@@ -209,7 +209,11 @@ def drop_wrong_parts(
 ) -> tuple[ReferenceControl, list[PartShift]]:
     """Return the control without the parts of the reference that lie beside the rest, and these parts."""
     by_id = {image.id: image for image in images}
-    part_of = _number_parts(control.ground)
+    # The part of the ground that each place belongs to
+    lonlat, parts = control.ground[:, :2], REFERENCE_CHECKS.parts
+    low = lonlat.min(axis=0, initial=np.inf)
+    size = np.maximum(lonlat.max(axis=0, initial=-np.inf) - low, 1e-12)
+    part_of = np.minimum((parts * (lonlat - low) / size).astype(np.int64), parts - 1) @ [1, parts]
     numbers = np.unique(part_of)
     middle, variance = np.full((len(numbers), 2), np.nan), np.full(len(numbers), np.inf)
     seen = [found for found in control.images if found.agreement is not None]
@@ -253,13 +257,3 @@ def drop_wrong_parts(
     left = ~np.isin(part_of, numbers[known[wrong]])
     remaining = tuple(replace(one, used=one.used & left[one.places]) for one in control.images)
     return replace(control, images=remaining), shifts
-
-
-def _number_parts(ground: np.ndarray) -> np.ndarray:
-    """Return the part that each place ``(m, 3)`` belongs to."""
-    if not len(ground):
-        return np.zeros(0, dtype=np.int64)
-    low, size = ground[:, :2].min(axis=0), np.maximum(np.ptp(ground[:, :2], axis=0), 1e-12)
-    parts = REFERENCE_CHECKS.parts
-    cell = np.minimum((parts * (ground[:, :2] - low) / size).astype(np.int64), parts - 1)
-    return np.asarray(cell[:, 1] * parts + cell[:, 0])

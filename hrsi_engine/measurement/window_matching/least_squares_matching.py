@@ -132,7 +132,13 @@ def _match_batch(
         solution[going] = (inverse[going] @ right)[..., 0]
         going = _update_warps(xy, affine, begin, status, solution, going, options)
     matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
-    _assess_matches(A[matched], weight, seen[matched], solution[matched], N[matched], matched, figures)
+    # Correlation, gain and RMS residual
+    A, seen, solution = A[matched], seen[matched], solution[matched]
+    spread = ((seen - (seen @ weight / weight.sum())[:, None]) ** 2) @ weight
+    figures[matched, 0] = (A[:, 6] * seen) @ weight / np.sqrt(np.maximum(N[matched, 6, 6] * spread, 1e-30))
+    figures[matched, 1] = solution[:, 6]
+    residual = seen - (solution[:, None] @ A)[:, 0]
+    figures[matched, 2] = np.sqrt(residual**2 @ weight / weight.sum())
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
     covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
@@ -203,17 +209,3 @@ def _update_warps(
     change = np.abs(back).sum(axis=1) + 0.25 * half * np.abs(inverse - np.eye(2)).sum(axis=(1, 2))
     status[going[near & (change < options.closure_px)]] = DONE
     return going[near & (change >= options.closure_px)]
-
-
-def _assess_matches(
-    A: np.ndarray, weight: np.ndarray, seen: np.ndarray, solution: np.ndarray, N: np.ndarray, rows: np.ndarray,
-    figures: np.ndarray,
-) -> None:  # fmt: skip
-    """Write correlation, gain and RMS residual."""
-    mean = (seen @ weight / weight.sum())[:, None]
-    spread = ((seen - mean) ** 2) @ weight
-    product = (A[:, 6] * seen) @ weight
-    figures[rows, 0] = product / np.sqrt(np.maximum(N[:, 6, 6] * spread, 1e-30))
-    figures[rows, 1] = solution[:, 6]
-    residual = seen - (solution[:, None] @ A)[:, 0]
-    figures[rows, 2] = np.sqrt(residual**2 @ weight / weight.sum())
