@@ -1605,7 +1605,7 @@ def strip(
 def hand_over(
     result: Path,
     *,
-    to: Literal["cars", "s2p", "asp", "nerf", "points"] = "cars",
+    to: Literal["cars", "s2p", "asp", "micmac", "nerf", "points"] = "cars",
     extent: str | None = None,
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
@@ -1631,7 +1631,7 @@ def hand_over(
         Output directory of an adjustment.
     to : str, optional
         The next program; nerf is for radiance fields and splatting, points for point clouds and GCPs
-        (one of cars, s2p, asp, nerf, points; default cars).
+        (one of cars, s2p, asp, micmac, nerf, points; default cars).
     extent : str, optional
         Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind
         it; by default all that the chosen pairs have in common.

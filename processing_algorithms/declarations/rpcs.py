@@ -383,7 +383,7 @@ FIT_RPC = Algorithm(
 
 # ---- hand-over ------------------------------------------------------------------------------------------------------
 
-NEXT_PROGRAMS = ("cars", "s2p", "asp", "nerf", "points")
+NEXT_PROGRAMS = ("cars", "s2p", "asp", "micmac", "nerf", "points")
 
 
 @options(kw_only=True)

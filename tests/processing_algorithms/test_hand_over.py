@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from datetime import datetime
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,7 +21,7 @@ from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.projects import PROJECT_WRITERS
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations.rpcs import NEXT_PROGRAMS
@@ -274,3 +275,127 @@ def test_points_project(block):
     assert first[2:4] == pytest.approx([float(words[1]), -float(words[2])]) and first[:2] == pytest.approx(
         [float(words[3]), float(words[4])]
     )
+
+
+def test_micmac_project(block):
+    """Read as MicMac does: each tag looked up by its name, and there once."""
+    folder, report = hand_over(block, "micmac", "micmac")
+    system = ElementTree.parse(folder / "WGS84toUTM.xml").getroot().find("BSC")
+    assert system.findtext("TypeCoord").strip() == "eTC_Proj4"
+    assert [one.text.strip() for one in system.findall("AuxR")] == ["1", "1", "1"]
+    assert pyproj.CRS(system.findtext("AuxStr").strip()).to_epsg() == report["epsg"]
+    for number in (1, 2, 3):
+        root = ElementTree.parse(folder / f"image_{number}.xml").getroot()
+        told = gdal_rpc(block / "result" / f"image_{number}.tif")
+
+        def unique(tag, root=root):
+            (found,) = root.iter(tag)
+            return found
+
+        assert (float(unique("NUMROWS").text), float(unique("NUMCOLUMNS").text)) == (240.0, 240.0)
+        for tag in ("LINE", "SAMP", "LAT", "LONG", "HEIGHT"):
+            for word, short in (("OFFSET", "OFF"), ("SCALE", "SCALE")):
+                assert float(unique(f"{tag}{word}").text) == pytest.approx(float(told[f"{tag}_{short}"]), rel=1e-14)
+        for tag in ("LINENUM", "LINEDEN", "SAMPNUM", "SAMPDEN"):
+            numbers = told[f"{tag[:4]}_{tag[4:]}_COEFF"].split()
+            np.testing.assert_allclose(
+                np.array(unique(f"{tag}COEF").text.split(), float), np.array(numbers, float), rtol=1e-14
+            )
+        assert float(unique("ERRBIAS").text) >= 0.0
+        # corners by GDAL's transformer at the RPC's middle height; it counts pixels from the corner
+        image = gdal.Open(str(folder / f"image_{number}.tif"))
+        transformer = gdal.Transformer(image, None, ["METHOD=RPC", f"RPC_HEIGHT={told['HEIGHT_OFF']}"])
+        for corner, x, y in (("UL", 0.5, 0.5), ("UR", 239.5, 0.5), ("LR", 239.5, 239.5), ("LL", 0.5, 239.5)):
+            lon, lat, _ = transformer.TransformPoint(0, x, y)[1]
+            band = unique("BAND_P")
+            assert float(band.findtext(f"{corner}LON")) == pytest.approx(lon, abs=1e-6)
+            assert float(band.findtext(f"{corner}LAT")) == pytest.approx(lat, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def matched(block: Path) -> tuple[Path, list[str], list[tuple[int, int, np.ndarray]]]:
+    """The block's tie points as the matches of its three pairs, in float32 as ASP keeps them."""
+    told = read_layer_table(str(block / "result" / "block.gpkg"), "image_points")
+    ties = told["role"] == "tie"
+    xy = np.column_stack([told["sample"], told["line"]]).astype(np.float32).astype(np.float64)
+    by_image = [
+        {told["id"][row]: xy[row] for row in np.flatnonzero(ties & (told["image"] == f"image_{number}"))}
+        for number in (1, 2, 3)
+    ]
+    pairs = []
+    for one, two in ((0, 1), (0, 2), (1, 2)):
+        shared = [name for name in by_image[one] if name in by_image[two]]
+        pairs.append((one, two, np.array([[*by_image[one][name], *by_image[two][name]] for name in shared])))
+    rows = [
+        f"{name},image_{number + 1},{x!r},{y!r}"
+        for number, points in enumerate(by_image)
+        for name, (x, y) in points.items()
+        if sum(name in other for other in by_image) > 1
+    ]
+    measured = (block / "made" / "image_points.csv").read_text().splitlines()
+    known = {row.partition(",")[0] for row in (block / "made" / "ground_points.csv").read_text().splitlines()}
+    on_known = [row for row in measured if row.partition(",")[0] in known]  # the header is among both
+    (block / "known_points.csv").write_text("\n".join(on_known) + "\n")
+    (block / "ties.csv").write_text("\n".join(["id,image,sample,line", *rows]) + "\n")
+    return block, [f"image_{number}" for number in (1, 2, 3)], pairs
+
+
+def write_asp_text(folder: Path, names: list[str], pairs: list) -> str:
+    for one, two, xy in pairs:
+        lines = [f"{a!r} {b!r} 1 {c!r} {d!r} 1" for a, b, c, d in xy.tolist()]
+        (folder / f"run-{names[one]}__{names[two]}.txt").write_text("\n".join(lines) + "\n")
+    return str(folder / "run-*.txt")
+
+
+def write_asp_binary(folder: Path, names: list[str], pairs: list) -> str:
+    """As `ip_record` of VisionWorkbench: two counts, then the records of the first image, then of the second."""
+    for one, two, xy in pairs:
+        content = struct.pack("<QQ", len(xy), len(xy))
+        for columns in (xy[:, :2], xy[:, 2:]):
+            for x, y in columns.tolist():
+                content += struct.pack("<ffiifffBIIQ", x, y, int(x), int(y), 0.0, 1.0, 1.0, 0, 0, 0, 0)
+        (folder / f"run-{names[one]}__{names[two]}.match").write_bytes(content)
+    return str(folder / "run-*.match")
+
+
+def write_sat_bundleadjust(folder: Path, names: list[str], pairs: list) -> str:
+    (folder / "keypoints").mkdir()
+    (folder / "filenames.txt").write_text("".join(f"/elsewhere/{name}.tif\n" for name in names))
+    keypoints: list[list[tuple[float, float]]] = [[] for _ in names]
+    rows = []
+    for one, two, xy in pairs:
+        for a, b, c, d in xy.tolist():
+            for number, place in ((one, (a, b)), (two, (c, d))):
+                if place not in keypoints[number]:
+                    keypoints[number].append(place)
+            rows.append([keypoints[one].index((a, b)), keypoints[two].index((c, d)), one, two])
+    for name, places in zip(names, keypoints, strict=True):
+        np.save(folder / "keypoints" / f"{name}.npy", np.column_stack([places, np.ones(len(places))]))
+    np.save(folder / "matches.npy", np.array(rows))
+    return str(folder / "matches.npy")
+
+
+@pytest.mark.parametrize("write", [write_asp_text, write_asp_binary, write_sat_bundleadjust])
+def test_matches_of_others_adjust_as_csv(matched, tmp_path, write):
+    """The refined RPCs see the block's ground at the same pixels to 1e-6 px."""
+    block, names, pairs = matched
+    files = {"csv": str(block / "ties.csv"), "other": write(tmp_path, names, pairs)}
+    cameras = {}
+    for kind, ties in files.items():
+        folder = tmp_path / f"result_{kind}"
+        run(
+            "adjust", images=[str(block / "made" / f"{name}.tif") for name in names], tie_points=ties,
+            gcps=str(block / "made" / "ground_points.csv"), image_points=str(block / "known_points.csv"),
+            height_datum="ellipsoidal", hold_out=0.0, report=False, output_dir=str(folder),
+        )  # fmt: skip
+        cameras[kind] = [read_rpc(str(folder / f"{name}.tif")).rpc for name in names]
+    for one, other in zip(cameras["csv"], cameras["other"], strict=True):
+        xy = np.stack(np.meshgrid(np.linspace(0, 239, 5), np.linspace(0, 239, 5)), axis=-1).reshape(-1, 2)
+        np.testing.assert_allclose(other.project(one.localize(xy, 250.0).ground), xy, atol=1e-6)
+
+
+def test_adjusted_rpcs_of_sat_bundleadjust(block, tmp_path):
+    rpc = read_rpc(str(block / "result" / "image_1.tif")).rpc
+    write_rpc_text(str(tmp_path / "a_RPC.TXT"), rpc)
+    (tmp_path / "a_RPC.TXT").rename(tmp_path / "image_1.rpc_adj")
+    assert read_rpc(str(tmp_path / "image_1.rpc_adj")).rpc == rpc

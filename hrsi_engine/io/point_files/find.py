@@ -30,6 +30,7 @@ POINT_READERS: dict[str, PointReader] = {
     "asp-gcp": gcp_files.ASP_GCPS,
     "asp-match": match_files.ASP_MATCHES,
     "colmap": match_files.COLMAP_DATABASE,
+    "sat-bundleadjust": match_files.SAT_BUNDLEADJUST,
     "hloc": match_files.HLOC_MATCHES,
     "orthority": gcp_files.ORTHORITY_GCPS,
     "ogr": ogr_layer.READER,

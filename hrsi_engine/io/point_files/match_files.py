@@ -20,6 +20,9 @@
   no file of features is needed. hloc calls a file of matches ``FEATURES_MATCHER_PAIRS.h5`` after ``FEATURES.h5`` beside
   it; another one is named by ``|features=FILE``. hloc keeps keypoints in half precision unless told otherwise: beyond
   2048 px they are whole pixels, beyond 4096 px even ones.
+* Matches of sat-bundleadjust: a folder with ``matches.npy (n, 4)``, rows of keypoints in two images and the images'
+  rows in ``filenames.txt``, and ``keypoints/ID.npy`` or ``features/ID.npy`` for each image, x and y first, from the
+  CENTRE of the first pixel. Its adjusted RPCs, ``ID.rpc_adj``, are RPC texts.
 * Tie points of MicMac (MMVII): a file an image, ``PMUL-IMAGE.csv`` with the fields Pt.x, Pt.y, Id. The same Id on other
   images is the same point. Pixels count from the corner of the first pixel, as everywhere in MicMac: half a pixel is
   taken off.
@@ -310,6 +313,48 @@ def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
 
 
 HLOC_MATCHES = PointReader("hloc matches", lambda _path, _name, head: head.startswith(b"\x89HDF\r\n\x1a\n"), read_hloc)
+
+# ---- sat-bundleadjust ----------------------------------------------------------------------------------------------
+
+
+def read_sat_bundleadjust(path: str, _layer: str = "") -> PointTable:
+    """Return two rows a match of a ``matches.npy``; raise `InputError` where it or a file beside it is damaged."""
+    folder = os.path.dirname(path)
+    with open(os.path.join(folder, _FILENAMES), encoding="utf-8") as file:
+        ids = [os.path.splitext(os.path.basename(line.strip()))[0] for line in file if line.strip()]
+    table = _load_npy(path, 4).astype(np.int64)
+    if len(table) and not ((table[:, 2:] >= 0) & (table[:, 2:] < len(ids))).all():
+        raise InputError(f"{path}: names images that {_FILENAMES} does not list: get the files again")
+    keypoints = {}
+    for row in np.unique(table[:, 2:]).tolist():
+        places = [os.path.join(folder, part, f"{ids[row]}.npy") for part in ("keypoints", "features")]
+        found = next((place for place in places if os.path.isfile(place)), places[0])
+        keypoints[row] = _load_npy(found, 2)[:, :2].astype(np.float64)
+    pairs = []
+    for one, two in np.unique(table[:, 2:], axis=0).tolist():
+        rows = table[(table[:, 2] == one) & (table[:, 3] == two), :2]
+        pairs.append(_match_keypoints(path, (ids[one], ids[two]), (keypoints[one], keypoints[two]), rows))
+    return _make_table(path, pairs, ("x", "y"))
+
+
+def _load_npy(path: str, columns: int) -> np.ndarray:
+    """Return a table of numbers of NumPy's file format with so many columns or more."""
+    try:
+        require_size(path, "matches")
+        found = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path}: cannot be read ({error}): get the file again") from None
+    if found.ndim != 2 or found.shape[1] < columns or found.dtype.kind not in "iuf":
+        raise InputError(f"{path}: is no table of {columns} columns of numbers or more: get the file again")
+    return np.asarray(found)
+
+
+_FILENAMES = "filenames.txt"
+SAT_BUNDLEADJUST = PointReader(
+    "sat-bundleadjust matches",
+    lambda path, name, _head: name == "matches.npy" and os.path.isfile(os.path.join(os.path.dirname(path), _FILENAMES)),
+    read_sat_bundleadjust,
+)
 
 # ---- MicMac --------------------------------------------------------------------------------------------------------
 

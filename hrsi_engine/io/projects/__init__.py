@@ -5,6 +5,7 @@
 
 from .asp import write_asp_project
 from .cars import write_cars_project
+from .micmac import write_micmac_project
 from .nerf import write_nerf_project
 from .points import write_points_project
 from .project import BlockProject, Handed, ProjectWriter
@@ -16,6 +17,7 @@ PROJECT_WRITERS: dict[str, ProjectWriter] = {
     "cars": write_cars_project,
     "s2p": write_s2p_project,
     "asp": write_asp_project,
+    "micmac": write_micmac_project,
     "nerf": write_nerf_project,
     "points": write_points_project,
 }

@@ -111,7 +111,10 @@ def _is_rpc_txt(name: str, head: bytes) -> bool:
 
 
 RPC_TXT = RpcReader("_RPC.TXT", lambda stem: (f"{stem}_rpc.txt",), _is_rpc_txt, read_rpc_txt)
-KOMPSAT = RpcReader(".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith(".rpc"), read_rpc_txt)
+#: KOMPSAT's and SkySat's, and what sat-bundleadjust adjusted (``.rpc_adj``).
+KOMPSAT = RpcReader(
+    ".rpc", lambda stem: (f"{stem}.rpc",), lambda name, head: name.endswith((".rpc", ".rpc_adj")), read_rpc_txt
+)
 
 # ---- .geom ---------------------------------------------------------------------------------------------------------
 

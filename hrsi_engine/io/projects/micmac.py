@@ -1,0 +1,53 @@
+"""MicMac: images, each with an XML that ``Convert2GenBundle`` reads, and the system of coordinates to work in.
+
+The XML is WorldView's: the RPC, and from ``IMD`` what MicMac asks for besides: NUMROWS and NUMCOLUMNS, and under BAND_P
+the corners of the image. It looks tags up by name and wants each once. ``WGS84toUTM.xml`` holds the projection as PROJ
+writes it; heights stay ellipsoidal. ``Degre=0`` leaves the cameras as they are. MicMac finds its first heights by
+itself, so there is no initial DEM. Source: ``RPC::ReadXML`` in ``src/SateLib/CPP_RPC.cpp`` of micmacIGN/micmac.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from osgeo import osr
+
+from ...block.block import Image
+from ..rpc_files.xml_formats import isd_text
+from .project import BlockProject, Handed, write_project_images
+
+_CORNERS = (("UL", 0, 0), ("UR", 1, 0), ("LR", 1, 1), ("LL", 0, 1))
+_SYSTEM = (
+    "<SystemeCoord>\n <BSC>\n  <TypeCoord> eTC_Proj4 </TypeCoord>\n  <AuxR> 1 </AuxR>\n  <AuxR> 1 </AuxR>\n"
+    "  <AuxR> 1 </AuxR>\n  <AuxStr> {proj} </AuxStr>\n </BSC>\n</SystemeCoord>\n"
+)
+
+
+def write_micmac_project(project: BlockProject, folder: Path) -> Handed:
+    """Write the images of the chosen pairs, their XML, and the system of coordinates."""
+    write_project_images(project, folder, project.paired)
+    for image in project.paired:
+        text = isd_text(image.rpc).replace("</isd>", f"{_make_imd(image)}</isd>")
+        (folder / f"{image.id}.xml").write_text(text, encoding="ascii")
+    crs = osr.SpatialReference()
+    crs.ImportFromEPSG(project.epsg)
+    (folder / "WGS84toUTM.xml").write_text(_SYSTEM.format(proj=crs.ExportToProj4().strip()), encoding="ascii")
+    return Handed(
+        (
+            r"""mm3d Convert2GenBundle "(.*).tif" "\$1.xml" RPC-d0 ChSys=WGS84toUTM.xml Degre=0""",
+            """mm3d Malt UrbanMNE ".*tif" RPC-d0 SzW=2 Regul=0.2 NbVI=2 EZA=1""",
+        ),
+        "MEC-Malt",
+    )
+
+
+def _make_imd(image: Image) -> str:
+    """Return the part of the XML with the image's size and its corners on the ground."""
+    samples, lines = image.known_size
+    last = np.array([samples - 1.0, lines - 1.0])
+    ground = image.rpc.localize(np.array([[x, y] for _, x, y in _CORNERS]) * last, image.middle_height_m).ground
+    corners = "".join(
+        f"   <{name}LON>{lon!r}</{name}LON>\n   <{name}LAT>{lat!r}</{name}LAT>\n"
+        for (name, _, _), (lon, lat, _) in zip(_CORNERS, ground.tolist(), strict=True)
+    )
+    size = f"  <NUMROWS>{lines}</NUMROWS>\n  <NUMCOLUMNS>{samples}</NUMCOLUMNS>\n"
+    return f" <IMD>\n{size}  <BAND_P>\n{corners}  </BAND_P>\n </IMD>\n"
