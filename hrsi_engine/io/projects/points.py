@@ -49,7 +49,7 @@ def write_points_project(project: BlockProject, folder: Path) -> Handed:
         lines += [" ".join(words)] * bool(own.size)
     if lines:
         texts["gcps.gcp"] = ["# WKT: EPSG:4326", *lines]
-    for file, content in texts.items():
-        head = ["mapX,mapY,pixelX,pixelY,enable"] if file.endswith(".points") else []
-        (folder / file).write_text("\n".join([*head, *content]) + "\n", encoding="utf-8")
+    for target, content in texts.items():
+        head = ["mapX,mapY,pixelX,pixelY,enable"] if target.endswith(".points") else []
+        (folder / target).write_text("\n".join([*head, *content]) + "\n", encoding="utf-8")
     return Handed((), "tie_points.ply")
