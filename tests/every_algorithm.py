@@ -30,7 +30,8 @@ SOUND: dict[str, Any] = {
     "edges": "edges.csv", "terrain_points": "points.csv",
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
-    "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv",
+    "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv", "surface": "dem.tif",
+    "surface_datum": "geoid.tif",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -66,6 +67,8 @@ INSTEAD_OF = {
 #: Inputs that are given only where they are looked at.
 SELDOM = {
     "reference",
+    "surface",
+    "surface_datum",
     "edges",
     "terrain_points",
     "rpc",
