@@ -25,7 +25,7 @@ from real_blocks import DATA, sift_tracks
 from hrsi.benchmarks.pages import put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
-from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.hrsi_engine.measurement.block_matching.joining import build_tracks
 from hrsi.hrsi_engine.measurement.control_network.matching import match_windows
 from hrsi.hrsi_engine.measurement.control_network.options import ControlNetworkOptions

@@ -15,7 +15,7 @@ import real_blocks
 from tie_points_accuracy import SAMPLES, paths
 
 from hrsi.hrsi_engine import open_image
-from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "evaluation.md"

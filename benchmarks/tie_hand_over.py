@@ -22,9 +22,9 @@ from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.columns import find_unique_ids
 from hrsi.hrsi_engine.block.points import ImagePoints
 from hrsi.hrsi_engine.ground.geodesy import WGS84_3D
-from hrsi.hrsi_engine.io.csv_tables import write_measurements
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
+from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 
 PAGE = Path(__file__).parents[1] / "docs" / "large_blocks.md"

@@ -33,7 +33,7 @@ from hrsi.hrsi_engine.ground.geodesy import (
 )
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
 from hrsi.hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
-from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
 from hrsi.hrsi_engine.laboratory.simulated_files import write_dem, write_ground_points
 from hrsi.hrsi_engine.laboratory.simulation import (

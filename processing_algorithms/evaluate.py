@@ -34,7 +34,7 @@ from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.io.geopackage.declared_layers import EvaluatedPairRows, EvaluatedResidualRows
 from ..hrsi_engine.io.geopackage.layer_styles import Style
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
-from ..hrsi_engine.io.pages.page import write_page
+from ..hrsi_engine.io.pages.report import write_page
 from ..hrsi_engine.io.point_files import measurements_of, read_points
 from ..hrsi_engine.measurement.block_matching.search import count_points_per_cell
 from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs

@@ -11,10 +11,10 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
 from ..hrsi_engine.ground.geodesy import WGS84_3D
-from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.geopackage.declared_layers import CorrespondenceRows, MatchedPointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, write_geopackage
-from ..hrsi_engine.io.pages.page import write_page
+from ..hrsi_engine.io.pages.report import write_page
+from ..hrsi_engine.io.point_files.csv_text import write_csv
 from ..hrsi_engine.measurement.control_network.matching import ControlNetworkMatch, match_windows
 from ..hrsi_engine.measurement.control_network.super_points import FOUND
 from ..hrsi_engine.measurement.interest_points.detectors import clip_to_image

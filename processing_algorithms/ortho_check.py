@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hrsi_engine.block.block import Role
-from ..hrsi_engine.drawing.block_map import BlockMap, draw_block_map
+from ..hrsi_engine.drawing.block_map import BlockMap, draw_map
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance, stage
 from ..hrsi_engine.foundation.workers.threads import thread_count
@@ -258,5 +258,5 @@ def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
             metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]
             count = len(metres)
             data = BlockMap({}, lonlat[pair.good], np.full(count, Role.CHECK), metres, np.full(count, ""))
-            maps.append((f"{' - '.join(pair.pair.names)}, {state}", draw_block_map(data)))
+            maps.append((f"{' - '.join(pair.pair.names)}, {state}", draw_map(data).svg))
     return maps

@@ -16,7 +16,7 @@ from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
 from ..hrsi_engine.io.output_dir import require_no_input
-from ..hrsi_engine.io.pages.page import write_page
+from ..hrsi_engine.io.pages.report import write_page
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from .declarations.orthoimages import OrthorectifyOptions
 from .files.opening import open_images

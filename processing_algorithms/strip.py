@@ -10,8 +10,8 @@ from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.exposures import STRIP, StripPlaces, fit_strip, place_parts
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.workers.threads import thread_count
-from ..hrsi_engine.io.csv_tables import write_csv
 from ..hrsi_engine.io.output_dir import require_plain_name
+from ..hrsi_engine.io.point_files.csv_text import write_csv
 from ..hrsi_engine.io.rasters.cropping import join_images, read_lineage, save_image
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.ground.geodesy import WGS84_3D
-from ..hrsi_engine.io.csv_tables import write_measurements
 from ..hrsi_engine.io.geopackage.declared_layers import MeasurementRows, TiePointRows
 from ..hrsi_engine.io.geopackage.layers import Layer, default_styles, write_geopackage
 from ..hrsi_engine.io.opening.item_images import item_entry
 from ..hrsi_engine.io.output_dir import check_output_dir
+from ..hrsi_engine.io.point_files.csv_text import write_measurements
 from ..hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 from ..hrsi_engine.measurement.tie_points import TiePoints, find_overlapping_pairs
 from .block_steps.outputs import Clock

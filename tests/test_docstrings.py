@@ -8,7 +8,7 @@ pytest.importorskip("numpydoc")
 import check_docstrings
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions
-from hrsi.hrsi_engine.io.csv_tables import write_csv
+from hrsi.hrsi_engine.io.point_files.csv_text import write_csv
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight
 
 
@@ -38,7 +38,7 @@ def undescribed(first, second=1):
 
 def test_missing_sections_are_seen(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(write_csv, "__doc__", "Write a table.\n\nParameters\n----------\npath : str\n    The file.")
-    found = list(check_docstrings.faults_of("hrsi.hrsi_engine.io.csv_tables.write_csv", write_csv))
+    found = list(check_docstrings.faults_of("hrsi.hrsi_engine.io.point_files.csv_text.write_csv", write_csv))
     assert found == ["PR01 header, rows not described"]
     assert check_docstrings.raises(undescribed) == {"ValueError"}
 

@@ -12,7 +12,7 @@ import pytest
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import WorkPart, digest, open_scheduler, run_parts
 from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
-from hrsi.hrsi_engine.io.safety import leftovers
+from hrsi.hrsi_engine.io.safety import replacing
 from hrsi.hrsi_engine.io.safety.array_files import PartStore
 
 
@@ -120,7 +120,7 @@ def test_digest_tells_values_apart():
 
 
 def test_what_a_killed_run_was_writing_goes(tmp_path):
-    dead = tmp_path / f".a.{leftovers._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.npz"
+    dead = tmp_path / f".a.{replacing._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.npz"
     dead.touch()
     assert len(PartStore(str(tmp_path))) == 0
     assert not dead.exists()

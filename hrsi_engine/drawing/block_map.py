@@ -103,11 +103,6 @@ class _MapView:
         return self.frame.to_ground(np.column_stack([local, np.zeros(len(local))]))[:, :2]
 
 
-def draw_block_map(data: BlockMap) -> str:
-    """Return the map as an SVG element; ids are escaped. Empty where there is nothing to show."""
-    return draw_map(data).svg
-
-
 def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     """Return the map and what a script needs to move about in it; without places, an empty one.
 
@@ -148,7 +143,14 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
     ]
     named = f' id="{html.escape(name)}"' if name else ""
     size = f'viewBox="0 0 {_WIDTH:.0f} {view.height + 50.0:.0f}"'
-    svg = f'<svg class="map"{named} {size} role="img" aria-label="{_describe_map(data, here)}">\n'
+    # The text alternative
+    count = {role: int((data.roles[here] == role).sum()) for role in Role}
+    if data.ties is not None:
+        count[Role.TIE] = len(ties)
+    words = {Role.GCP: "control", Role.CHECK: "check", Role.TIE: "tie", Role.HELD_OUT: "held-out tie"}
+    known = [f"{count[role]} {word} points" for role, word in words.items() if count[role]]
+    label = f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
+    svg = f'<svg class="map"{named} {size} role="img" aria-label="{label}">\n'
     to_degrees, to_drawing = _fit_polynomials(view)
     return MapDrawing(
         svg + "\n".join(parts) + "\n</svg>",
@@ -158,16 +160,6 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
             "cells": figures,
         },
     )  # fmt: skip
-
-
-def _describe_map(data: BlockMap, here: np.ndarray) -> str:
-    """Return the text alternative of the map."""
-    count = {role: int((data.roles[here] == role).sum()) for role in Role}
-    if data.ties is not None:
-        count[Role.TIE] = len(data.ties.lonlat)
-    words = {Role.GCP: "control", Role.CHECK: "check", Role.TIE: "tie", Role.HELD_OUT: "held-out tie"}
-    known = [f"{count[role]} {word} points" for role, word in words.items() if count[role]]
-    return f"Map of the block: {', '.join([f'{len(data.footprints)} images', *known])}; north is up"
 
 
 def _fit_polynomials(view: _MapView) -> tuple[list[list[float]], list[list[float]]]:

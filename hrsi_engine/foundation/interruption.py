@@ -55,9 +55,8 @@ def quit_on_signals() -> None:
 @contextmanager
 def quitting_on_signals() -> Iterator[None]:
     """End at once while this lasts, where `signals_as_exceptions` is in force: for loading modules."""
-    ours = [number for number in _ENDINGS if signal.getsignal(number) is _raise]
-    if threading.current_thread() is not threading.main_thread():
-        ours = []
+    is_main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in _ENDINGS if is_main and signal.getsignal(number) is _raise]
     for number in ours:
         signal.signal(number, _quit)
     try:

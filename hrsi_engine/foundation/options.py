@@ -46,14 +46,9 @@ class Option:
     piped: bool = False
 
 
-def option(
-    default: Any = MISSING, help: str = "", *, name: str = "", unit: str = "", choices: tuple[str, ...] = (),
-    minimum: float | None = None, maximum: float | None = None, advanced: bool = False, metavar: str = "",
-    kind: Enum | None = None, piped: bool = False,
-) -> Any:  # fmt: skip
-    """Return a dataclass field that is an option; without a default it is required. For the others see `Option`."""
-    said = Option(help, name, unit, choices, minimum, maximum, advanced, metavar, kind, piped)
-    return field(default=default, metadata={_OPTION: said})
+def option(default: Any = MISSING, help: str = "", **described: Any) -> Any:
+    """Return a dataclass field that is an option, ``described`` by `Option`; without a default it is required."""
+    return field(default=default, metadata={_OPTION: Option(help, **described)})
 
 
 def nest_options(options: type) -> Any:
@@ -65,14 +60,12 @@ def nest_options(options: type) -> Any:
 
 def option_of(part: Field[Any]) -> Option | None:
     """Return the description of an option's dataclass field; None where the field is no option."""
-    found: Option | None = part.metadata.get(_OPTION)
-    return found
+    return part.metadata.get(_OPTION)
 
 
 def inner_options_of(part: Field[Any]) -> type | None:
     """Return the dataclass of options that a field holds; None where it holds none."""
-    found: type | None = part.metadata.get(_NESTED)
-    return found
+    return part.metadata.get(_NESTED)
 
 
 def threads_option() -> Any:

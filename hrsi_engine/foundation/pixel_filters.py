@@ -32,9 +32,7 @@ def should_use_opencv() -> bool:
 @cache
 def _choose_filters() -> Any:
     """Return who does the work; OpenCV is loaded when a first image is filtered."""
-    if should_use_opencv():
-        return import_module(".opencv_filters", __package__).OpenCVFilters
-    return import_module(".array_filters", __package__).ArrayFilters
+    return import_module(".opencv_filters" if should_use_opencv() else ".array_filters", __package__)
 
 
 def filter_separable(

@@ -3,7 +3,7 @@
 from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "csv_tables": "write_csv",
+    "point_files.csv_text": "write_csv",
     "rasters.dems": "open_dem",
     "geopackage.layers": "Layer write_geopackage",
     "rasters.ortho_rasters": "open_ortho open_reference",

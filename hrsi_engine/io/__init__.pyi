@@ -2,13 +2,13 @@
 
 # Made by scripts/make_stubs.py: change the declarations or the package, and run it again.
 
-from .csv_tables import write_csv as write_csv
 from .geopackage.layers import Layer as Layer
 from .geopackage.layers import write_geopackage as write_geopackage
 from .pages.report import write_report_html as write_report_html
 from .pages.report import write_report_json as write_report_json
 from .point_files import PointTables as PointTables
 from .point_files import read_points as read_points
+from .point_files.csv_text import write_csv as write_csv
 from .rasters.dems import open_dem as open_dem
 from .rasters.images import open_image as open_image
 from .rasters.ortho_rasters import open_ortho as open_ortho

@@ -19,8 +19,7 @@ from ..foundation.interruption import holding_signals
 from .opening.datasets import VIRTUAL, quiet, remove_virtual, virtual_status, write_virtual
 from .opening.files import read_json
 from .rpc_files.sidecars import is_rpc_file, keep_original
-from .safety.leftovers import temporary_folder
-from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only
+from .safety.replacing import REPLACING, WRITE_AHEAD_LOG, require_not_read_only, temporary_folder
 from .safety.transactions import Transaction
 
 RESULT_FILES = ("report.json", "block.gpkg")  # their presence makes a folder a result

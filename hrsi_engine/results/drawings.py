@@ -21,7 +21,7 @@ from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
-from ..io.pages.page import picture_uri
+from ..io.pages.report import picture_uri
 from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals

@@ -11,8 +11,7 @@ from ...hrsi_engine.foundation.reasons import Level
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import check_output_dir, exists_anywhere, stage_folder
-from ...hrsi_engine.io.pages.page import write_page
-from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.pages.report import write_page, write_report_json
 from ..interface.declare import Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
 

@@ -15,8 +15,7 @@ from ...hrsi_engine.foundation.progress import advance
 from ...hrsi_engine.io.geopackage.declared_layers import RegisteredPointRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
-from ...hrsi_engine.io.pages.page import write_page
-from ...hrsi_engine.io.pages.report import write_report_json
+from ...hrsi_engine.io.pages.report import write_page, write_report_json
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.rasters.images import image_id, open_image
 from ...hrsi_engine.laboratory.registration import MethodComparison, choose_group, compare_kinds

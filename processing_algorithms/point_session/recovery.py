@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...hrsi_engine.foundation.errors import InputError
-from ...hrsi_engine.io.safety.line_journals import LineJournal, find_orphan_journals, remove_journal
+from ...hrsi_engine.io.safety.folder_lock import LineJournal, find_orphan_journals, remove_journal
 from .files import new_session, open_block
 from .rows import Change, ImageMeasurement, Key, SurveyPoint
 from .session import PointSession

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.io.pages import page as pages
+from hrsi.hrsi_engine.io.pages import report as pages
 from hrsi.processing_algorithms import run
 from hrsi.tests.io.test_report_in_browser import browse, chromium, console
 

@@ -16,12 +16,11 @@ from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.drawing.block_figures import ReportFigures
-from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, draw_block_map, draw_map
+from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, draw_map
 from hrsi.hrsi_engine.drawing.target_chips import encode_png
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.json_values import json_lines, json_ready
-from hrsi.hrsi_engine.io.pages.page import digits_by_sigma, duration, figure
-from hrsi.hrsi_engine.io.pages.report import write_report_html, write_report_json
+from hrsi.hrsi_engine.io.pages.report import digits_by_sigma, duration, figure, write_report_html, write_report_json
 
 EVIL = '<script>alert("1")</script>&'
 
@@ -192,7 +191,7 @@ def test_compared_models_are_tabulated(tmp_path: Path) -> None:
 def test_arrows_and_scale_of_the_map() -> None:
     """The 90th percentile arrow is 45 units long; east is right, north is up."""
     data = block_map()
-    svg = draw_block_map(data)
+    svg = draw_map(data).svg
     parser = Outline()
     parser.feed(svg)
     assert parser.open == []
@@ -212,11 +211,11 @@ def test_a_map_across_the_date_line_and_of_one_point() -> None:
     data = BlockMap(
         {"a": Polygon(ring)}, np.array([[180.0, 9.95]]), np.array([1]), np.array([[0.1, 0.1]]), np.array(["p"])
     )
-    assert "2 km on the ground" in draw_block_map(data)  # 0.2 degrees at 10 degrees north are 22 km
+    assert "2 km on the ground" in draw_map(data).svg  # 0.2 degrees at 10 degrees north are 22 km
     lone = BlockMap({}, np.array([[5.0, 44.0]]), np.array([0]), np.array([[0.0, 0.0]]), np.array(["p"]))
-    assert "circle" in draw_block_map(lone)
+    assert "circle" in draw_map(lone).svg
     nothing = BlockMap({}, np.empty((0, 2)), np.empty(0), np.empty((0, 2)), np.empty(0))
-    assert draw_block_map(nothing) == ""
+    assert draw_map(nothing).svg == ""
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from browser import Browser, chromium_program
 
-from hrsi.hrsi_engine.io.pages.page import digits_by_sigma, figure
+from hrsi.hrsi_engine.io.pages.report import digits_by_sigma, figure
 from hrsi.processing_algorithms import run
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -15,13 +15,13 @@ from long_tests import mark_beyond
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.foundation.interruption import signals_as_exceptions
 from hrsi.hrsi_engine.io.output_dir import stage_folder
-from hrsi.hrsi_engine.io.safety import leftovers, transactions
+from hrsi.hrsi_engine.io.safety import replacing, transactions
 from hrsi.hrsi_engine.io.safety.folder_lock import only_writer
-from hrsi.hrsi_engine.io.safety.leftovers import is_dead, open_hidden_folder, sweep, temporary_folder, temporary_name
+from hrsi.hrsi_engine.io.safety.replacing import is_dead, open_hidden_folder, sweep, temporary_folder, temporary_name
 from hrsi.hrsi_engine.io.safety.transactions import Transaction, recover_folders
 
 COUNT = 6
-GONE = f"{leftovers._machine_name()}-{2**22 + 1}-1"  # a process that there is not
+GONE = f"{replacing._machine_name()}-{2**22 + 1}-1"  # a process that there is not
 JOURNAL = f".hrsi-journal-{GONE}-01234567.json"
 
 
@@ -178,11 +178,11 @@ def end_of_a_call(parent: Path, number: signal.Signals, count: int) -> str | Non
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_writes_under_its_own_number() -> None:
     """What a process keeps of itself is not what its forks are."""
-    own = leftovers.writer()
+    own = replacing.writer()
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
-        os.write(writing, leftovers.writer().encode())
+        os.write(writing, replacing.writer().encode())
         os._exit(0)
     os.waitpid(child, 0)
     assert os.read(reading, 1000).decode().split("-")[1] == str(child) != own.split("-")[1] == str(os.getpid())
@@ -192,13 +192,13 @@ def test_a_fork_writes_under_its_own_number() -> None:
 def test_dead_writers_files_go(tmp_path: Path) -> None:
     """A number that no process has, and our own number with another beginning."""
     for pid, began in ((2**22 + 1, 1), (os.getpid(), 1)):
-        words = f"{leftovers._machine_name()}-{pid}-{began}"
+        words = f"{replacing._machine_name()}-{pid}-{began}"
         (tmp_path / f".a.{words}-0123abcd.tmp.tif").write_text("")
         (tmp_path / f".hrsi-unfinished-{words}-x").mkdir()
     (tmp_path / ".mine.tmp.tif").write_text("")
     elsewhere = tmp_path / ".a.00000000-12-1-0123abcd.tmp.tif"  # of another machine, and fresh
     elsewhere.write_text("")
-    assert is_dead(str(tmp_path / f".a.{leftovers._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
+    assert is_dead(str(tmp_path / f".a.{replacing._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
     assert len(sweep(str(tmp_path))) == 4
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([elsewhere.name, ".mine.tmp.tif"])
 

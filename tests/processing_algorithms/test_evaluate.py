@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.csv_tables import write_measurements
+from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.evaluate import summarise
 

@@ -96,21 +96,16 @@ def run_parts(
 
     if missing:
         tell(missing[0])
-        scheduler(_build_graph(by_key, missing), missing, finish)
+        # The tasks of the missing parts and of all that they need, as Dask takes them
+        graph, waiting = Graph(), list(missing)
+        while waiting:
+            key = waiting.pop()
+            if key not in graph:
+                part = by_key[key]
+                graph[key] = (partial(part.function, part.job), *part.needs)  # Dask looks for no tasks inside the job
+                waiting += part.needs
+        scheduler(graph, missing, finish)
     return {key: results[key] for key in wanted}
-
-
-def _build_graph(parts: Mapping[str, WorkPart], wanted: Iterable[str]) -> Graph:
-    """Return the tasks of the wanted parts and of all that they need, as Dask takes them."""
-    graph: Graph = {}
-    waiting = list(wanted)
-    while waiting:
-        key = waiting.pop()
-        if key not in graph:
-            part = parts[key]
-            graph[key] = (partial(part.function, part.job), *part.needs)  # Dask looks for no tasks inside the job
-            waiting += part.needs
-    return graph
 
 
 # ---- who runs them ---------------------------------------------------------------------------------------------------

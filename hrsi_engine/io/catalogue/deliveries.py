@@ -23,7 +23,11 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
     """
     found: list[str] = []
     for name in names:
-        folder = _folder_of(name)
+        # A folder, or an archive as GDAL's folder, by the way that its ending tells
+        ways = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
+        way = next((way for ending, way in ways.items() if name.lower().endswith(ending)), None)
+        is_archive = way is not None and os.path.isfile(name)
+        folder = name if os.path.isdir(name) else f"{way}{os.path.abspath(name)}" if is_archive else None
         if name.startswith(LIST) and not os.path.exists(name):
             found += resolve_images(_read_list(name.removeprefix(LIST)), log)
         elif folder is not None:
@@ -47,15 +51,6 @@ def resolve_points(name: str) -> str:
     """Return the file of points that a name stands for; the folder of a result stands for its GeoPackage."""
     layers = os.path.join(name, "block.gpkg")
     return layers if os.path.isdir(name) and os.path.isfile(layers) else name
-
-
-def _folder_of(name: str) -> str | None:
-    """Return a folder, or an archive as GDAL's folder; None for another file."""
-    if os.path.isdir(name):
-        return name
-    ways = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}  # GDAL's, by the ending
-    way = next((way for ending, way in ways.items() if name.lower().endswith(ending)), None)
-    return f"{way}{os.path.abspath(name)}" if way is not None and os.path.isfile(name) else None
 
 
 def _read_list(path: str) -> list[str]:

@@ -28,8 +28,7 @@ from ..opening.databases import sql_text
 from ..opening.datasets import config_option, gdal_messages, quiet
 from ..safety.replacing import remove_write_ahead_log, replacing
 from .layer_styles import Style, default_style
-from .rtree import empty_rtree, fill_rtree, pack_rtree
-from .sqlite_rows import WITHOUT_SAFETY, Inserter, rows_of_new_file
+from .sqlite_rows import WITHOUT_SAFETY, Inserter, empty_rtree, fill_rtree, pack_rtree, rows_of_new_file
 from .typed_rows import DTYPES, Column, LayerRows, describe_columns
 
 GEOMETRY_COLUMN = "geom"

@@ -240,8 +240,7 @@ class LayerRows(Mapping[str, Column]):
     def __getitem__(self, name: str) -> Column:
         if name not in self.declared:
             raise KeyError(name)
-        values: Column = self.__dict__[name]
-        return values
+        return self.__dict__[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.declared)

@@ -32,9 +32,11 @@ class FILE_BUDGETS:
     """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
 
     rpc_bytes: int = threshold(
-        32 * MIB, "byte", "largest RPC file that is read",
-        "the largest vendor XML known, with ephemeris and attitudes, has about 2 MB",
-    )  # fmt: skip
+        32 * MIB,
+        "byte",
+        "largest RPC file that is read",
+        "the largest vendor XML known has about 2 MB",
+    )
     points_bytes: int = threshold(
         256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"
     )
@@ -45,16 +47,14 @@ class FILE_BUDGETS:
     matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
     report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: some 20 MB")
     items_bytes: int = threshold(
-        256 * MIB, "byte", "largest file of STAC items",
-        "an item with its RPC has some 10 kB: as many images as a block can have",
-    )  # fmt: skip
+        256 * MIB, "byte", "largest file of STAC items", "as many images as a block can have, some 10 kB each"
+    )
     names_bytes: int = threshold(32 * MIB, "byte", "largest list of images")
     journal_bytes: int = threshold(256 * MIB, "byte", "largest journal of points measured by hand")
     result_bytes: int = threshold(2048 * MIB, "byte", "largest result of one finished part of a search")
     laser_values: int = threshold(
-        50_000_000, "values", "most values of an array of laser heights",
-        "a granule of GEDI has some 2e5 shots with 101 heights each",
-    )  # fmt: skip
+        50_000_000, "values", "most values of an array of laser heights", "a granule of GEDI has some 2e5 x 101"
+    )
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
     text_characters: int = threshold(4096, "characters", "longest id or image name", "paths and signed addresses fit")
     plain_text_characters: int = threshold(64, "characters", "names up to this length may stand in any number of rows")

@@ -1,23 +1,35 @@
-"""The report of a run: ``report.json`` for programs, ``report.html`` for people, in one file.
+"""Reports as files: ``report.json`` for programs, and pages for people, one HTML file each.
 
-A page that travels alone brings its own explanations of a verdict's codes: ``docs/verdict.md`` is the one place where
-that is written; its headings ``### code`` are the codes. Of Markdown, paragraphs, lists, code, bold words and the words
-of links are understood.
+A page loads nothing and runs HRSI's scripts only; small pictures of images are texts that it holds in itself. As it
+travels alone, it brings its own explanations of a verdict's codes: ``docs/verdict.md`` is the one place where that is
+written; its headings ``### code`` are the codes. Of Markdown, paragraphs, lists, code, bold words and the words of
+links are understood.
 """
 
+import base64
+import hashlib
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from html import escape
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import numpy as np
+from markupsafe import Markup
+from osgeo import gdal
 
 from ...drawing.block_figures import ReportFigures, draw_figures
 from ...drawing.plots import draw_bars
-from ...foundation.json_values import json_lines
-from .page import PAGE_NUMBERS, write_page, write_text
+from ...drawing.target_chips import encode_grey_png, stretch_grey
+from ...foundation.errors import OutputError
+from ...foundation.json_values import json_lines, json_ready
+from ...foundation.thresholds import threshold, thresholds
+from ..opening.datasets import gdal_messages, read_virtual
+from ..safety.replacing import replacing
 
 __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
 
@@ -113,3 +125,134 @@ def _write_blocks(markdown: str) -> str:
 def _write_inline(text: str) -> str:
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(" ".join(text.split()), quote=False))
     return re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text))
+
+
+TEMPLATES = os.path.join(os.path.dirname(__file__), "templates")
+#: Rows of a page's tables: a block of thousands of images has all its figures in report.json.
+LIMITS = {"most_rows": 1000, "most_parameters": 100, "most_inputs": 200}
+
+
+@thresholds
+class PAGE_NUMBERS:
+    """How numbers are written on pages and for how many images, and how pictures are compressed and filled."""
+
+    decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
+    bars: int = threshold(12, "images", "most images with a bar of their own")
+    jpeg_quality: int = threshold(70, "", "quality of JPEG")
+    fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
+
+
+def write_page(
+    path: str, template: str, report: Mapping[str, Any], script_data: Mapping[str, Any] | None = None, **drawings: Any
+) -> None:
+    """Write a report with a template of ``templates/`` in one step; ``drawings`` are SVG texts or data made from them.
+
+    ``script_data`` are what the map's script works with. Raises `OutputError` where the file cannot be written.
+    """
+    names = ["page.js", *(["map_controls.js"] if script_data else [])]
+    scripts = [Path(TEMPLATES, name).read_text(encoding="utf-8") for name in names]
+    page = _make_environment().get_template(template)
+    # The page's policy: it loads nothing, and runs the scripts that HRSI brings, known by their hashes
+    hashes = [base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts]
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
+    write_text(
+        path,
+        page.render(
+            report=json_ready(report), script_data=json_ready(script_data), scripts=scripts, policy=policy,
+            **LIMITS, **drawings,
+        ),
+    )  # fmt: skip
+
+
+def write_text(path: str, text: str) -> None:
+    """Write a text file in one step; raise `OutputError` where it cannot be written."""
+    try:
+        with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except UnicodeEncodeError as error:
+        raise OutputError(f"{path}: cannot be written as UTF-8 ({error}): rename the file or point") from None
+
+
+@cache
+def _make_environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.ChainableUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["figure"] = figure
+    environment.filters["coded"] = mark_code
+    environment.filters["by_sigma"] = digits_by_sigma
+    environment.filters["duration"] = duration
+    return environment
+
+
+def mark_code(text: str) -> Markup:
+    """Return a message as escaped HTML; the arguments that it names in backticks are code."""
+    parts = re.split(r"`([^`]+)`", text)  # what is in backticks comes second, fourth, …
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(part) if place % 2 else part for place, part in enumerate(parts))
+
+
+def figure(value: Any, digits: int = 3, unit: str = "") -> str:
+    """Return a number with fixed digits; a dash where there is none.
+
+    Where four digits or more are asked for, one above 0 that would read as 0 is written as below the last digit.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "–" if value is None or isinstance(value, jinja2.Undefined) else str(value)
+    if isinstance(value, int) or abs(value) >= 1e15:
+        text = f"{value:,.0f}"
+    else:
+        text = f"{value:,.{digits}f}"
+        if float(text.replace(",", "")) == 0.0:
+            small = digits >= 4 and value > 0.0
+            text = f"<\N{NARROW NO-BREAK SPACE}{10.0**-digits:.{digits}f}" if small else f"{0.0:.{digits}f}"
+    text = text.replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
+    return f"{text}\N{NO-BREAK SPACE}{unit}" if unit else text
+
+
+def digits_by_sigma(value: Any, sigma: Any) -> str:
+    """Return an estimate rounded to two digits of its standard deviation; tiny ones with a power of ten."""
+    if not isinstance(value, (int, float)):
+        return figure(value)
+    if not isinstance(sigma, (int, float)) or not 0.0 < sigma < math.inf:
+        return figure(value)
+    decimals = 1 - math.floor(math.log10(sigma))
+    if decimals <= PAGE_NUMBERS.decimals:
+        return figure(float(value), max(decimals, 0))
+    power = math.floor(math.log10(max(abs(value), sigma)))
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{figure(value / 10.0**power, max(decimals + power, 0))}·10{raised}"
+
+
+def duration(seconds: Any) -> str:
+    """Return a time in seconds, or minutes and seconds, with its unit."""
+    if not isinstance(seconds, (int, float)) or seconds < 60.0:
+        return figure(seconds, 1, "s")
+    return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"
+
+
+def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
+    """Return grey values of any type, where valid, as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG."""
+    content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PAGE_NUMBERS.fill_grey)))
+    if content is None:
+        return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
+    return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _encode_jpeg(grey: np.ndarray) -> bytes | None:
+    driver = gdal.GetDriverByName("JPEG")
+    if driver is None:
+        return None
+    name = "/vsimem/hrsi/picture.jpg"
+    lines, samples = grey.shape
+    with gdal_messages():
+        memory = gdal.GetDriverByName("MEM").Create("", samples, lines, 1, gdal.GDT_Byte)
+        memory.GetRasterBand(1).WriteArray(grey)
+        made = driver.CreateCopy(name, memory, options=[f"QUALITY={PAGE_NUMBERS.jpeg_quality}"])
+        del made
+        content = read_virtual(name)
+        gdal.Unlink(name)
+        gdal.Unlink(f"{name}.aux.xml")
+    return content

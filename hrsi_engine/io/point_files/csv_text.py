@@ -4,21 +4,25 @@ Decimal commas are understood where the separator is not the comma. The file is 
 the fields that are known are kept, so that millions of image points need little more memory than their columns. NumPy's
 reader (`numpy.loadtxt`) takes what it understands in half the time; Python's `csv` decides what every other file
 means and what is wrong with it.
+
+Written tables appear whole or not at all.
 """
 
 import codecs
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
+from ...block.points import ImagePoints
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
 from ..rpc_files.content import read_head
+from ..safety.replacing import replacing
 from .table import MAY_BE_INFINITE, NUMBER_FIELDS, PointReader, PointTable, match_fields, parse_numbers, strip_texts
 
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
@@ -54,7 +58,7 @@ def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTa
     parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
     done = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
-        texts = _transpose(path, chunk, len(names), lambda row, before=done: row_name(before + row))
+        texts = _transpose(path, chunk, len(names), row_name, done)
         for field, column in found.items():
             if field in NUMBER_FIELDS:
                 where = partial(_name_field, path, field, row_name, done)
@@ -148,14 +152,16 @@ def _read_rows(path: str, encoding: str, line_numbers: list[int] | None = None) 
                 yield row
 
 
-def _transpose(path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str]) -> list[tuple[str, ...]]:
-    """Return the columns of rows; short rows are filled up with empty fields."""
+def _transpose(
+    path: str, rows: list[list[str]], width: int, row_name: Callable[[int], str], done: int
+) -> list[tuple[str, ...]]:
+    """Return the columns of rows behind ``done`` others; short rows are filled up with empty fields."""
     if set(map(len, rows)) != {width}:
         index = next((index for index, row in enumerate(rows) if any(row[width:])), None)
         if index is not None:
             raise InputError(
-                f"{path}, {row_name(index)}: has {len(rows[index])} fields, the header {width}: quote texts with "
-                "separators, and separate by semicolons where numbers have decimal commas"
+                f"{path}, {row_name(done + index)}: has {len(rows[index])} fields, the header {width}: quote texts "
+                "with separators, and separate by semicolons where numbers have decimal commas"
             )
         rows = [row[:width] + [""] * (width - len(row)) for row in rows]
     return list(zip(*rows, strict=True))
@@ -192,3 +198,37 @@ def _find_encoding(path: str) -> str:
 
 
 READER = PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read)
+
+
+def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table as CSV.
+
+    Parameters
+    ----------
+    path : str
+        The file, replaced in one step.
+    header : sequence of str
+        Names of the columns.
+    rows : iterable of sequences
+        Their values.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_measurements(path: str, points: ImagePoints) -> None:
+    """Write image points: id, image, sample, line, sigma, kind, and quality where it is known."""
+    columns = {
+        "id": points.ids, "image": points.image_ids, "sample": points.xy[:, 0], "line": points.xy[:, 1],
+        "sigma": points.sigma_px, "kind": points.kind,
+    }  # fmt: skip
+    if np.isfinite(points.quality).any():
+        columns["quality"] = points.quality
+    write_csv(path, list(columns), zip(*(column.tolist() for column in columns.values()), strict=True))

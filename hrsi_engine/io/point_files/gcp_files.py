@@ -169,11 +169,10 @@ def _read_feature(path: str, number: int, feature: Any) -> tuple[str, str, list[
     return str(name).strip(), str(filename).strip(), values + [math.nan] * (5 - len(values))
 
 
-def _is_orthority(_path: str, name: str, head: bytes) -> bool:
-    return name.endswith((".geojson", ".json")) and b'"ji"' in head
-
-
-ORTHORITY_GCPS = PointReader("Orthority GCPs", _is_orthority, read_orthority_gcps)
+ORTHORITY_GCPS = PointReader(
+    "Orthority GCPs", lambda _path, name, head: name.endswith((".geojson", ".json")) and b'"ji"' in head,
+    read_orthority_gcps,
+)  # fmt: skip
 
 # ---- QGIS ----------------------------------------------------------------------------------------------------------
 

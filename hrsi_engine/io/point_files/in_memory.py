@@ -59,7 +59,7 @@ class PointsInMemory(InMemory):
 
         Raises `InputError` for columns that differ in length, texts that are no numbers, and what is no table at all.
         """
-        columns, places = _columns_of(self.points), _places_of(self.points, self)
+        columns = _columns_of(self.points)
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             told = ", ".join(f"{name} {count}" for name, count in lengths.items())
@@ -73,8 +73,17 @@ class PointsInMemory(InMemory):
 
         position = match_fields(list(columns))
         listed = list(columns)
-        fields = {field: self._field(field, columns[listed[place]], row_name) for field, place in position.items()}
-        xyz, crs = places if places is not None else (None, "")
+        fields = {name: self._field(name, columns[listed[at]], row_name) for name, at in position.items()}
+        xyz, crs = None, ""  # of a table of places
+        if _has_places(self.points):
+            xyz = np.full((len(self.points), 3), np.nan)
+            for row, place in enumerate(self.points.geometry):
+                if place is None or place.is_empty:
+                    continue
+                if place.geom_type != "Point":
+                    raise InputError(f"{self}, row {row + 1}: its geometry is a {place.geom_type}: give points")
+                xyz[row] = place.x, place.y, place.z if place.has_z else np.nan
+            crs = "" if self.points.crs is None else self.points.crs.to_wkt()
         return PointTable(str(self), fields, tuple(listed), row_name, xyz, crs)
 
     def _field(self, field: str, values: Any, at: Callable[[int], str]) -> np.ndarray:
@@ -131,20 +140,6 @@ def _has_places(points: Any) -> bool:
         return points.geometry is not None and hasattr(points, "crs")
     except AttributeError:  # a GeoDataFrame without geometry says so
         return False
-
-
-def _places_of(points: Any, name: str) -> tuple[np.ndarray, str] | None:
-    """Return x, y, z ``(n, 3)`` of a table of places and its CRS as WKT."""
-    if not _has_places(points):
-        return None
-    xyz = np.full((len(points), 3), np.nan)
-    for row, place in enumerate(points.geometry):
-        if place is None or place.is_empty:
-            continue
-        if place.geom_type != "Point":
-            raise InputError(f"{name}, row {row + 1}: its geometry is a {place.geom_type}: give points")
-        xyz[row] = place.x, place.y, place.z if place.has_z else np.nan
-    return xyz, "" if points.crs is None else points.crs.to_wkt()
 
 
 def _is_missing(value: Any) -> bool:

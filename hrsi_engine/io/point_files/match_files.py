@@ -198,11 +198,10 @@ def _parse_blob(path: str, table: str, data: object, rows: object, cols: object,
     return np.frombuffer(content, dtype).reshape(rows, cols)  # type: ignore[call-overload]
 
 
-def _is_colmap(_path: str, name: str, head: bytes) -> bool:
-    return head.startswith(b"SQLite format 3\0") and name.endswith(".db")
-
-
-COLMAP_DATABASE = PointReader("COLMAP database", _is_colmap, read_colmap)
+COLMAP_DATABASE = PointReader(
+    "COLMAP database", lambda _path, name, head: head.startswith(b"SQLite format 3\0") and name.endswith(".db"),
+    read_colmap,
+)  # fmt: skip
 
 # ---- hloc ----------------------------------------------------------------------------------------------------------
 

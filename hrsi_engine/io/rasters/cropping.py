@@ -38,7 +38,8 @@ class CropWindow(NamedTuple):
     @property
     def place(self) -> CropPlace:
         """Where the result lies in the image."""
-        return CropPlace.from_window(self.bounds, self.size)
+        first, extent = np.reshape(np.array(self.bounds, dtype=np.float64), (2, 2))
+        return CropPlace.from_corner(np.diag(extent / self.size), first)
 
 
 def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:

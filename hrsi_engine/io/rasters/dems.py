@@ -9,7 +9,6 @@ import struct
 from collections.abc import Callable
 
 import numpy as np
-import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
@@ -108,16 +107,6 @@ def _find_heights(
     return lambda xy: read_geoid_heights(flat.to_wgs84(np.pad(xy, ((0, 0), (0, 1)))), geoid), uses
 
 
-def _metres_per_unit(band: gdal.Band, crs: pyproj.CRS, path: str) -> float:
-    """Return metres per unit of height: as the band says, else as the vertical part of the CRS says."""
-    unit = (band.GetUnitType() or "").lower()
-    if unit not in HEIGHT_UNITS_M:
-        raise InputError(f"{path}: heights are in {unit!r}, which is no unit of length known here: convert to metres")
-    if not unit and len(crs.sub_crs_list) > 1:
-        return float(crs.sub_crs_list[1].axis_info[0].unit_conversion_factor)
-    return HEIGHT_UNITS_M[unit]
-
-
 class _DemReader:
     """Reads windows of a DEM and places its cells; used by one thread at a time (`GridSurface` sees to that)."""
 
@@ -125,7 +114,14 @@ class _DemReader:
         self._dataset, self._path, self._place, self._undulations = dataset, path, place, undulations
         band = dataset.GetRasterBand(1)
         self._scale, self._offset = band.GetScale() or 1.0, band.GetOffset() or 0.0
-        self._metres = _metres_per_unit(band, place.crs, path)
+        # Metres per unit of height: as the band says, else as the vertical part of the CRS says
+        unit, parts = (band.GetUnitType() or "").lower(), place.crs.sub_crs_list
+        if unit not in HEIGHT_UNITS_M:
+            raise InputError(
+                f"{path}: heights are in {unit!r}, which is no unit of length known here: convert to metres"
+            )
+        own = not unit and len(parts) > 1
+        self._metres = float(parts[1].axis_info[0].unit_conversion_factor) if own else HEIGHT_UNITS_M[unit]
 
     def read(self, row: int, column: int, rows: int, columns: int) -> np.ndarray:
         """Return a window's ellipsoidal heights, NaN where there are none.

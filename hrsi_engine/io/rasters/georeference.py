@@ -28,9 +28,8 @@ class MAP_GRID:
 
     turn_columns: float = threshold(1e-3, "columns", "by which a raster round the Earth may miss a whole turn")
     step_share: float = threshold(
-        0.03, "", "by which a step of a pixel may come back as another one through map and RPC",
-        "products in map projection stay below 0.002",
-    )  # fmt: skip
+        0.03, "", "by which a step of a pixel may come back as another one through map and RPC", "map products: 0.002"
+    )
 
 
 class Georeference:
@@ -46,7 +45,14 @@ class Georeference:
     def __init__(
         self, dataset: gdal.Dataset, path: str, what: str, endless: bool = False, epoch: float | None = None
     ) -> None:
-        self.crs = _crs_of(dataset, path)
+        wkt = dataset.GetProjection()
+        if not wkt:
+            raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
+        try:
+            self.crs = pyproj.CRS.from_wkt(wkt)
+        except (pyproj.exceptions.CRSError, UnicodeError) as error:
+            told = f"PROJ does not understand its CRS ({error}): assign one with gdal_edit.py"
+            raise InputError(f"{path}: {told}") from None
         geotransform = dataset.GetGeoTransform(can_return_null=True)
         inverse = None if geotransform is None else gdal.InvGeoTransform(geotransform)
         if geotransform is None or inverse is None:
@@ -59,7 +65,13 @@ class Georeference:
         except InputError as error:
             raise InputError(f"{path}: {error}, or assign another CRS with gdal_edit.py") from None
         self.first, self._size = 0, (dataset.RasterXSize, dataset.RasterYSize)
-        self._require_place(path, np.array([[dataset.RasterXSize / 2.0, dataset.RasterYSize / 2.0]]))
+        # A middle that is nowhere on Earth, and cells of an impossible size
+        lonlat = self.to_lonlat(np.array(self._size) / 2.0 + [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
+        if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
+            raise InputError(f"{path}: its middle is nowhere on Earth: correct its geotransform and CRS")
+        if sides.min() < RASTER_BUDGETS.cell_m[0] or sides.max() > RASTER_BUDGETS.cell_m[1]:
+            raise InputError(f"{path}: its cells are {sides[0]:g} x {sides[1]:g} m: correct its geotransform and CRS")
         (west, _), (middle, _), (east, _) = self._xy(
             np.array([[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]) * [dataset.RasterXSize, dataset.RasterYSize]
         )
@@ -113,15 +125,6 @@ class Georeference:
         lonlat[:, 0] = wrap_degrees(lonlat[:, 0])
         return lonlat
 
-    def _require_place(self, path: str, middle: np.ndarray) -> None:
-        """Raise `InputError` for a middle that is nowhere on Earth, or cells of an impossible size."""
-        lonlat = self.to_lonlat(middle + [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        sides = np.linalg.norm(ground_difference_m(*(_at_height_0(lonlat[k]) for k in ([1, 2], [0, 0]))), axis=1)
-        if not np.isfinite(lonlat).all() or np.abs(lonlat[:, 1]).max() > 90.0:
-            raise InputError(f"{path}: its middle is nowhere on Earth: correct its geotransform and CRS")
-        if sides.min() < RASTER_BUDGETS.cell_m[0] or sides.max() > RASTER_BUDGETS.cell_m[1]:
-            raise InputError(f"{path}: its cells are {sides[0]:g} x {sides[1]:g} m: correct its geotransform and CRS")
-
     def _xy(self, corner: np.ndarray) -> np.ndarray:
         """Return map coordinates of GDAL's pixel, line ``(n, 2)`` from the corner."""
         x0, dx_column, dx_row, y0, dy_column, dy_row = self._geotransform
@@ -131,16 +134,6 @@ class Georeference:
 
 def _at_height_0(xy: np.ndarray) -> np.ndarray:
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _crs_of(dataset: gdal.Dataset, path: str) -> pyproj.CRS:
-    wkt = dataset.GetProjection()
-    if not wkt:
-        raise InputError(f"{path}: has no coordinate reference system: assign one (gdal_edit.py -a_srs EPSG:…)")
-    try:
-        return pyproj.CRS.from_wkt(wkt)
-    except (pyproj.exceptions.CRSError, UnicodeError) as error:
-        raise InputError(f"{path}: PROJ does not understand its CRS ({error}): assign one with gdal_edit.py") from None
 
 
 def map_grid_doubt(path: str, dataset: gdal.Dataset, rpc: RPC) -> str:

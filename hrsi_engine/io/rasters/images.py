@@ -35,9 +35,8 @@ class OPEN_IMAGES:
     """How many images are held open, how much is read of one at once, and how its grey values are stretched."""
 
     open_per_thread: int = threshold(
-        32, "files", "most files that a thread holds open",
-        "a block of a thousand images must not hold a thousand files open",
-    )  # fmt: skip
+        32, "files", "most files that a thread holds open", "a block of a thousand images must not hold them all"
+    )
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
     stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values that become black and white")
 
@@ -273,26 +272,22 @@ class GdalRaster:
         samples, lines = self.size[0] // step, self.size[1] // step
         grey, valid = np.empty((lines, samples), dtype=np.float32), np.empty((lines, samples), dtype=bool)
         strip = max(1, OPEN_IMAGES.strip_pixels // (samples * step * step))
-        for first in range(0, lines, strip):
-            rows = slice(first, min(first + strip, lines))
-            grey[rows], valid[rows] = self._read_strip(rows, samples, step)
-        return grey, valid
-
-    def _read_strip(self, rows: slice, samples: int, step: int) -> tuple[np.ndarray, np.ndarray]:
         dataset = self.dataset
-        band, count = dataset.GetRasterBand(self._band), rows.stop - rows.start
-        window = (0, rows.start * step, samples * step, count * step, samples, count)
-        grey = mask = None
+        band = dataset.GetRasterBand(self._band)
         masked = band.GetMaskFlags() != gdal.GMF_ALL_VALID
-        with gdal_messages() as messages:
-            grey = band.ReadAsArray(*window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average)
-            if masked:
-                mask = band.GetMaskBand().ReadAsArray(
-                    *window, buf_type=gdal.GDT_Float32, resample_alg=gdal.GRIORA_Average
+        means = {"buf_type": gdal.GDT_Float32, "resample_alg": gdal.GRIORA_Average}
+        for first in range(0, lines, strip):
+            count, part, mask = min(strip, lines - first), None, None
+            window = (0, first * step, samples * step, count * step, samples, count)
+            with gdal_messages() as messages:
+                part = band.ReadAsArray(*window, **means)
+                mask = band.GetMaskBand().ReadAsArray(*window, **means) if masked else None
+            dataset.FlushCache()
+            if part is None or (masked and mask is None):
+                reason = messages[-1] if messages else "unknown reason"
+                raise InputError(
+                    f"{self.path}: lines from {window[1]} on cannot be read ({reason}): get the file again"
                 )
-        dataset.FlushCache()
-        if grey is None or (masked and mask is None):
-            reason = messages[-1] if messages else "unknown reason"
-            raise InputError(f"{self.path}: lines from {window[1]} on cannot be read ({reason}): get the file again")
-        valid = np.isfinite(grey) if mask is None else np.isfinite(grey) & (mask >= 254.5)
-        return np.where(valid, grey, np.float32(0.0)), valid
+            known = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
+            grey[first : first + count], valid[first : first + count] = np.where(known, part, np.float32(0.0)), known
+        return grey, valid

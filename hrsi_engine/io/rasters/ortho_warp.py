@@ -169,7 +169,12 @@ def warp_chunk(
     try:
         with gdal_messages() as messages, config_option("CPL_TMPDIR", "/vsimem"):
             _write_table(table, positions, first - 0.5)
-            target.SetMetadata(_geolocation_metadata(table, step), "GEOLOCATION")
+            nodes = {  # of the table, at the centres of every ``step``-th pixel
+                "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
+                "PIXEL_OFFSET": "0.5", "LINE_OFFSET": "0.5", "PIXEL_STEP": str(step), "LINE_STEP": str(step),
+                "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
+            }  # fmt: skip
+            target.SetMetadata(nodes, "GEOLOCATION")
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
         if not done:
             raise OutputError(f"{source.path}: GDAL cannot warp it ({messages[-1] if messages else 'unknown reason'})")
@@ -209,15 +214,6 @@ def _write_table(path: str, positions: np.ndarray, origin: np.ndarray) -> None:
         values[np.isnan(values)] = -1e9  # of pixels whose terrain is not known
         dataset.GetRasterBand(axis + 1).WriteArray(values)
     del dataset  # closed here, not at the return: whoever looks at frames, as Dask's profiler does, may keep this one
-
-
-def _geolocation_metadata(table: str, step: int) -> dict[str, str]:
-    """Return the metadata that place the table's nodes at the centres of every ``step``-th pixel."""
-    return {
-        "X_DATASET": table, "X_BAND": "1", "Y_DATASET": table, "Y_BAND": "2", "SRS": "",
-        "PIXEL_OFFSET": "0.5", "LINE_OFFSET": "0.5", "PIXEL_STEP": str(step), "LINE_STEP": str(step),
-        "GEOREFERENCING_CONVENTION": "TOP_LEFT_CORNER",
-    }  # fmt: skip
 
 
 def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarpAppOptions:

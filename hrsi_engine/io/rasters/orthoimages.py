@@ -10,10 +10,10 @@ fingerprint keeps it.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from osgeo import gdal
@@ -24,8 +24,7 @@ from ...foundation.progress import Progress, advance, stage
 from ..opening.datasets import config_option, gdal_messages, metadata_of, open_dataset
 from ..rpc_files.write import create_copy
 from ..safety.content_marks import content_mark
-from ..safety.leftovers import open_hidden_folder
-from ..safety.replacing import replacing
+from ..safety.replacing import open_hidden_folder, replacing
 from .ortho_warp import CHUNKS, OrthoSource, Pixels, Warp, warp_chunk
 
 #: Metadata items; in the default domain, because GDAL's COG driver drops others.
@@ -42,29 +41,7 @@ COMPRESSION = ("deflate", "lzw", "zstd", "none")
 OVERVIEW_RESAMPLING = {"near": "NEAREST", "mode": "MODE"}
 
 
-class Grid(Protocol):
-    """The map grid of an orthoimage: `ortho.MapGrid`."""
-
-    @property
-    def crs(self) -> str:
-        """CRS as WKT."""
-
-    @property
-    def columns(self) -> int:
-        """Number of columns."""
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-
-    @property
-    def geotransform(self) -> tuple[float, float, float, float, float, float]:
-        """GDAL's geotransform."""
-
-    def chunks(self, columns: int, rows: int) -> Iterable[Any]:
-        """Yield windows (column, row, columns, rows), which have parts again, that cover the grid."""
-
-
+Grid = Any  # `ortho.MapGrid`: crs as WKT, columns, rows, GDAL's geotransform, and chunks (column, row, columns, rows)
 MapChunk = Callable[[Any], Any]  # window -> `ortho.ChunkMapping`, None where the image shows nothing
 
 

@@ -67,11 +67,6 @@ class CropPlace:
         """Return the place of a crop whose first pixel has its outer corner at ``corner``, counted from corners."""
         return cls(matrix, corner + matrix @ [0.5, 0.5] - 0.5)
 
-    @classmethod
-    def from_window(cls, window: tuple[float, float, float, float], size: tuple[int, int]) -> CropPlace:
-        """Return the place of a window (first sample and line, samples, lines) resampled to ``size`` pixels."""
-        return cls.from_corner(np.diag(np.array(window[2:]) / size), np.array(window[:2], dtype=np.float64))
-
     @property
     def moves(self) -> bool:
         """Whether the image is anything else than its scene's upper left part."""
@@ -85,10 +80,6 @@ class CropPlace:
     def to_scene(self, image: np.ndarray) -> np.ndarray:
         """Return the scene's coordinates ``(n, 2)`` of the image's."""
         return np.asarray(image @ self.matrix.T + self.first)
-
-    def from_scene(self, scene: np.ndarray) -> np.ndarray:
-        """Return the image's coordinates ``(n, 2)`` of the scene's."""
-        return np.asarray((scene - self.first) @ np.linalg.inv(self.matrix).T)
 
     def __str__(self) -> str:
         text = f"at sample {self.first[0]:g}, line {self.first[1]:g} of its scene"
@@ -159,13 +150,7 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
     nearer = np.sign(np.abs(own_begin) - np.abs(low)) * told
     if (nearer < 0.0).any() or (nearer > 0.0).any():
         return not (nearer < 0.0).any()
-    return _ends_with_scene(low, high, in_scene, size, place)
-
-
-def _ends_with_scene(
-    low: np.ndarray, high: np.ndarray, in_scene: np.ndarray, size: tuple[int, int], place: CropPlace
-) -> bool:
-    """Return whether the range ends where the image does in the scene, for an image that begins with its scene."""
+    # An image that begins with its scene: whether the range ends where the image does in the scene
     extent = high - low
     of_scene = (np.abs(high - in_scene.max(axis=0)) < CROPS.same_end_share * extent).all()
     of_image = (np.abs(high - np.array(size)) < CROPS.same_end_share * extent).all()
@@ -188,8 +173,9 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
     corners = place.to_scene(_corners_of(np.zeros(2), np.array(size) - 1.0))
     low, high = corners.min(axis=0), corners.max(axis=0)
     area = float(low[0]), float(high[0]), float(low[1]), float(high[1])
+    inverse = np.linalg.inv(place.matrix).T
     try:
-        found = refit_rpc(rpc, lambda scene, ground: place.from_scene(scene), area, rpc.height_range)
+        found = refit_rpc(rpc, lambda scene, ground: (scene - place.first) @ inverse, area, rpc.height_range)
     except SolveError as error:
         raise InputError(f"no RPC of the crop {place}: {error}") from error
     if not found.max_px <= CROPS.turned_px:

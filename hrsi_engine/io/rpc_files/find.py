@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from osgeo import gdal
@@ -207,7 +208,8 @@ def _rank_sources(path: str, dataset: gdal.Dataset) -> list[Source]:
         named = [(title, lambda: FoundRpc(fields.rpc_from_json(where, item.rpc_fields, fields.STAC_NAMES), title))]
     elif item is not None:
         readers = ((_reader_by_head(file)[0], file) for file in item.rpc_files)
-        named = [_side_source(reader, file, path, dataset) for reader, file in readers if reader is not None][:1]
+        sources = (_side_source(reader, file, path, dataset) for reader, file in readers if reader is not None)
+        named = [*islice(sources, 1)]
     is_tiff = dataset.GetDriver().ShortName == "GTiff"
     found = _rank_of_tiff(path, dataset) if is_tiff else _rank_as_gdal(path, dataset)
     return [*named, *(source for source in found if source[0] not in dict(named))]

@@ -81,7 +81,18 @@ def prepare_in_place(
         keep_original(path, changes, is_alone=True)
         write_rpc_file(path, rpc, key, changes.replacing)
         return ()
-    notices = _prepare_tag(path, rpc, changes, progress, lineage)
+    if not os.path.isfile(path) or read_directory(path) is None:
+        raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
+    was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
+    with changes.replacing(path) as temporary:  # a copy with the new tag, which keeps the original
+        copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
+        stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
+        written = tiff_tag.read(temporary)
+        open_raster(temporary)
+        require_same(path, rpc, written.rpc if written else rpc.shift(float("nan"), 0.0))
+    notices: tuple[str, ...] = ()
+    if was_cog and not stayed:
+        notices = (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)
     if vendor_xml(path):
         return notices + prepare_sidecar(os.path.splitext(path)[0] + SIDECARS["rpb"][0], rpc, changes, "rpb")
     return notices + tuple(set_aside(file, changes) for file in stale_files(path, rpc))
@@ -90,22 +101,6 @@ def prepare_in_place(
 def require_in_place(path: str, rpc: RPC) -> None:
     """Raise `OutputError` where a reader does not find the RPC that was written."""
     require_same(path, rpc, read_rpc(str(path)).rpc)  # what the file says, whatever a STAC item says of it
-
-
-def _prepare_tag(path: str, rpc: RPC, changes: Transaction, progress: Progress, lineage: Lineage) -> tuple[str, ...]:
-    """Make a copy of the image with the new tag, which keeps the original."""
-    if not os.path.isfile(path) or read_directory(path) is None:
-        raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
-    was_cog = open_raster(path).GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE") == "COG"
-    with changes.replacing(path) as temporary:
-        copy_bytes(path, temporary, progress, f"writing {os.path.basename(path)}")
-        stayed = tiff_tag.set_numbers(temporary, numbers_of(rpc), keep_original=True, lineage=lineage.items)
-        written = tiff_tag.read(temporary)
-        open_raster(temporary)
-        require_same(path, rpc, written.rpc if written else rpc.shift(float("nan"), 0.0))
-    if was_cog and not stayed:
-        return (f"{path}: there was no room in its header: no longer a Cloud Optimized GeoTIFF",)
-    return ()
 
 
 def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-txt") -> tuple[str, ...]:

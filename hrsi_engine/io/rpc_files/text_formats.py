@@ -15,21 +15,9 @@ from collections.abc import Mapping
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.json_values import json_text
+from . import fields
 from .content import positive_size, read_text
-from .fields import (
-    ERRORS,
-    GDAL_NAMES,
-    POLYNOMIALS,
-    SCALARS,
-    RpcReader,
-    RpcReading,
-    Text,
-    entries_of,
-    json_members,
-    rpc_from_json,
-    rpc_from_text,
-    values_by_number,
-)
+from .fields import ERRORS, GDAL_NAMES, POLYNOMIALS, SCALARS, RpcReader, RpcReading, Text, values_by_number
 
 #: RPC field -> its name in the file.
 RPB_NAMES = {
@@ -53,12 +41,12 @@ def read_rpb(path: str) -> RpcReading:
     """Return the RPC of an ``.RPB`` file."""
     keys = {name: title.lower() for name, title in RPB_NAMES.items()}
     found = ((name.lower(), listed or scalar) for name, listed, scalar in _RPB_ENTRY.findall(read_text(path)))
-    entries = entries_of(path, found, keys.values())
+    entries = fields.entries_of(path, found, keys.values())
     values: dict[str, Text | None] = {name: entries.get(keys[name]) for name in (*ERRORS, *SCALARS)}
     for name in POLYNOMIALS:
         listed = entries.get(keys[name])
         values[name] = None if listed is None else [item.strip() for item in listed.split(",")]
-    return RpcReading(rpc_from_text(path, values, RPB_NAMES), sensor=entries.get("satid", "").strip(' "'))
+    return RpcReading(fields.rpc_from_text(path, values, RPB_NAMES), sensor=entries.get("satid", "").strip(' "'))
 
 
 def rpb_text(rpc: RPC) -> str:
@@ -72,11 +60,10 @@ def rpb_text(rpc: RPC) -> str:
     return "\n".join([*lines, "END_GROUP = IMAGE", "END;"]) + "\n"
 
 
-def _is_rpb(name: str, head: bytes) -> bool:
-    return name.endswith(".rpb") or (b"lineNumCoef" in head and b"BEGIN_GROUP" in head)
-
-
-RPB = RpcReader(".RPB", lambda stem: (f"{stem}.rpb",), _is_rpb, read_rpb)
+RPB = RpcReader(
+    ".RPB", lambda stem: (f"{stem}.rpb",),
+    lambda name, head: name.endswith(".rpb") or (b"lineNumCoef" in head and b"BEGIN_GROUP" in head), read_rpb,
+)  # fmt: skip
 
 # ---- _RPC.TXT ------------------------------------------------------------------------------------------------------
 
@@ -89,10 +76,10 @@ def read_rpc_txt(path: str) -> RpcReading:
     # A colon, an equals sign or blanks stand between a name and its value
     lines = (line.replace("=", " ", 1).replace(":", " ", 1).strip() for line in read_text(path).splitlines())
     parts = (line.partition(" ") for line in lines)
-    entries = entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
+    entries = fields.entries_of(path, ((name.upper(), value.strip()) for name, _, value in parts), GDAL_NAMES.values())
     values: dict[str, Text | None] = {name: entries.get(GDAL_NAMES[name]) for name in (*ERRORS, *SCALARS)}
     values |= {name: [entries[key] for key in _NUMBERED[name] if key in entries] or None for name in POLYNOMIALS}
-    return RpcReading(rpc_from_text(path, values))
+    return RpcReading(fields.rpc_from_text(path, values))
 
 
 def rpc_txt_text(rpc: RPC, lineage: Mapping[str, str] | None = None) -> str:
@@ -125,12 +112,12 @@ GEOM_NAMES |= {"err_bias": "bias_error", "err_rand": "rand_error"}
 def read_geom(path: str) -> RpcReading:
     """Return the RPC of a ``.geom`` file and the scene's size where it is written there."""
     parts = (line.partition(":") for line in read_text(path).splitlines())
-    entries = entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
+    entries = fields.entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     values: dict[str, Text | None] = {name: entries.get(GEOM_NAMES[name]) for name in SCALARS}
     values |= {name: values_by_number(entries, f"{GEOM_NAMES[name]}_", range(20), width=2) for name in POLYNOMIALS}
     values |= {name: text for name in ERRORS if (text := entries.get(GEOM_NAMES[name], "0")).strip("0. ")}
     size = positive_size(entries.get("number_samples"), entries.get("number_lines"))
-    return RpcReading(rpc_from_text(path, values, GEOM_NAMES), size)
+    return RpcReading(fields.rpc_from_text(path, values, GEOM_NAMES), size)
 
 
 def geom_text(rpc: RPC) -> str:
@@ -167,16 +154,15 @@ def read_rpcm_json(path: str) -> RpcReading:
     if not isinstance(members, dict):
         raise InputError(f"{path}: the member 'rpc' is not an object: get the file again")
     size = positive_size(str(document.get("width")), str(document.get("height")))
-    return RpcReading(rpc_from_json(path, members, RPCM_NAMES), size)
+    return RpcReading(fields.rpc_from_json(path, members, RPCM_NAMES), size)
 
 
 def rpcm_json_text(rpc: RPC) -> str:
     """Return the content of an rpcm JSON file."""
-    return json_text({"written_by": "HRSI", "rpc": json_members(rpc, RPCM_NAMES)}, indent=1) + "\n"
+    return json_text({"written_by": "HRSI", "rpc": fields.json_members(rpc, RPCM_NAMES)}, indent=1) + "\n"
 
 
-def _is_rpcm_json(name: str, head: bytes) -> bool:
-    return name.endswith(".json") and b"row_offset" in head
-
-
-RPCM_JSON = RpcReader("rpcm JSON", lambda stem: (f"{stem}.json",), _is_rpcm_json, read_rpcm_json)
+RPCM_JSON = RpcReader(
+    "rpcm JSON", lambda stem: (f"{stem}.json",), lambda name, head: name.endswith(".json") and b"row_offset" in head,
+    read_rpcm_json,
+)  # fmt: skip

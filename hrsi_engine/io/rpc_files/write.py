@@ -148,9 +148,22 @@ def prepare_geotiff_copy(
     is_tiff = source.GetDriver().ShortName == "GTiff" and read_directory(source_path) is not None
     notices = free_the_way(target_path, source_path, rpc, changes)
     if not is_tiff:
-        options, replace = _creation_options(source), changes.replacing
-        return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, replace)
-    _copy_companions(source_path, target_path, changes)
+        # Options that every GDAL can read and that lose nothing
+        band = source.GetRasterBand(1)
+        kind, bits = gdal.GetDataTypeName(band.DataType), band.GetMetadataItem("NBITS", "IMAGE_STRUCTURE")
+        whole = ("Byte", "UInt16", "Int16", "UInt32", "Int32")
+        predictor = "3" if kind in ("Float32", "Float64") else "2" if kind in whole else "1"
+        packing = f"NBITS={bits}" if bits else f"PREDICTOR={predictor}"  # no predictor works on packed bits
+        options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE", packing]
+        return notices + save_geotiff(source, target_path, rpc, "GTiff", options, progress, lineage, changes.replacing)
+    # What GDAL keeps beside a TIFF: mask, overviews, and the auxiliary metadata except an old RPC
+    for suffix in (".msk", ".ovr"):
+        if os.path.isfile(source_path + suffix):
+            with changes.replacing(target_path + suffix) as temporary:
+                copy_bytes(source_path + suffix, temporary)
+    if os.path.isfile(f"{source_path}.aux.xml"):
+        with changes.replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
+            file.write(without_domain(f"{source_path}.aux.xml", "RPC"))
     with changes.replacing(target_path) as temporary:
         copy_bytes(source_path, temporary, progress, f"writing {os.path.basename(target_path)}")
         notices += _set_tag(temporary, target_path, rpc, source, lineage)
@@ -198,17 +211,6 @@ def _set_tag(temporary: str, target_path: str, rpc: RPC, source: gdal.Dataset, l
     return (f"{target_path}: there was no room for the RPC tag in the header: no longer a Cloud Optimized GeoTIFF",)
 
 
-def _copy_companions(source_path: str, target_path: str, changes: Transaction) -> None:
-    """Copy what GDAL keeps beside a TIFF: mask, overviews, and the auxiliary metadata except an old RPC."""
-    for suffix in (".msk", ".ovr"):
-        if os.path.isfile(source_path + suffix):
-            with changes.replacing(target_path + suffix) as temporary:
-                copy_bytes(source_path + suffix, temporary)
-    if os.path.isfile(f"{source_path}.aux.xml"):
-        with changes.replacing(f"{target_path}.aux.xml") as temporary, open(temporary, "wb") as file:
-            file.write(without_domain(f"{source_path}.aux.xml", "RPC"))
-
-
 def create_copy(
     source: gdal.Dataset, temporary: str, target_path: str, driver: str, options: Sequence[str], progress: Progress
 ) -> None:
@@ -228,17 +230,6 @@ def create_copy(
         raise Cancelled(f"cancelled; {target_path} was not written")
     if not written or messages:
         raise OutputError(f"{target_path}: cannot be written ({messages[-1] if messages else 'unknown reason'})")
-
-
-def _creation_options(source: gdal.Dataset) -> list[str]:
-    """Return the options of a GeoTIFF that every GDAL can read and that loses nothing."""
-    kind = gdal.GetDataTypeName(source.GetRasterBand(1).DataType)
-    predictor = {"Float32": "3", "Float64": "3", "UInt16": "2", "Int16": "2", "UInt32": "2", "Int32": "2", "Byte": "2"}
-    bits = source.GetRasterBand(1).GetMetadataItem("NBITS", "IMAGE_STRUCTURE")
-    options = ["BIGTIFF=IF_SAFER", "TILED=YES", "COMPRESS=DEFLATE"]
-    if bits:  # pixels of fewer bits than their type has: packed, where no predictor works
-        return [*options, f"NBITS={bits}"]
-    return [*options, f"PREDICTOR={predictor.get(kind, '1')}"]
 
 
 def write_vrt(

@@ -20,19 +20,9 @@ from functools import partial
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from . import fields
 from .content import Element, element_text, finite_number, positive_size, read_xml, siblings, xml_bytes
-from .fields import (
-    ERRORS,
-    POLYNOMIALS,
-    SCALARS,
-    Origin,
-    RpcReader,
-    RpcReading,
-    Text,
-    rpc_from_text,
-    shorten,
-    values_by_number,
-)
+from .fields import ERRORS, POLYNOMIALS, SCALARS, Origin, RpcReader, RpcReading, Text, shorten, values_by_number
 from .text_formats import RPB_NAMES
 
 # ---- ISD -----------------------------------------------------------------------------------------------------------
@@ -54,7 +44,7 @@ def read_isd(path: str) -> RpcReading:
     values |= {name: text for name in ERRORS if (text := element_text(part, ISD_NAMES[name]) or "").strip("0. ")}
     values |= {name: (element_text(part, ISD_NAMES[name]) or "").split() for name in POLYNOMIALS}
     size = positive_size(element_text(root, "NUMCOLUMNS"), element_text(root, "NUMROWS"))
-    return RpcReading(rpc_from_text(path, values, ISD_NAMES), size, sensor=element_text(root, "SATID") or "")
+    return RpcReading(fields.rpc_from_text(path, values, ISD_NAMES), size, sensor=element_text(root, "SATID") or "")
 
 
 def isd_text(rpc: RPC) -> str:
@@ -129,7 +119,7 @@ def _read_model(path: str, root: Element) -> RpcReading:
     coefficients = {element.tag: element.text or "" for element in model}
     values: dict[str, Text | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
     values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
-    rpc = rpc_from_text(path, values, DIMAP_NAMES)
+    rpc = fields.rpc_from_text(path, values, DIMAP_NAMES)
     # Sample and line of the first pixel's centre as this version counts: 1 or 0
     version = next((element.get("version", "") for element in root.iter("METADATA_FORMAT")), "")
     first = {"2": 1, "3": 0}.get(version.strip()[:1])
@@ -220,8 +210,6 @@ DIMAP = RpcReader("DIMAP XML", _dimap_names, _is_dimap, read_dimap, _find_dimap_
 ENMAP_NAMES = {
     name: name.upper().replace("LINE", "ROW").replace("SAMP", "COL") for name in (*SCALARS, *POLYNOMIALS)
 } | {"err_bias": "ERR_BIAS", "err_rand": "ERR_RAND"}  # fmt: skip
-#: The root element, in any namespace.
-_ENMAP_ROOT = re.compile(rb"<([\w.-]+:)?level_X[\s>]")
 
 
 def read_enmap(image_path: str, path: str) -> RpcReading:
@@ -240,11 +228,12 @@ def read_enmap(image_path: str, path: str) -> RpcReading:
         key = ENMAP_NAMES[name].replace("_", "")
         values[name] = values_by_number(entries, key, range(1, 21)) or values_by_number(entries, key, range(1, 21), 2)
     size = positive_size(element_text(root, "widthOfScene"), element_text(root, "heightOfScene"))
-    return RpcReading(rpc_from_text(path, values, ENMAP_NAMES), size)
+    return RpcReading(fields.rpc_from_text(path, values, ENMAP_NAMES), size)
 
 
 def _is_enmap(name: str, head: bytes) -> bool:
-    return name.endswith(".xml") and _ENMAP_ROOT.search(head[:4000]) is not None and b"EnMAP" in head
+    root = rb"<([\w.-]+:)?level_X[\s>]"  # in any namespace
+    return name.endswith(".xml") and re.search(root, head[:4000]) is not None and b"EnMAP" in head
 
 
 def _enmap_names(stem: str) -> tuple[str, ...]:

@@ -16,8 +16,7 @@ import numpy as np
 from ...foundation.errors import InputError
 from ..opening.budgets import require_size
 from ..opening.datasets import VIRTUAL, list_virtual, read_virtual, write_virtual
-from .leftovers import sweep
-from .replacing import replacing
+from .replacing import replacing, sweep
 
 #: What reading a damaged file raises.
 DAMAGED = (KeyError, ValueError, OSError, MemoryError, EOFError, zipfile.BadZipFile, NotImplementedError)

@@ -13,10 +13,8 @@ import os
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
-from osgeo import gdal
-
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import call_quiet, open_dataset, virtual_status
+from ..opening.datasets import open_dataset, read_virtual, virtual_status
 
 
 @thresholds
@@ -24,13 +22,14 @@ class CONTENT_SAMPLING:
     """Which parts of a file are hashed to tell its states from one another."""
 
     whole_bytes: int = threshold(
-        64 * 2**20, "byte", "a file with its side files up to this size is hashed whole",
-        "reading all of a larger one takes longer than it saves",
-    )  # fmt: skip
+        64 * 2**20, "byte", "a file with its side files up to this size is hashed whole", "a larger one takes too long"
+    )
     edge_bytes: int = threshold(
-        2**20, "byte", "length of the beginnings and ends of all files together",
-        "headers, tags and tables of tiles stand there",
-    )  # fmt: skip
+        2**20,
+        "byte",
+        "length of the beginnings and ends of all files together",
+        "headers and tables of tiles",
+    )
     least_edge_bytes: int = threshold(4096, "byte", "least length of the beginning and the end of one file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
     block_bytes: int = threshold(16 * 2**10, "byte", "length of a block")
@@ -104,11 +103,7 @@ def _change_times(descriptor: int) -> bytes:
 
 def _virtual_mark(path: str) -> str:
     status = virtual_status(path)
-    handle = None if status is None else call_quiet(gdal.VSIFOpenL, path, "rb")
-    if status is None or handle is None:
+    head = None if status is None else read_virtual(path, CONTENT_SAMPLING.remote_bytes)
+    if status is None or head is None:
         return "0" * 32
-    try:
-        head = bytes(call_quiet(gdal.VSIFReadL, 1, CONTENT_SAMPLING.remote_bytes, handle) or b"")
-    finally:
-        gdal.VSIFCloseL(handle)
     return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()

@@ -1,26 +1,30 @@
-"""One writer at a time of a folder or image: locks that the system releases when their owner ends, however it ends."""
+"""One writer at a time of a folder or image: locks that the system releases when their owner ends, however it ends.
+
+A journal outlives the program: each entry is on the disk before the next one is made. It is a file of JSON lines in a
+folder of its own, which its program locks. What a program left that was killed is found by `find_orphan_journals`.
+"""
 
 import contextlib
 import errno
+import json
 import os
+import shutil
 import sys
 import time
+import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
 
 from ...foundation.errors import InputError
 from ...foundation.interruption import holding_signals
-from ...foundation.thresholds import threshold, thresholds
+from ...foundation.json_values import json_text
+from ..opening.budgets import require_size
+from .replacing import REPLACING
 
 LOCK = ".hrsi-lock"
-_BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
-
-
-@thresholds
-class LOCKS:
-    """How long a run waits for another one's lock."""
-
-    patience_s: float = threshold(0.1, "s", "a lock that is held for longer is that of a run, not of one that looks")
 
 
 @contextmanager
@@ -51,7 +55,7 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
 
 
 @contextmanager
-def hold_lock(path: str, patience_s: float = LOCKS.patience_s) -> Iterator[None]:
+def hold_lock(path: str, patience_s: float = REPLACING.lock_patience_s) -> Iterator[None]:
     """Hold the lock whose file has this name; raise `InputError` where another run holds it for longer."""
     lock = None
     try:
@@ -124,11 +128,12 @@ def _take_lock(path: str, patience_s: float) -> int | None:
             raise InputError(f"{folder} cannot be written ({error.strerror}): choose another `output_dir`") from None
         try:
             _lock(descriptor)
-            if _is_at(descriptor, path):
-                return descriptor
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), os.stat(path)):
+                    return descriptor
         except OSError as error:
             os.close(descriptor)
-            if error.errno not in _BUSY:
+            if error.errno not in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
                 return None
             if time.monotonic() < until:
                 time.sleep(patience_s / 5.0)
@@ -153,13 +158,6 @@ def _release_lock(descriptor: int, path: str) -> None:
         os.close(descriptor)
 
 
-def _is_at(descriptor: int, path: str) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), os.stat(path))
-    except FileNotFoundError:
-        return False
-
-
 if sys.platform == "win32":
     import msvcrt
 
@@ -170,3 +168,78 @@ else:
 
     def _lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+FILE = "journal.jsonl"
+
+
+class LineJournal:
+    """A journal in a new folder below ``root``, made with the first entry."""
+
+    def __init__(self, root: str | Path) -> None:
+        self._root = Path(root)
+        self._lock = ExitStack()
+        self._folder = self._root
+        self._file: IO[str] | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is an entry."""
+        return self._file is not None
+
+    def append(self, entry: dict[str, Any]) -> None:
+        """Write an entry; raise OSError or `InputError` where that cannot be done."""
+        if self._file is None:
+            self._folder = self._root / f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:8]}"
+            self._lock.enter_context(only_writer(str(self._folder)))
+            self._file = (self._folder / FILE).open("w", encoding="utf-8")
+        self._file.write(json_text(entry) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def discard(self) -> None:
+        """Remove the journal: its entries are saved elsewhere or no longer needed."""
+        begun = self.is_begun
+        self.leave()
+        if begun:
+            remove_journal(self._folder)
+
+    def leave(self) -> None:
+        """Close the journal and leave it on the disk for `find_orphan_journals`."""
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+        self._lock.close()
+
+
+@dataclass(frozen=True)
+class OrphanJournal:
+    """A journal that its program has left: the folder, the entries, and the time of the last one (s since 1970)."""
+
+    folder: Path
+    entries: list[dict[str, Any]]
+    time_s: float
+
+
+def find_orphan_journals(root: str | Path) -> list[OrphanJournal]:
+    """Return the journals below a folder whose programs have ended, the oldest first."""
+    found = []
+    for folder in sorted(Path(root).glob("*/")):
+        try:
+            with only_writer(str(folder)):
+                # The entries; the last line may have been cut off when the program ended
+                path = folder / FILE
+                require_size(str(path), "journal")
+                with path.open(encoding="utf-8") as file:
+                    entries = [json.loads(line) for line in file if line.endswith("\n")]
+                entries = [entry for entry in entries if isinstance(entry, dict)]
+        except (InputError, OSError, ValueError):  # another program is at work on it, or no journal
+            continue
+        if entries:
+            found.append(OrphanJournal(folder, entries, (folder / FILE).stat().st_mtime))
+    return found
+
+
+def remove_journal(folder: Path) -> None:
+    """Remove a journal that its program has left."""
+    shutil.rmtree(folder, ignore_errors=True)

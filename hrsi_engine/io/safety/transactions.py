@@ -27,10 +27,18 @@ from ...foundation.interruption import holding_signals
 from ...foundation.json_values import json_text
 from ..opening.files import read_json
 from .folder_lock import hold_lock, remove_dead_locks
-from .leftovers import is_unfinished, is_writer_running, sweep, temporary_name, writer
-from .replacing import flush, flush_files, require_not_read_only, take_permissions
+from .replacing import (
+    flush,
+    flush_files,
+    is_unfinished,
+    is_writer_running,
+    require_not_read_only,
+    sweep,
+    take_permissions,
+    temporary_name,
+    writer,
+)
 
-_JOURNAL_NAME = re.compile(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json")
 _JOURNAL_KEYS: dict[str, type] = {"writer": str, "steps": list, "signposts": list}
 _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
 
@@ -108,7 +116,9 @@ class Transaction:
             self.abandon()
             return
         name = f".hrsi-journal-{writer()}-{secrets.token_hex(4)}.json"
-        home, *others = [*self._other_folders(), *([self.home] if os.path.isdir(self.home) else [])]
+        folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
+        inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
+        home, *others = [*sorted(folders - inside), *([self.home] if os.path.isdir(self.home) else [])]
         journal, signposts = os.path.join(home, name), [os.path.join(folder, name) for folder in others]
         try:
             renamed = [(old, new) for what, old, new in self._steps if what == "rename" and os.path.isfile(old)]
@@ -139,11 +149,6 @@ class Transaction:
                     os.remove(leftover)
         self._steps, self._made = [], []
 
-    def _other_folders(self) -> list[str]:
-        folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
-        inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
-        return sorted(folders - inside)
-
 
 def recover_folders(folders: Iterable[str]) -> list[str]:
     """Complete the committed changes of killed processes in these folders, and remove their hidden files.
@@ -161,7 +166,9 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
 def _finish_in(folder: str) -> list[str]:
     notices = []
     with contextlib.suppress(OSError):  # no folder, or none that may be read
-        for name in sorted(filter(_JOURNAL_NAME.fullmatch, os.listdir(folder))):
+        for name in sorted(os.listdir(folder)):
+            if not re.fullmatch(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json", name):
+                continue
             own = os.path.join(folder, name)
             signpost = _read_journal(own, _SIGNPOST_KEYS)
             journal = own if signpost is None else signpost["journal"]
