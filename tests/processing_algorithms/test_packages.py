@@ -15,7 +15,7 @@ STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe",
 WITH_PACKAGE = {
     "cv2": {
         "foundation.opencv_filters", "measurement.tile_matching.features",
-        "measurement.interest_points.stable_regions",
+        "measurement.interest_points.level_regions",
     },
     "numba": {
         "adjustment.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
