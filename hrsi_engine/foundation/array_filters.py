@@ -8,84 +8,88 @@ SAMPLED_AT_A_TIME = 1 << 14  # positions: their weights stay in the processor's 
 CUBIC = -0.75  # slope of cubic convolution at the next pixel (Keys 1981), as OpenCV has it
 
 
-def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
-    for axis, kernel in ((1, along_row), (0, along_column)):
-        if len(kernel) > 1 or kernel[0] != 1:
-            # An empty image whose columns do not all fall on the same lines of the processor's cache
-            spare = 24 if image.shape[1] % 256 == 0 else 0
-            result = np.empty((image.shape[0], image.shape[1] + spare), image.dtype)[:, : image.shape[1]]
-            ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
-            image = result
-    return np.ascontiguousarray(image)
+class ArrayFilters:
+    """By NumPy and SciPy; `pixel_filters` has the same names."""
 
+    @staticmethod
+    def filter_separable(image: np.ndarray, along_row: np.ndarray, along_column: np.ndarray, border: str) -> np.ndarray:
+        for axis, kernel in ((1, along_row), (0, along_column)):
+            if len(kernel) > 1 or kernel[0] != 1:
+                # An empty image whose columns do not all fall on the same lines of the processor's cache
+                spare = 24 if image.shape[1] % 256 == 0 else 0
+                result = np.empty((image.shape[0], image.shape[1] + spare), image.dtype)[:, : image.shape[1]]
+                ndimage.correlate1d(image, np.asarray(kernel, np.float64), axis, result, border)
+                image = result
+        return np.ascontiguousarray(image)
 
-def blur(image: np.ndarray, sigma_px: float, border: str) -> np.ndarray:
-    reach = round(8.0 * sigma_px + 1.0) // 2
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
-    kernel /= kernel.sum()
-    return filter_separable(image, kernel, kernel, border)
+    @staticmethod
+    def blur(image: np.ndarray, sigma_px: float, border: str) -> np.ndarray:
+        reach = round(8.0 * sigma_px + 1.0) // 2
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+        kernel /= kernel.sum()
+        return ArrayFilters.filter_separable(image, kernel, kernel, border)
 
+    @staticmethod
+    def box_mean(image: np.ndarray, side: int) -> np.ndarray:
+        return np.asarray(ndimage.uniform_filter(image, side, mode="mirror"))
 
-def box_mean(image: np.ndarray, side: int) -> np.ndarray:
-    return np.asarray(ndimage.uniform_filter(image, side, mode="mirror"))
+    @staticmethod
+    def erode(mask: np.ndarray, side: int, outside: bool) -> np.ndarray:
+        if mask.all():  # as most masks are
+            (rows, columns), half = mask.shape, 0 if outside else side // 2
+            eroded = np.zeros_like(mask)
+            eroded[half : rows - half, half : columns - half] = True
+            return eroded
+        return ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant", cval=int(outside)).view(bool)
 
+    @staticmethod
+    def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
+        reach = int(radius_px)
+        rows, columns = image.shape
+        around = np.pad(image, reach, constant_values=-np.inf)
+        largest = image.copy()
+        along_row = around[:, reach : reach + columns].copy()  # of each pixel and so many to both sides
+        width = 0
+        for away in range(reach, -1, -1):  # rows above and below: the farthest ones are the shortest chords of the disc
+            chord = int(np.sqrt(radius_px**2 - away**2))
+            while width < chord:
+                width += 1
+                for side in (reach - width, reach + width):
+                    np.maximum(along_row, around[:, side : side + columns], out=along_row)
+            for start in {reach - away, reach + away}:
+                np.maximum(largest, along_row[start : start + rows], out=largest)
+        return largest
 
-def erode(mask: np.ndarray, side: int, outside: bool) -> np.ndarray:
-    if mask.all():  # as most masks are
-        (rows, columns), half = mask.shape, 0 if outside else side // 2
-        eroded = np.zeros_like(mask)
-        eroded[half : rows - half, half : columns - half] = True
-        return eroded
-    return ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant", cval=int(outside)).view(bool)
+    @staticmethod
+    def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        by_column, by_row = (_area_shares(old, new) for old, new in zip(image.shape[::-1], size, strict=True))
+        return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
 
+    @staticmethod
+    def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        columns, rows = (
+            np.minimum(np.floor(np.arange(new) * (old / new)).astype(np.int64), old - 1)
+            for old, new in zip(mask.shape[::-1], size, strict=True)
+        )
+        return mask[rows[:, None], columns]
 
-def largest_within(image: np.ndarray, radius_px: float) -> np.ndarray:
-    reach = int(radius_px)
-    rows, columns = image.shape
-    around = np.pad(image, reach, constant_values=-np.inf)
-    largest = image.copy()
-    along_row = around[:, reach : reach + columns].copy()  # of each pixel and so many to both sides
-    width = 0
-    for away in range(reach, -1, -1):  # rows above and below: the farthest ones are the shortest chords of the disc
-        chord = int(np.sqrt(radius_px**2 - away**2))
-        while width < chord:
-            width += 1
-            for side in (reach - width, reach + width):
-                np.maximum(along_row, around[:, side : side + columns], out=along_row)
-        for start in {reach - away, reach + away}:
-            np.maximum(largest, along_row[start : start + rows], out=largest)
-    return largest
+    @staticmethod
+    def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
+        by_row, by_column = (_between_pixels(length, factor) for length in image.shape)
+        return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
 
-
-def reduce_by_area(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    by_column, by_row = (_area_shares(old, new) for old, new in zip(image.shape[::-1], size, strict=True))
-    return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
-
-
-def reduce_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    columns, rows = (
-        np.minimum(np.floor(np.arange(new) * (old / new)).astype(np.int64), old - 1)
-        for old, new in zip(mask.shape[::-1], size, strict=True)
-    )
-    return mask[rows[:, None], columns]
-
-
-def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
-    by_row, by_column = (_between_pixels(length, factor) for length in image.shape)
-    return np.ascontiguousarray((by_column @ (by_row @ image).T).T)
-
-
-def interpolate(image: np.ndarray, x: np.ndarray, y: np.ndarray, order: int, outside: float | None) -> np.ndarray:
-    if outside is None:
-        padded = np.pad(image, MARGIN_PX, mode="edge")
-    else:
-        padded = np.pad(image, MARGIN_PX, constant_values=outside)
-    shape, result = x.shape, np.empty(x.size, image.dtype)
-    x, y = x.ravel(), y.ravel()
-    for start in range(0, len(x), SAMPLED_AT_A_TIME):
-        part = slice(start, start + SAMPLED_AT_A_TIME)
-        result[part] = _interpolate_part(padded, image.shape, x[part], y[part], order)
-    return result.reshape(shape)
+    @staticmethod
+    def interpolate(image: np.ndarray, x: np.ndarray, y: np.ndarray, order: int, outside: float | None) -> np.ndarray:
+        if outside is None:
+            padded = np.pad(image, MARGIN_PX, mode="edge")
+        else:
+            padded = np.pad(image, MARGIN_PX, constant_values=outside)
+        shape, result = x.shape, np.empty(x.size, image.dtype)
+        x, y = x.ravel(), y.ravel()
+        for start in range(0, len(x), SAMPLED_AT_A_TIME):
+            part = slice(start, start + SAMPLED_AT_A_TIME)
+            result[part] = _interpolate_part(padded, image.shape, x[part], y[part], order)
+        return result.reshape(shape)
 
 
 def _area_shares(old: int, new: int) -> sparse.csr_matrix:

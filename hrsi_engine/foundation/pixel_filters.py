@@ -32,7 +32,9 @@ def should_use_opencv() -> bool:
 @cache
 def _choose_filters() -> Any:
     """Return who does the work; OpenCV is loaded when a first image is filtered."""
-    return import_module(".opencv_filters" if should_use_opencv() else ".array_filters", __package__)
+    if should_use_opencv():
+        return import_module(".opencv_filters", __package__).OpenCVFilters
+    return import_module(".array_filters", __package__).ArrayFilters
 
 
 def filter_separable(

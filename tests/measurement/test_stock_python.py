@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from hrsi.hrsi_engine.foundation import array_filters, opencv_filters
+from hrsi.hrsi_engine.foundation.array_filters import ArrayFilters
+from hrsi.hrsi_engine.foundation.opencv_filters import OpenCVFilters
 from hrsi.hrsi_engine.measurement.interest_points.level_regions import (
     MserLimits,
     find_mser_by_opencv,
@@ -55,7 +56,7 @@ CALLS = {
 @pytest.mark.parametrize("name", CALLS)
 def test_filters_give_the_same(name: str):
     function, arguments = CALLS[name]
-    by_arrays, by_opencv = (getattr(way, function)(*arguments) for way in (array_filters, opencv_filters))
+    by_arrays, by_opencv = (getattr(way, function)(*arguments) for way in (ArrayFilters, OpenCVFilters))
     assert by_arrays.dtype == by_opencv.dtype
     assert by_arrays.shape == by_opencv.shape
     np.testing.assert_allclose(by_arrays.astype(float), by_opencv.astype(float), rtol=1e-6, atol=FLOAT32)
@@ -68,15 +69,15 @@ def test_resampling_gives_the_same(order: int, outside: float | None):
     if order == 0:
         x, y = np.floor(x) + 0.25, np.floor(y) + 0.75  # halves may go either way
     x, y = x.astype(np.float32), y.astype(np.float32)
-    by_arrays, by_opencv = (way.interpolate(IMAGE, x, y, order, outside) for way in (array_filters, opencv_filters))
+    by_arrays, by_opencv = (way.interpolate(IMAGE, x, y, order, outside) for way in (ArrayFilters, OpenCVFilters))
     np.testing.assert_allclose(by_arrays, by_opencv, atol=0.02)  # weights of OpenCV are rounded to 2^-15
 
 
 def test_maps_longer_than_opencv_takes():
     x = np.linspace(0.0, 200.0, 40000, dtype=np.float32)[None]
     np.testing.assert_allclose(
-        opencv_filters.interpolate(IMAGE, x, x / 4.0, 1, None),
-        array_filters.interpolate(IMAGE, x, x / 4.0, 1, None), atol=12.0,
+        OpenCVFilters.interpolate(IMAGE, x, x / 4.0, 1, None),
+        ArrayFilters.interpolate(IMAGE, x, x / 4.0, 1, None), atol=12.0,
     )  # fmt: skip  # 1/64 of a pixel, by the largest differences of neighbours
 
 
