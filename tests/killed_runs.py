@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from every_algorithm import sound_options, words_of
 from osgeo import gdal, ogr
 
@@ -179,10 +180,25 @@ def content_of(file: Path) -> str:
         sums = [dataset.GetRasterBand(number + 1).Checksum() for number in range(dataset.RasterCount)]
         rpc = dataset.GetMetadata("RPC")
         return f"{dataset.RasterXSize} {dataset.RasterYSize} {sums} {sorted(rpc.items())}"
+    if file.suffix == ".npz":
+        with np.load(file, allow_pickle=False) as arrays:
+            return ",".join(
+                f"{name}: {_rounded(arrays[name])}" for name in sorted(arrays.files) if name != "mark"
+            )  # of the bytes of a GeoPackage, which hold the time
+    if file.name.endswith("_RPC.TXT"):  # what it does: an RPC of a small image has many sets of coefficients
+        rpc = read_rpc(str(file)).rpc
+        steps = np.array([[0.0, 0.0, 0.0], [0.8, 0.8, 0.8], [-0.8, 0.8, -0.8]])
+        scales = [rpc.long_scale, rpc.lat_scale, rpc.height_scale]
+        return _rounded(rpc.project([rpc.long_off, rpc.lat_off, rpc.height_off] + steps * scales))
     if file.suffix == ".html":
         return str(file.read_text().rstrip().endswith("</html>"))
     lines = [line for line in file.read_bytes().splitlines() if not line.startswith(b"HRSI_DATE")]
     return hashlib.sha256(b"\n".join(lines)).hexdigest()
+
+
+def _rounded(values: np.ndarray) -> str:
+    """Return values without the rounding of floating point sums, which depends on where in memory they lie."""
+    return str(np.round(values, 4).tolist() if values.dtype.kind == "f" else values.tolist())
 
 
 def contents(folder: Path) -> dict[str, str]:
