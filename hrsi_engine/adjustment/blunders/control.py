@@ -54,9 +54,6 @@ class GCP_TESTS:
     neighbourhood: int = threshold(20, "GCPs", "of a neighbourhood; its nearer half is judged")
 
 
-MOST_LOG = 1e4
-
-
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """What may be wrong with a GCP: ``height``, ``ground``, ``image`` (a measurement), or ``all`` of it.
@@ -128,7 +125,7 @@ class VarianceFactor:
             special.fdtrc(dimensions, freedom, test / dimensions / variance)
             for variance, freedom in ((self.pooled, self.freedom), *self.worse)
         ]
-        return min(-float(np.log(max(*chances, 1e-300))), MOST_LOG)
+        return min(-float(np.log(max(*chances, 1e-300))), 1e4)
 
     @property
     def largest(self) -> float:

@@ -33,7 +33,6 @@ class SYSTEM:
 CG_TOLERANCE = 1e-11  # relative to the right-hand side; a pass of Gauss-Newton mends what is left
 CG_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"  # SciPy before 1.12 calls it tol
 CG_ITERATIONS = 20_000
-NEIGHBOURHOOD = 64  # unknowns that the preconditioner eliminates together
 
 
 class _UnitDiagonal:
@@ -163,7 +162,7 @@ class IterativeSystem(_UnitDiagonal):
 
     def __init__(self, pattern: Pattern) -> None:
         super().__init__(pattern)
-        size = max(1, NEIGHBOURHOOD // max(pattern.parameters, 1))
+        size = max(1, 64 // max(pattern.parameters, 1))  # the preconditioner eliminates 64 unknowns together
         self._groups = [np.arange(k, min(k + size, pattern.cameras)) for k in range(0, pattern.cameras, size)]
 
     def factorise(self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float = 0.0) -> None:

@@ -52,7 +52,6 @@ class VARIANCE:
 SURVEY_GROUPS = ("GCP east, north", "GCP height", "GCP covariances")
 SURVEYS = len(SURVEY_GROUPS)
 OF_GCPS = "image points of GCPs"
-NAMED_GROUPS = 8
 
 
 def group_by_sensor(images: Sequence[Image], groups: Sequence[Sequence[str]] = ()) -> tuple[np.ndarray, list[str]]:
@@ -304,7 +303,7 @@ def list_components(
 
 
 def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozenset[str] = frozenset()) -> list[str]:
-    """Say which sigmas were given wrong by half or more, the worst first and not more than `NAMED_GROUPS`.
+    """Say which sigmas were given wrong by half or more, the worst first and not more than 8.
 
     Of ``cautious`` groups it is no news that their sigmas are too large.
     """
@@ -316,7 +315,7 @@ def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozense
     said = [
         f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
         f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
-        for part in wrong[:NAMED_GROUPS]
+        for part in wrong[:8]
     ]
     more = len(wrong) - len(said)
     return [*said, f"the sigmas of {more} more groups were given wrong: see variance_components"] if more else said
