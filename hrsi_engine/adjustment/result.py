@@ -347,6 +347,8 @@ class Adjustment:
         Standard deviation of the height at which the RPCs alone would hold the block; None where others hold it too.
     laser : LaserOutcome or None
         What became of each laser point.
+    surfaces : tuple of SurfaceOutcome
+        What became of each surface that holds the block.
     estimate_residual_px : (measurements, 2) ndarray or None
         The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
         statistic are of these. None: there is no such drift.
