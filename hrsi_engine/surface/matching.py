@@ -45,7 +45,7 @@ class SURFACE_MATCHING:
     in_cell: float = threshold(1.0, "points", "mean number in a cell beyond which points are smoothed as cells are")
     lopsided: float = threshold(0.15, "cells", "of the middle of these points beside the place, at most: the rim")
     fewest_near: int = threshold(9, "points", "that a smoothed height needs around")
-    most_iterations: int = threshold(20, "iterations", "of the refinement")
+    most_iterations: int = threshold(50, "iterations", "of the refinement, two cells each at most")
     settled_cells: float = threshold(0.01, "cells", "step in plan that ends the refinement")
     redescending: float = threshold(4.0, "sigma", "a misclosure beyond has no weight", "biweight (Beaton, Tukey 1974)")
     one_sided: float = threshold(2.0, "", "factor of the misclosures of what stands on a terrain model")
@@ -149,8 +149,9 @@ class SurfaceMatcher:
             return None
         within = [one for one in found if np.abs(one.displacement_m[:2]).max() <= search_m + self.cell_m]
         best = (within or found)[0]
+        apart_m = max(self.cell_m, search_m / SURFACE_MATCHING.coarse_steps)  # nearer ones are one minimum
         # where none is inside, the search has not decided
-        apart = [one for one in within if one.is_apart_from(best, self.cell_m)] if within else found
+        apart = [one for one in within if one.is_apart_from(best, apart_m)] if within else found
         second = next(iter(apart), None)
         return replace(
             best, before_m=float(scores[np.argmin(np.abs(offsets).sum(axis=1))]), offsets_m=offsets, scores_m=scores,
@@ -186,7 +187,8 @@ class SurfaceMatcher:
             B, wide_B, r = np.split(_whiten(np.column_stack([A, wide_A, q]), weight, self._part[known]), [3, 6], axis=1)
             N, r = B.T @ (weight[:, None] * B), r[:, 0]
             M = self._differentiate_score(B.T @ (weight[:, None] * wide_B), weight.sum(), scale)
-            step = np.linalg.solve(0.5 * (N + M) + ridge, B.T @ (weight * r))
+            # with the noise in N steps are too short, and never too long, as they would be where M knows too little
+            step = np.linalg.solve(N + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
             if size < SURFACE_MATCHING.settled_cells * self.cell_m and abs(step[2]) < 0.01 * scale:
                 if is_near:
