@@ -487,5 +487,6 @@ def test_every_reader_is_described() -> None:
         "asp-match-text",
         "colmap",
         "hloc",
+        "sat-bundleadjust",
     } == set(POINT_READERS)
     assert all(reader.title for reader in POINT_READERS.values())
