@@ -340,6 +340,8 @@ class Adjustment:
         How tie points agree with the DEM and the laser points that held their heights.
     plan : PlanAgreement or None
         How the places of a reference agree, where one holds the block in plan.
+    surfaces : tuple of SurfaceOutcome
+        What became of each surface that holds the block.
     rpcs_alone_m : tuple of float or None
         What the block would move by, east, north and up, if its RPCs alone held it: the median of its tie points; None
         without any.
@@ -347,8 +349,6 @@ class Adjustment:
         Standard deviation of the height at which the RPCs alone would hold the block; None where others hold it too.
     laser : LaserOutcome or None
         What became of each laser point.
-    surfaces : tuple of SurfaceOutcome
-        What became of each surface that holds the block.
     estimate_residual_px : (measurements, 2) ndarray or None
         The residuals without the drift that the model does not follow, as it was estimated; redundancy numbers and
         statistic are of these. None: there is no such drift.
