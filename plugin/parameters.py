@@ -204,7 +204,7 @@ def _extent(param: Param) -> QgsProcessingParameterDefinition:
 
 
 def _folder(param: Param) -> QgsProcessingParameterDefinition:
-    return QgsProcessingParameterFile(behavior=QgsProcessingParameterFile.Folder, **_common(param))
+    return QgsProcessingParameterFile(behavior=QgsProcessingParameterFile.Behavior.Folder, **_common(param))
 
 
 def _number(param: Param) -> QgsProcessingParameterDefinition:

@@ -36,7 +36,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     """Read the block, choose pairs and area, and write the project."""
     check_folder(options.folder, context)
     record, told = read_record(options.result), read_report(os.path.join(options.result, REPORT_FILE)) or {}
-    images = [_refined(image, told, options.result) for image in open_block_images(record)]
+    images = [_use_refined_rpc(image, told, options.result) for image in open_block_images(record)]
     points = read_points(record.layer("ground_points"), adjusted=True).ground
     surface = _find_surface(points, options)
     views = [ViewDirection(image, surface) for image in images]
@@ -95,7 +95,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     return report
 
 
-def _refined(image: Image, told: Mapping[str, Any], folder: str) -> Image:
+def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Image:
     """Return an image with the refined RPC that its result folder, by its report, holds."""
     output = told.get("images", {}).get(image.id, {}).get("output") or ""
     places = (os.path.join(folder, os.path.basename(output)), output, os.path.join(told.get("directory", ""), output))

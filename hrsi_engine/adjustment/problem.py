@@ -225,7 +225,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
         earlier.enter_start(start, prior_weight)
     _require_solvable(observations, model, prior_weight, earlier)
     is_cold = values is None or not model.parameters or not _holds_plan(options)
-    by_rpcs = ground if is_cold else _locate_as_given(observations, model, parts, prior_weight, options, ground)
+    by_rpcs = ground if is_cold else _locate_by_own_rpcs(observations, model, parts, prior_weight, options, ground)
     surfaces = _match_surfaces(observations, parts, by_rpcs, options)
     lifted = _displace_start(observations, surfaces, by_rpcs, camera, options, prior_weight)
     common = _find_common_drifts(observations, camera, parts, prior_weight, usual_drift, options)
@@ -356,7 +356,7 @@ def _align_start(
     return align_images(observations, model, shift_weight, weight, options.threads)
 
 
-def _locate_as_given(
+def _locate_by_own_rpcs(
     observations: Observations, model: RefinementModel, parts: Sequence[Part], prior_weight: np.ndarray,
     options: AdjustOptions, ground: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
@@ -473,7 +473,8 @@ def _match_surfaces(
     observations: Observations, parts: Sequence[Part], ground: np.ndarray, options: AdjustOptions
 ) -> tuple[SurfacePlan, ...]:
     """Return the surface's relief under each part of the block that neither GCPs nor an earlier adjustment hold."""
-    if not _holds_plan(options):
+    dem, sigma_m = options.dem, options.sigma_dem_m
+    if dem is None or sigma_m is None or not _holds_plan(options):
         return ()
     first_image, rays = observations.image[observations.first[:-1]], np.diff(observations.first)
     ties = observations.contributing_points & ~observations.located & (rays > 1)
@@ -485,7 +486,7 @@ def _match_surfaces(
         images = [observations.images[index] for index in part.images]
         pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         found.append(SurfacePlan.match_points(
-            tuple(image.id for image in images), options.dem, points, ground, options.sigma_dem_m,
+            tuple(image.id for image in images), dem, points, ground, sigma_m,
             options.surface_kind, options.surface_search_m, pointing_m,
         ))  # fmt: skip
     return tuple(one for one in found if one is not None)

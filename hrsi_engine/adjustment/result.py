@@ -367,6 +367,8 @@ class Adjustment:
         East, north and up by which one standard deviation of each error that many positions share moves each of them:
         those of the GCPs' coordinate operations, then those of the pointing of passes; ``ground_sigma_m`` has them,
         ``ground_covariance_m2`` does not. None without any.
+    surfaces : tuple of SurfaceOutcome
+        How the relief of a surface holds each part of the block in plan, or why it does not; none without a surface.
     """
 
     block: Block

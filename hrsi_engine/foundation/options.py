@@ -89,7 +89,7 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     if cls is None:
         return partial(options, kw_only=kw_only)
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
-    for method in (_Shared.__repr__, _Shared.__eq__, _Shared.__hash__, _Shared.__setattr__):
+    for method in (_OptionsBase.__repr__, _OptionsBase.__eq__, _OptionsBase.__hash__, _OptionsBase.__setattr__):
         setattr(made, method.__name__, method)
     made.__doc__ = _describe_fields(made)
     return made
@@ -99,7 +99,7 @@ def _values_of(own: Any) -> dict[str, Any]:
     return {part.name: getattr(own, part.name) for part in fields(own)}
 
 
-class _Shared:
+class _OptionsBase:
     """Methods of all dataclasses of options."""
 
     def __repr__(self) -> str:

@@ -8,10 +8,10 @@ from .cars import write_cars_project
 from .micmac import write_micmac_project
 from .nerf import write_nerf_project
 from .points import write_points_project
-from .project import BlockProject, Handed, ProjectWriter
+from .project import BlockProject, WrittenProject, ProjectWriter
 from .s2p import write_s2p_project
 
-__all__ = ["PROJECT_WRITERS", "BlockProject", "Handed", "ProjectWriter"]
+__all__ = ["PROJECT_WRITERS", "BlockProject", "WrittenProject", "ProjectWriter"]
 
 PROJECT_WRITERS: dict[str, ProjectWriter] = {
     "cars": write_cars_project,

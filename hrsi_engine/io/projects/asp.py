@@ -8,12 +8,12 @@ the WGS84 ellipsoid, as ``mapproject`` and ``parallel_stereo`` take them. Each p
 from pathlib import Path
 
 from ..rpc_files.write import write_rpc_file
-from .project import DEM_FILE, PROJECTS, BlockProject, Handed, write_initial_dem, write_project_images
+from .project import DEM_FILE, PROJECTS, BlockProject, WrittenProject, write_initial_dem, write_project_images
 
 _RESULT = "dsm.tif"
 
 
-def write_asp_project(project: BlockProject, folder: Path) -> Handed:
+def write_asp_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write images, an XML with the RPC of each, and the initial DEM."""
     names = write_project_images(project, folder, project.paired)
     write_initial_dem(project, folder)
@@ -30,4 +30,4 @@ def write_asp_project(project: BlockProject, folder: Path) -> Handed:
         commands.append(f"parallel_stereo -t rpcmaprpc --alignment-method none {images} {run} {DEM_FILE}")
         commands.append(f"point2dem {crs} --tr {cell:.2f} {run}-PC.tif")
     commands.append(f"dem_mosaic {' '.join(f'{run}-DEM.tif' for run in runs)} -o {_RESULT}")
-    return Handed(tuple(commands), _RESULT)
+    return WrittenProject(tuple(commands), _RESULT)

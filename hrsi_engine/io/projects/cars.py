@@ -7,12 +7,12 @@ Source: https://cars.readthedocs.io, "Configuration" (1.3).
 from pathlib import Path
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, BlockProject, Handed, write_initial_dem, write_project_images
+from .project import DEM_FILE, BlockProject, WrittenProject, write_initial_dem, write_project_images
 
 _FILE, _RESULT = "cars.json", "out/dsm/dsm.tif"
 
 
-def write_cars_project(project: BlockProject, folder: Path) -> Handed:
+def write_cars_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write images, initial DEM and ``cars.json``."""
     names = write_project_images(project, folder, project.paired)
     write_initial_dem(project, folder)
@@ -25,4 +25,4 @@ def write_cars_project(project: BlockProject, folder: Path) -> Handed:
         inputs["roi"] = project.geojson
     output = {"directory": "out", "epsg": project.epsg, "geoid": False}
     (folder / _FILE).write_text(json_text({"input": inputs, "output": output}, indent=1) + "\n", encoding="utf-8")
-    return Handed((f"cars {_FILE}",), _RESULT)
+    return WrittenProject((f"cars {_FILE}",), _RESULT)

@@ -15,11 +15,11 @@ from ...foundation.json_values import json_text
 from ...ground.geodesy import LocalFrame, to_ecef
 from ..rpc_files.fields import json_members
 from ..rpc_files.text_formats import RPCM_NAMES
-from .project import PROJECTS, BlockProject, Handed, sample_area
+from .project import PROJECTS, BlockProject, WrittenProject, sample_area
 from .views import split_views, write_views
 
 
-def write_nerf_project(project: BlockProject, folder: Path) -> Handed:
+def write_nerf_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write crops, JSON of the views, tie points, lists, and ``scene.json``."""
     ground, _, _ = sample_area(project.area, project.surface, PROJECTS.outline_nodes)
     low = float(np.nanmin(ground[..., 2])) - PROJECTS.height_margin_m
@@ -49,4 +49,4 @@ def write_nerf_project(project: BlockProject, folder: Path) -> Handed:
     radius = float(np.linalg.norm(frame.from_ground(ground.reshape(-1, 3)), axis=1).max())
     scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
     (folder / "scene.json").write_text(json_text(scene, indent=1) + "\n", encoding="utf-8")
-    return Handed(("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")
+    return WrittenProject(("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")

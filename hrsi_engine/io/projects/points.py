@@ -13,7 +13,7 @@ import numpy as np
 
 from ...block.block import Role
 from ...ground.map_crs import project_to_map
-from .project import BlockProject, Handed
+from .project import BlockProject, WrittenProject
 
 _PLY_HEAD = (
     "ply\nformat binary_little_endian 1.0\ncomment east north height: EPSG:{epsg}, ellipsoidal\n"
@@ -24,7 +24,7 @@ _PLY_HEAD = (
 _ROW = np.dtype([("xyz", "<f8", 3), ("sigma", "<f4", 2), ("rays", "<i4")])
 
 
-def write_points_project(project: BlockProject, folder: Path) -> Handed:
+def write_points_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write the points of the block."""
     points, surveyed, measured = project.points, project.surveyed, project.measured
     rows = np.zeros(len(points), dtype=_ROW)
@@ -52,4 +52,4 @@ def write_points_project(project: BlockProject, folder: Path) -> Handed:
     for target, content in texts.items():
         head = ["mapX,mapY,pixelX,pixelY,enable"] if target.endswith(".points") else []
         (folder / target).write_text("\n".join([*head, *content]) + "\n", encoding="utf-8")
-    return Handed((), "tie_points.ply")
+    return WrittenProject((), "tie_points.ply")

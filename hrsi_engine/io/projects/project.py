@@ -106,7 +106,7 @@ class BlockProject:
 
 
 @dataclass(frozen=True)
-class Handed:
+class WrittenProject:
     """What a writer made: the commands to type in the folder, where the program leaves its result, and notices."""
 
     commands: tuple[str, ...]
@@ -114,7 +114,7 @@ class Handed:
     notices: tuple[str, ...] = ()
 
 
-ProjectWriter = Callable[[BlockProject, Path], Handed]
+ProjectWriter = Callable[[BlockProject, Path], WrittenProject]
 
 
 def write_project_images(project: BlockProject, folder: Path, images: Sequence[Image]) -> dict[str, str]:

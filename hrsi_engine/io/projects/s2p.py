@@ -8,12 +8,12 @@ from collections import Counter
 from pathlib import Path
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, BlockProject, Handed, find_window, write_initial_dem, write_project_images
+from .project import DEM_FILE, BlockProject, WrittenProject, find_window, write_initial_dem, write_project_images
 
 _FILE, _RESULT = "s2p.json", "out/dsm.tif"
 
 
-def write_s2p_project(project: BlockProject, folder: Path) -> Handed:
+def write_s2p_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write the reference image, its partners, initial DEM and ``s2p.json``."""
     score: Counter[str] = Counter()
     for pair in project.pairs:
@@ -33,4 +33,4 @@ def write_s2p_project(project: BlockProject, folder: Path) -> Handed:
     }  # fmt: skip
     (folder / _FILE).write_text(json_text(configuration, indent=1) + "\n", encoding="utf-8")
     notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
-    return Handed((f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))
+    return WrittenProject((f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))
