@@ -8,10 +8,10 @@ from .cars import write_cars_project
 from .micmac import write_micmac_project
 from .nerf import write_nerf_project
 from .points import write_points_project
-from .project import BlockProject, WrittenProject, ProjectWriter
+from .project import BlockProject, ProjectWriter, WrittenProject
 from .s2p import write_s2p_project
 
-__all__ = ["PROJECT_WRITERS", "BlockProject", "WrittenProject", "ProjectWriter"]
+__all__ = ["PROJECT_WRITERS", "BlockProject", "ProjectWriter", "WrittenProject"]
 
 PROJECT_WRITERS: dict[str, ProjectWriter] = {
     "cars": write_cars_project,
