@@ -13,7 +13,7 @@ from osgeo import osr
 
 from ...block.block import Image
 from ..rpc_files.xml_formats import isd_text
-from .project import BlockProject, Handed, write_project_images
+from .project import BlockProject, WrittenProject, write_project_images
 
 _CORNERS = (("UL", 0, 0), ("UR", 1, 0), ("LR", 1, 1), ("LL", 0, 1))
 _SYSTEM = (
@@ -22,7 +22,7 @@ _SYSTEM = (
 )
 
 
-def write_micmac_project(project: BlockProject, folder: Path) -> Handed:
+def write_micmac_project(project: BlockProject, folder: Path) -> WrittenProject:
     """Write the images of the chosen pairs, their XML, and the system of coordinates."""
     write_project_images(project, folder, project.paired)
     for image in project.paired:
@@ -31,7 +31,7 @@ def write_micmac_project(project: BlockProject, folder: Path) -> Handed:
     crs = osr.SpatialReference()
     crs.ImportFromEPSG(project.epsg)
     (folder / "WGS84toUTM.xml").write_text(_SYSTEM.format(proj=crs.ExportToProj4().strip()), encoding="ascii")
-    return Handed(
+    return WrittenProject(
         (
             r"""mm3d Convert2GenBundle "(.*).tif" "\$1.xml" RPC-d0 ChSys=WGS84toUTM.xml Degre=0""",
             """mm3d Malt UrbanMNE ".*tif" RPC-d0 SzW=2 Regul=0.2 NbVI=2 EZA=1""",
