@@ -81,6 +81,10 @@ class CropPlace:
         """Return the scene's coordinates ``(n, 2)`` of the image's."""
         return np.asarray(image @ self.matrix.T + self.first)
 
+    def from_scene(self, scene: np.ndarray) -> np.ndarray:
+        """Return the image's coordinates ``(n, 2)`` of the scene's."""
+        return np.asarray((scene - self.first) @ np.linalg.inv(self.matrix).T)
+
     def __str__(self) -> str:
         text = f"at sample {self.first[0]:g}, line {self.first[1]:g} of its scene"
         if (self.matrix == np.eye(2)).all():
