@@ -45,7 +45,7 @@ class HEIGHTS:
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
     dem_whole: float = threshold(
-        0.8, "", "share of a DEM's standard deviation by which all of it is off, in predictions",
+        0.8, "", "share of a DEM's standard deviation by which all of it is off, in weights and predictions",
         "GLO-30: 4 m LE90 with noise of 1 to 3 m",
     )  # fmt: skip
     most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")
@@ -104,8 +104,7 @@ class DemHeights:
         return float(np.hypot(DEM.by_all * self.sigma_m, datum_m))
 
     @property
-    def predicted_m(self) -> float:
-        """Standard deviation of what all of it is off by, for predictions: it weighs more than `overall_m` says."""
+    def weighed_m(self) -> float:
         return float(np.hypot(HEIGHTS.dem_whole * self.sigma_m, self.overall_m))
 
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
@@ -216,7 +215,7 @@ class HeightObservations:
         of_cameras, variance = np.maximum(precise[:, 2, 2] - cofactors[:, 2, 2], 0.0), np.zeros(len(ground))
         for one in self.fit_sources(priors, ground, cofactors):
             if isinstance(one.source, DemHeights) and one.weight > 0.0:
-                beyond_m2 = max(one.source.predicted_m**2 - 1.0 / one.weight, 0.0)
+                beyond_m2 = max(one.source.weighed_m**2 - 1.0 / one.weight, 0.0)
                 variance += np.minimum(of_cameras * one.weight, 1.0) ** 2 * beyond_m2
         return variance
 

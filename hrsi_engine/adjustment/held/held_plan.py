@@ -67,6 +67,8 @@ class PlanObservations:
     def overall_m(self) -> float:
         return ORTHOIMAGE.by_all * self.places.sigma_m
 
+    weighed_m = overall_m
+
     def enter_start(self, priors: PointPriors) -> None:
         """Enter the places into the priors of the start, before anything judges them."""
         count = len(self.points)

@@ -122,6 +122,8 @@ class LaserHeights:
     def overall_m(self) -> float:
         return float(np.hypot(LASER_FIT.overall_sigma_m, self.laser.operation_sigma_m[1]))
 
+    weighed_m = overall_m
+
     def observe_heights(self, ground: np.ndarray) -> HeightRows:
         """Return the laser heights where the points lie."""
         plan = self._planned

@@ -76,7 +76,11 @@ class ErrorSource(Protocol):
 
     @property
     def overall_m(self) -> float:
-        """Standard deviation of what all of the source shares."""
+        """Standard deviation of what all of the source shares, by which contradictions are tested."""
+
+    @property
+    def weighed_m(self) -> float:
+        """The same, by which all of it weighs in the block's place: `overall_m` or more."""
 
 
 class SourceRows(Protocol):
@@ -143,7 +147,7 @@ class SourceFit(Generic[ObservedRows]):
         of_group = np.bincount(group, weight, count)
         left = 1.0 / (1.0 + source.common_m**2 * of_group)
         total = float((of_group * left).sum())
-        self.left = left[group] / (1.0 + source.overall_m**2 * total)
+        self.left = left[group] / (1.0 + source.weighed_m**2 * total)
         if source.holds_points:
             self.left = self.left ** (1.0 - self.of_rays / self.variance)
         weight = weight * self.left
