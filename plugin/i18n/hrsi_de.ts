@@ -381,7 +381,7 @@
     </message>
     <message>
       <source>Free DEM correlation</source>
-      <translation type="unfinished" />
+      <translation>Freies DGM, Korrelationslänge</translation>
     </message>
     <message>
       <source>Free DEM noise</source>
@@ -389,7 +389,7 @@
     </message>
     <message>
       <source>Free DEM place</source>
-      <translation type="unfinished" />
+      <translation>Freies DGM, Lagefehler</translation>
     </message>
     <message>
       <source>Free DEM tree height</source>
@@ -581,7 +581,7 @@
     </message>
     <message>
       <source>Landform</source>
-      <translation type="unfinished" />
+      <translation>Geländeform</translation>
     </message>
     <message>
       <source>Largest</source>
@@ -1116,6 +1116,10 @@
       <translation>Standardabweichung der Verschiebung</translation>
     </message>
     <message>
+      <source>Sigma surface</source>
+      <translation>Standardabweichung der Oberfläche</translation>
+    </message>
+    <message>
       <source>Simulate block</source>
       <translation>Block simulieren</translation>
     </message>
@@ -1156,12 +1160,20 @@
       <translation>Schwelle der Superpunkte</translation>
     </message>
     <message>
+      <source>Surface</source>
+      <translation>Oberfläche</translation>
+    </message>
+    <message>
+      <source>Surface datum</source>
+      <translation>Höhenbezug der Oberfläche</translation>
+    </message>
+    <message>
       <source>Surface kind</source>
-      <translation type="unfinished" />
+      <translation>Art der Oberfläche</translation>
     </message>
     <message>
       <source>Surface search</source>
-      <translation type="unfinished" />
+      <translation>Suchbereich der Oberfläche</translation>
     </message>
     <message>
       <source>Take prediction</source>
