@@ -74,7 +74,8 @@ def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     print(f"seed {seed}: mean and RMS of heights without DEM {free}, wrong heights known {good}, unknown {robust}")
     assert abs(good[0]) < 0.8  # 300 points of 5 m each by a pair of rays: 0.3 m
     assert abs(robust[0]) < min(2.0, 0.4 * plain[0])  # rays tell errors of 15 m from nothing by 3 sigma only
-    assert robust[1] < min(1.7 * good[1], 0.4 * plain[1])
+    # Least squares takes less harm since all of a DEM weighs with the 0.8 of its sigma that it is off as a whole: 0.45
+    assert robust[1] < min(1.7 * good[1], 0.45 * plain[1])
     assert free[1] > 3.0 * robust[1]
 
 
