@@ -208,8 +208,8 @@ def triangulate(
     surface_datum : str, optional
         What the heights of the surface refer to, where it is not what ``height_datum`` says.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, two fifths of it common to all; by default
-        that which its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all; by default
+        what its cell size is known for (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
         Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
         ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
@@ -479,8 +479,8 @@ def adjust(
     surface_datum : str, optional
         What the heights of the surface refer to, where it is not what ``height_datum`` says.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, two fifths of it common to all; by default
-        that which its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all; by default
+        what its cell size is known for (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
         Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
         ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
@@ -1349,8 +1349,8 @@ def evaluate(
     surface_datum : str, optional
         What the heights of the surface refer to, where it is not what ``height_datum`` says.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, two fifths of it common to all; by default
-        that which its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all; by default
+        what its cell size is known for (unit m; at least 1e-06).
     surface_search : float, optional
         Largest displacement in plan in which the relief of a surface is looked for that holds a block
         without GCPs; 0: it holds heights only (unit m; at least 0; default 100).

@@ -17,7 +17,7 @@ from osgeo import gdal, osr
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.interface.declare import READ_KINDS, Algorithm, Kind, Param
+from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
 
 IMAGES, DEM, REFERENCE, POINTS, RPC_FILE, GRID, FOLDER = (
     "image", "DEM", "orthoimage", "points", "RPC file", "geoid grid", "folder",
@@ -31,7 +31,7 @@ SOUND: dict[str, Any] = {
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
     "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv", "surface": "dem.tif",
-    "surface_datum": "geoid.tif",
+    "surface_datum": "geoid.tif", "result": "adjusted",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -64,6 +64,8 @@ INSTEAD_OF = {
     "work_dir": ("tie_points", "tracks"),
     "matches": ("tie_points", "tracks"),
 }
+#: Inputs without which another one is not read.
+READ_WITH = {"surface_datum": "surface"}
 #: Inputs that are given only where they are looked at.
 SELDOM = {
     "reference",
@@ -141,6 +143,11 @@ def make_scene(folder: Path) -> None:
         shutil.copy(folder / name, folder / "before" / name)
     for number, line in ((1, 0), (2, 70)):
         gdal.Translate(str(folder / f"part_{number}.tif"), str(folder / "image_1.tif"), srcWin=[0, line, 160, 90])
+    run(
+        "adjust", images=[str(folder / name) for name in SOUND["images"]], gcps=str(folder / SOUND["gcps"]),
+        height_datum="ellipsoidal", image_points=str(folder / SOUND["image_points"]), report=False,
+        output_dir=str(folder / SOUND["result"]),
+    )  # fmt: skip
     grid = gdal.GetDriverByName("GTiff").Create(str(folder / "geoid.tif"), 9, 9, 1, gdal.GDT_Float32)
     grid.SetGeoTransform((1.0, 1.0, 0.0, 48.0, 0.0, -1.0))
     grid.SetProjection(osr_of(4326).ExportToWkt())
@@ -156,26 +163,27 @@ def osr_of(epsg: int) -> osr.SpatialReference:
 
 def sound_options(algorithm: Algorithm, scene: Path, varied: str = "") -> dict[str, Any]:
     """Return options with which an algorithm runs to its end, reading the input ``varied`` among others."""
-    own = ESPECIALLY.get(algorithm.name, {})
+    own, needed = ESPECIALLY.get(algorithm.name, {}), (varied, READ_WITH.get(varied))
     without = INSTEAD_OF.get(varied, ())
     options = dict(BESIDES.get(algorithm.name, {}))
     for key in inputs_of(algorithm):
         param = algorithm.param(key)
-        if key in without or (key in SELDOM and key != varied and not param.required):
+        if key in without or (key in SELDOM and key not in needed and not param.required):
             continue
         value = own.get(key, SOUND.get(key, BY_KIND.get(param.kind)))
         options[key] = [str(scene / name) for name in value] if isinstance(value, list) else str(scene / value)
+    options |= {param.key: str(scene / SOUND[param.key]) for param in algorithm.params if param.kind is Kind.RESULT}
     if "height_datum" in algorithm.defaults() and varied != "height_datum":
         options["height_datum"] = "ellipsoidal"
     return options
 
 
 def words_of(algorithm: Algorithm, options: Mapping[str, Any]) -> list[str]:
-    """Return the command line of options; images come last."""
-    words = [algorithm.name]
+    """Return the command line of options; images and results come last."""
+    words, last = [algorithm.name], {param.key for param in algorithm.params if param.kind in POSITIONAL_KINDS}
     for key, value in options.items():
-        if key == "images":
+        if key in last:
             continue
         name = "--" + key.replace("_", "-")
         words += ([name] if value else ["--no-" + name[2:]]) if isinstance(value, bool) else [f"{name}={value}"]
-    return [*words, *options.get("images", [])]
+    return [*words, *([options["result"]] if "result" in last else options.get("images", []))]

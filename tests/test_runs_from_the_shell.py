@@ -79,9 +79,10 @@ def files_of(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 @pytest.mark.programs
-def test_examples_of_the_help_pages_run(block: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_examples_of_the_help_pages_run(block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """In the order in which they build on one another; patterns are not replaced by a shell here."""
-    monkeypatch.chdir(block)
+    shutil.copytree(block, tmp_path / "work", ignore=shutil.ignore_patterns("adjusted"))
+    monkeypatch.chdir(tmp_path / "work")
     for part in (1, 2):  # a strip is delivered in parts
         assert main(["crop", "block/image_1.tif", "--window", f"0,{80 * (part - 1)},160,80", "--output-dir", "delivery",
                      "--overwrite"]) == 0  # fmt: skip
@@ -127,7 +128,9 @@ def test_dry_run_of_every_algorithm_writes_nothing(name: str, block: Path, tmp_p
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.parametrize("name", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate"}])
+@pytest.mark.parametrize(
+    "name", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate", "hand-over"}]
+)
 def test_dry_run_names_the_files_that_the_run_writes(name: str, block: Path, tmp_path: Path, capsys) -> None:
     algorithm = REGISTRY[name]
     options = {key: value for key, value in sound_options(algorithm, block / "block").items() if key != "no_report"}

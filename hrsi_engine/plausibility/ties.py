@@ -266,7 +266,8 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
-    shifted_alike = judge_pairs(pairs, shifted=True).share < TIE_CHECK.cured_share
+    left = 1.0 - judge_pairs(pairs, shifted=True).good[failing]  # the others fit as they are, in any block of many
+    shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.cured_share
     found = None if shifted_alike else _find_best_slip(pairs, given, suspects)
     if found is not None:
         (slip, *alike), images, cured = found

@@ -94,7 +94,8 @@ class PseudoSensor:
                 ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat),
                 computed, by_ground, by_quantity, terms, ALL_ROWS,
             )  # fmt: skip
-            by_coefficient = (by_quantity[:, :, :, None] * terms[:, None, None, :]).reshape(count, 2, -1)
+            by_coefficient = by_quantity[:, :, :, None] * terms[:, None, None, :]
+            by_coefficient = by_coefficient.reshape(count, 2, len(used) * structure.terms)
             return Equations(computed, by_coefficient @ structure.mixing, by_ground)
 
         return linearise

@@ -335,8 +335,8 @@ class Algorithm:
         words = ["hrsi", self.name]
         for param in params:
             plain = _plain_value(given[param.key])
-            if param.kind is Kind.IMAGES:
-                words += plain
+            if param.kind in POSITIONAL_KINDS:
+                words += plain if isinstance(plain, list) else [plain]
             elif param.kind is Kind.FLAG:
                 words.append(f"--{param.name}" if plain else f"--no-{param.name}")
             elif param.kind is Kind.FOLDERS:

@@ -200,7 +200,7 @@ class SurfaceFile:
         metavar=DATUMS,
     )  # fmt: skip
     sigma_surface: float | None = option(
-        None, "Standard deviation of the heights of the surface, four fifths of it common to all; by default that which "
+        None, "Standard deviation of the heights of the surface, four fifths of it common to all; by default what "
         "its cell size is known for", minimum=1e-6, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
 

@@ -26,6 +26,7 @@ WITH_PACKAGE = {
     "distributed": {"foundation.workers.cluster", "foundation.workers.scheduling"},
     "rasterio": {"camera.rpc"},
     "pyarrow": {"io.laser_files"},
+    "laspy": {"io.surfaces"},
 }  # fmt: skip
 
 
