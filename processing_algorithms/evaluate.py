@@ -23,7 +23,6 @@ from ..hrsi_engine.adjustment.statistics.precision import errors_90
 from ..hrsi_engine.block.assembly import stack_image_points
 from ..hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ..hrsi_engine.block.imaging_geometry import compute_footprint
-from ..hrsi_engine.block.pointing import estimate_pointing
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.plots import draw_bars
@@ -381,12 +380,10 @@ def _surface_entry(
     """
     if control is None:
         return {}
-    images, points = one.block.images, np.flatnonzero(kept)
-    pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
-    ids = tuple(image.id for image in images)
     found = SurfacePlan.match_points(
-        ids, control[0], points, one.fit.ground, control[1], options.surface_kind, options.surface_search_m, pointing_m
-    )
+        one.block.images, control[0], np.flatnonzero(kept), one.fit.ground, control[1], options.surface_kind,
+        options.surface_search_m,
+    )  # fmt: skip
     return {"surface": None if found is None else describe_surface(found.summarise(np.arange(len(kept))))}
 
 

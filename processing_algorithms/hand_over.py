@@ -16,8 +16,7 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.map_crs import map_epsg
 from ..hrsi_engine.io.catalogue.block_records import read_record
-from ..hrsi_engine.io.output_dir import read_report, stage_folder
-from ..hrsi_engine.io.pages.report import write_report_json
+from ..hrsi_engine.io.output_dir import read_report
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.projects import PROJECT_WRITERS, BlockProject
 from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
@@ -28,7 +27,7 @@ from .block_steps.inputs import open_block_images
 from .declarations.rpcs import HandOverOptions
 from .files.opening import dem_surface
 from .files.orthoimage_plan import parse_box
-from .files.result_folder import REPORT_FILE, check_folder, plan, tell
+from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 
 
@@ -79,7 +78,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
         "accuracy": _accuracy_of(told, pairs, gsd),
     }  # fmt: skip
     folder = options.folder.output_dir
-    with stage_folder(folder, context.inputs, options.folder.overwrite) as staged:
+    with stage_results(options.folder, report, context) as staged:
         handed = PROJECT_WRITERS[options.to](project, staged)
         report["commands"] = [f"cd {folder}", *handed.commands]
         report["expected"] = os.path.join(folder, handed.result)
@@ -89,9 +88,6 @@ def run(options: HandOverOptions, context: Context) -> Report:
         report["images"] = {
             image.id: {"path": image.path, "output": os.path.join(folder, name)} for image, name in written.items()
         }
-        write_report_json(str(staged / REPORT_FILE), report)
-    tell(report["warnings"], context)
-    advance(context.progress, 1.0, "done")
     return report
 
 

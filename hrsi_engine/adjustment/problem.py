@@ -484,10 +484,8 @@ def _match_surfaces(
         if part.gcps or not len(points):
             continue
         images = [observations.images[index] for index in part.images]
-        pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         found.append(SurfacePlan.match_points(
-            tuple(image.id for image in images), dem, points, ground, sigma_m,
-            options.surface_kind, options.surface_search_m, pointing_m,
+            images, dem, points, ground, sigma_m, options.surface_kind, options.surface_search_m,
         ))  # fmt: skip
     return tuple(one for one in found if one is not None)
 

@@ -17,10 +17,13 @@ back: these are widened by the square of how far the displacement exceeds them (
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...block.block import Image
+from ...block.pointing import estimate_pointing
 from ...foundation.large_arrays import finite_rows
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
@@ -81,8 +84,8 @@ class SurfacePlan:
 
     @classmethod
     def match_points(
-        cls, images: tuple[str, ...], surface: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float,
-        kind: str, search_m: float, pointing_m: float,
+        cls, images: Sequence[Image], surface: HeightSurface, points: np.ndarray, ground: np.ndarray, sigma_m: float,
+        kind: str, search_m: float,
     ) -> SurfacePlan | None:  # fmt: skip
         """Return the relief under ``points (k,)`` of ``ground (m, 3)``, searched; None where it is not there."""
         at = ground[points]
@@ -90,9 +93,10 @@ class SurfacePlan:
         if first is None:
             return None
         relief_m = float(robust_sigma(at[:, 2] - np.median(at[:, 2])))
+        pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         return cls(
-            images, surface, points, sigma_m, kind, search_m, pointing_m, at, first, relief_m,
-            cell_size_m(surface, at[0]),
+            tuple(image.id for image in images), surface, points, sigma_m, kind, search_m, pointing_m, at, first,
+            relief_m, cell_size_m(surface, at[0]),
         )  # fmt: skip
 
     @property

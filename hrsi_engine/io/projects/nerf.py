@@ -28,14 +28,13 @@ def write_nerf_project(project: BlockProject, folder: Path) -> WrittenProject:
     frame, names, rays = LocalFrame(*centre), [], {}
     for view in write_views(project, folder):
         sun, time = project.suns[view.image.id], project.times[view.image.id]
-        outline = {"type": "Polygon", "coordinates": [[list(corner) for corner in project.area.exterior.coords]]}
         told = {
             "img": view.file, "width": view.size[0], "height": view.size[1], "window": view.window,
             "rpc": json_members(view.rpc, RPCM_NAMES),
             "sun_elevation": None if sun is None else sun.elevation_deg,
             "sun_azimuth": None if sun is None else sun.azimuth_deg,
             "acquisition_date": None if time is None else f"{time:%Y%m%d%H%M%S}", "min_alt": low, "max_alt": high,
-            "geojson": outline | {"center": list(centre[:2])},
+            "geojson": project.outline | {"center": list(centre[:2])},
             "keypoints": {"2d_coordinates": view.xy.tolist(), "pts3d_indices": view.point.tolist()},
         }  # fmt: skip
         names.append(f"{view.image.id}.json")

@@ -7,6 +7,7 @@ from the corner with y upwards, and ``ID_gcps.txt`` has ``-gcp`` arguments, from
 --optfile``.
 """
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ def write_points_project(project: BlockProject, folder: Path) -> WrittenProject:
     points, surveyed, measured = project.points, project.surveyed, project.measured
     rows = np.zeros(len(points), dtype=_ROW)
     rows["xyz"] = np.column_stack([project_to_map(points.ground, project.epsg), points.ground[:, 2]])
-    rows["sigma"], rows["rays"] = points.sigma_m, [int(np.sum(measured.ids == name)) for name in points.ids]
+    rays = Counter(measured.ids.tolist())
+    rows["sigma"], rows["rays"] = points.sigma_m, [rays[name] for name in points.ids.tolist()]
     with open(folder / "tie_points.ply", "wb") as file:
         file.write(_PLY_HEAD.format(epsg=project.epsg, count=len(rows)).encode("ascii") + rows.tobytes())
     known = np.flatnonzero((surveyed.role == Role.GCP) | (surveyed.role == Role.CHECK))

@@ -97,11 +97,14 @@ class BlockProject:
         return tuple(image for image in self.images if image.id in names)
 
     @property
+    def outline(self) -> dict[str, object]:
+        """The area as a GeoJSON geometry."""
+        return {"type": "Polygon", "coordinates": [[list(corner) for corner in self.area.exterior.coords]]}
+
+    @property
     def geojson(self) -> dict[str, object]:
         """The area as a GeoJSON collection of one polygon."""
-        corners = [list(corner) for corner in self.area.exterior.coords]
-        geometry = {"type": "Polygon", "coordinates": [corners]}
-        feature = {"type": "Feature", "properties": {}, "geometry": geometry}
+        feature = {"type": "Feature", "properties": {}, "geometry": self.outline}
         return {"type": "FeatureCollection", "features": [feature]}
 
 
