@@ -40,7 +40,7 @@ demo-images: set-up
 	  --output-dir $(IMAGES)/check --overwrite
 
 .PHONY: lint
-lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's readiness for Qt 6
+lint: set-up-test  ## ruff, mypy, docstrings and names of the API, words of all texts, the plugin's readiness for Qt 6
 	@echo "lint: ruff, mypy, numpydoc, flake8-qgis, enumerations"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check . || { echo "make format mends this"; exit 1; }
@@ -48,6 +48,7 @@ lint: set-up-test  ## ruff, mypy, docstrings of the public API, the plugin's rea
 	@cd $(BUILD)/typing && MYPYPATH=. $(CURDIR)/$(BIN)/mypy --explicit-package-bases --config-file hrsi/pyproject.toml hrsi/hrsi_engine hrsi/processing_algorithms hrsi/plugin
 	@$(BIN)/python scripts/check_docstrings.py
 	@$(BIN)/python scripts/check_names.py
+	@$(BIN)/python scripts/check_words.py
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
 
