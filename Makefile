@@ -77,6 +77,10 @@ test-all: set-up-test lint scan  ## lint, the scan of the zip, and all tests, al
 	@echo "test-all: inside QGIS, then all the others; they end with a summary each"
 	@$(call run_tests,)
 
+.PHONY: test-desktop
+test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop
+	@$(PYTEST) -p no:pytest_qgis tests/desktop
+
 .PHONY: qt6
 qt6: set-up-test  ## the plugin's code and widgets on PyQt6, which goes to build/qt6 and nowhere else
 	@[ -d $(BUILD)/qt6/PyQt6 ] || $(BIN)/python -m pip install --quiet --disable-pip-version-check --target $(BUILD)/qt6 -c constraints.txt PyQt6

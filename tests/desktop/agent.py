@@ -1,0 +1,153 @@
+"""What answers the tests inside QGIS: it looks at widgets and tells where they are; it presses nothing itself.
+
+QGIS runs this file at its start (``--code``). It listens at the local socket `SOCKET_VARIABLE`; a request is a line of
+JSON with ``code``, an expression or statements that leave ``result``; the answer is a line with ``value``, ``error``
+(a traceback) and ``uncaught``, the tracebacks of exceptions that nobody has caught since the last answer: what QGIS
+shows its user as a Python error.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import sys
+import traceback
+from typing import Any
+
+from qgis.core import QgsPointXY
+from qgis.PyQt.QtCore import QPoint
+from qgis.PyQt.QtNetwork import QLocalServer
+from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QToolBar, QWidget
+from qgis.utils import iface, plugins
+
+SOCKET_VARIABLE = "HRSI_DESKTOP_SOCKET"
+UNCAUGHT: list[str] = []
+
+
+def install(zip_file: str) -> bool:
+    """Install the plugin as *Plugins, Install from ZIP* does; True where it runs then."""
+    import pyplugin_installer
+
+    pyplugin_installer.instance().installFromZipFile(zip_file)
+    return "hrsi" in plugins
+
+
+def panel() -> Any:
+    """Return the panel of the installed plugin."""
+    return plugins["hrsi"].dock
+
+
+def middle_of(widget: QWidget) -> list[int]:
+    """Return where on the screen a widget's middle is; raise ValueError for one that nobody sees."""
+    if not widget.isVisible() or widget.visibleRegion().isEmpty():
+        raise ValueError(f"{type(widget).__name__} {_text(widget)!r} is not to be seen")
+    place = widget.mapToGlobal(widget.visibleRegion().boundingRect().center())
+    return [place.x(), place.y()]
+
+
+def button_of(action: Any) -> list[int]:
+    """Return where the tool button of an action is."""
+    buttons = [bar.widgetForAction(action) for bar in action.associatedWidgets() if isinstance(bar, QToolBar)]
+    return middle_of(next(button for button in buttons if button is not None))
+
+
+def button_named(text: str) -> list[int]:
+    """Return where a button of any window is, by its text without the mark of its key."""
+    found = [one for one in QApplication.allWidgets() if isinstance(one, QAbstractButton) and _text(one) == text]
+    return middle_of(next((one for one in found if one.isVisible()), *found[:1]))
+
+
+def cell_of(table: Any, row: int, column: int) -> list[int]:
+    """Return where a cell of a table is, scrolled into view."""
+    index = table.model().index(row, column)
+    table.scrollTo(index)
+    place = table.viewport().mapToGlobal(table.visualRect(index).center())
+    return [place.x(), place.y()]
+
+
+def view_of(image: str) -> Any:
+    """Return the panel's view of an image."""
+    return next(view for view in panel().ui.list_views() if view.image() == image)
+
+
+def place_in(view: Any, sample: float, line: float) -> list[int]:
+    """Return where on the screen a place of an image is; raise ValueError where its view shows another place."""
+    at = view.canvas.getCoordinateTransform().transform(QgsPointXY(sample, -line))
+    where = QPoint(round(at.x()), round(at.y()))
+    if not view.canvas.viewport().rect().contains(where):
+        raise ValueError(f"sample {sample}, line {line} of {view.image()} is out of view")
+    place = view.canvas.viewport().mapToGlobal(where)
+    return [place.x(), place.y()]
+
+
+def windows() -> list[str]:
+    """Return the titles of the windows and dialogs that are open."""
+    return [one.windowTitle() for one in QApplication.topLevelWidgets() if one.isVisible() and one.windowTitle()]
+
+
+def screenshot(path: str) -> bool:
+    """Write a picture of the whole screen."""
+    QApplication.processEvents()
+    return bool(QApplication.primaryScreen().grabWindow(0).save(path))
+
+
+def _text(widget: Any) -> str:
+    return widget.text().replace("&", "") if hasattr(widget, "text") else widget.objectName()
+
+
+class Agent:
+    """Answers one request after another, in the main thread of QGIS, also while a dialog is open."""
+
+    def __init__(self, path: str) -> None:
+        self.names = dict(globals())
+        self.server = QLocalServer()
+        self.server.newConnection.connect(self._on_connection)
+        if not self.server.listen(path):
+            raise OSError(self.server.errorString())
+
+    def _on_connection(self) -> None:
+        connection = self.server.nextPendingConnection()
+        connection.readyRead.connect(lambda: self._on_data(connection))
+
+    def _on_data(self, connection: Any) -> None:
+        while connection.canReadLine():
+            answer = self._answer(json.loads(bytes(connection.readLine())))
+            connection.write(json.dumps(answer).encode() + b"\n")
+            connection.flush()
+
+    def _answer(self, request: dict[str, str]) -> dict[str, Any]:
+        gc.collect()  # what only Python held is gone, as after long use
+        value, error = None, ""
+        try:
+            try:
+                program = compile(request["code"], "<test>", "eval")
+            except SyntaxError:
+                exec(compile(request["code"], "<test>", "exec"), self.names)
+                value = self.names.pop("result", None)
+            else:
+                value = eval(program, self.names)
+            json.dumps(value)
+        except TypeError:
+            value, error = repr(value), traceback.format_exc() if value is None else ""
+        except Exception:
+            error = traceback.format_exc()
+        uncaught, UNCAUGHT[:] = list(UNCAUGHT), []
+        return {"value": value, "error": error, "uncaught": uncaught}
+
+
+def watch_exceptions() -> None:
+    """Note every exception that reaches QGIS."""
+    before = sys.excepthook
+
+    def note(kind: Any, error: Any, trace: Any) -> None:
+        UNCAUGHT.append("".join(traceback.format_exception(kind, error, trace)))
+        before(kind, error, trace)
+
+    sys.excepthook = note
+
+
+if SOCKET_VARIABLE in os.environ:
+    iface.mainWindow().setGeometry(0, 0, *map(int, os.environ["HRSI_DESKTOP_SIZE"].split("x")))
+    watch_exceptions()
+    AGENT = Agent(os.environ[SOCKET_VARIABLE])

@@ -1,0 +1,81 @@
+"""Fixtures of the tests in the real window: QGIS with the installed zip, and a simulated block of three images."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hrsi.processing_algorithms import run
+from hrsi.tests.desktop.desktop import Desktop, build_zip
+
+PICTURES = Path(__file__).resolve().parents[2] / "build" / "desktop"  #: of every step, to be looked at
+BLOCK = {"images": 3, "size": 700, "gcps": 9, "checks": 3, "ties": 30, "seed": 5, "noise_image": 0.0}
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A profile into which QGIS's plugin manager has installed the zip."""
+    work = tmp_path_factory.mktemp("profile")
+    with Desktop(work, build_zip(tmp_path_factory.mktemp("zip"))):
+        pass
+    return work
+
+
+@pytest.fixture
+def start(installed: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Desktop]]:
+    """Start QGIS with a copy of the profile; again after it was killed: with the same."""
+    work, running = tmp_path / "qgis", []
+
+    def begin(**options: Any) -> Desktop:
+        if not work.exists():
+            shutil.copytree(installed, work)
+        running.append(Desktop(work, pictures=PICTURES / request.node.name, **options).__enter__())
+        return running[-1]
+
+    yield begin
+    for desktop in running:
+        desktop.__exit__()
+
+
+@pytest.fixture
+def desktop(start: Callable[..., Desktop]) -> Desktop:
+    """A running QGIS."""
+    return start()
+
+
+@pytest.fixture(scope="session")
+def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with images of discs whose middles are known exactly: ``image_points.csv`` has them without noise."""
+    folder = tmp_path_factory.mktemp("simulated") / "block"
+    run("simulate", output_dir=str(folder), **BLOCK)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def truth(block: Path) -> dict[tuple[str, str], tuple[float, float]]:
+    """(sample, line) of the points by their and their images' names."""
+    with (block / "image_points.csv").open(encoding="utf-8", newline="") as file:
+        return {(row["id"], row["image"]): (float(row["sample"]), float(row["line"])) for row in csv.DictReader(file)}
+
+
+def show_block(desktop: Desktop, block: Path, ground_points: str = "ground_points.csv") -> None:
+    """Show the panel with the block's images and ground points, nothing measured, floating over the whole screen."""
+    images = [str(path) for path in sorted(block.glob("image_?.tif"))]
+    desktop.ask(
+        "from hrsi.processing_algorithms.point_session import files\n"
+        f"panel().show_session(files.new_session({images}, {str(block / ground_points)!r}))\n"
+        "panel().show()"
+    )
+    desktop.wait("panel().ui.views[0].isVisible() and not panel().ui.views[0].canvas.isDrawing()")
+
+
+def float_panel(desktop: Desktop) -> None:
+    """Let the panel float over the whole screen."""
+    width, height = desktop.screen.size_px
+    desktop.ask(f"panel().setFloating(True), panel().setGeometry(0, 20, {width}, {height - 20})")
+    desktop.wait("not any(view.canvas.isDrawing() for view in panel().ui.list_views())")
