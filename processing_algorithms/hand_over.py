@@ -18,7 +18,10 @@ from ..hrsi_engine.ground.map_crs import map_epsg
 from ..hrsi_engine.io.catalogue.block_records import read_record
 from ..hrsi_engine.io.output_dir import read_report
 from ..hrsi_engine.io.point_files import read_points
-from ..hrsi_engine.io.projects import PROJECT_WRITERS, BlockProject
+from ..hrsi_engine.io.point_files.find import read_table
+from ..hrsi_engine.io.point_files.interpret import interpret
+from ..hrsi_engine.io.point_files.positions import Reference
+from ..hrsi_engine.io.projects import PROJECT_PLANNERS, BlockProject
 from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from ..hrsi_engine.io.rpc_files import read_rpc
 from ..hrsi_engine.ortho.point_surface import surface_of_points
@@ -36,7 +39,8 @@ def run(options: HandOverOptions, context: Context) -> Report:
     check_folder(options.folder, context)
     record, told = read_record(options.result), read_report(os.path.join(options.result, REPORT_FILE)) or {}
     images = [_use_refined_rpc(image, told, options.result) for image in open_block_images(record)]
-    points = read_points(record.layer("ground_points"), adjusted=True).ground
+    known = read_table(record.layer("ground_points"))
+    points, surveyed = (interpret(known, Reference(adjusted=adjusted), ()).ground for adjusted in (True, False))
     surface = _find_surface(points, options)
     views = [ViewDirection(image, surface) for image in images]
     geometries = {view.image.id: view.geometry() for view in views}
@@ -44,8 +48,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
     suns = {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images}
     times = {image.id: read_time(image.path) for image in images}
     measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
-    surveyed = read_points(record.layer("ground_points")).ground
-    if measured is None or points is None or surveyed is None:
+    if measured is None or points is None:
         raise InputError(f"{options.result}: has no adjusted points: adjust the block again")
     ties = {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
     pairs = choose_stereo_pairs(
@@ -65,29 +68,29 @@ def run(options: HandOverOptions, context: Context) -> Report:
     gsd = float(
         np.median([np.hypot(view.gsd_sample_m, view.gsd_line_m) / np.sqrt(2.0) for view in geometries.values()])
     )
+    surveyed = points.select(np.zeros(len(points), dtype=bool)) if surveyed is None else surveyed  # a block of ties
     project = BlockProject(
         tuple(images), tuple(pairs), area, not options.extent, surface, gsd,
         map_epsg(area.centroid.x, area.centroid.y), not options.link,
         options.factor, suns, times, points, surveyed, measured,
     )  # fmt: skip
+    planned = PROJECT_PLANNERS[options.to](project)
     if context.dry_run:
-        return plan(context, options.folder.output_dir, [REPORT_FILE], {"images": len(images), "pairs": len(pairs)})
+        counts = {"images": len(images), "pairs": len(pairs)}
+        return plan(context, options.folder.output_dir, [REPORT_FILE, *planned.files], counts, planned.notices)
+    folder = options.folder.output_dir
     report: Report = {
         **context.record, "to": options.to, "pairs": [_pair_entry(pair, gsd) for pair in pairs],
-        "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "images": {}, "warnings": [],
-        "accuracy": _accuracy_of(told, pairs, gsd),
+        "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "warnings": list(planned.notices),
+        "accuracy": _accuracy_of(told, pairs, gsd), "commands": [f"cd {folder}", *planned.commands],
+        "expected": os.path.join(folder, planned.result),
+        "images": {
+            image.id: {"path": image.path, "output": os.path.join(folder, name)}
+            for image in images for name in (f"{image.id}.tif", f"{image.id}.vrt") if name in planned.files
+        },
     }  # fmt: skip
-    folder = options.folder.output_dir
     with stage_results(options.folder, report, context) as staged:
-        handed = PROJECT_WRITERS[options.to](project, staged)
-        report["commands"] = [f"cd {folder}", *handed.commands]
-        report["expected"] = os.path.join(folder, handed.result)
-        report["warnings"] += handed.notices
-        written = {image: name for image in images for name in (f"{image.id}.tif", f"{image.id}.vrt")
-                   if (staged / name).exists()}  # fmt: skip
-        report["images"] = {
-            image.id: {"path": image.path, "output": os.path.join(folder, name)} for image, name in written.items()
-        }
+        planned.write(staged)
     return report
 
 

@@ -19,7 +19,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.sun import SunAngles
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.projects import PROJECT_WRITERS
+from hrsi.hrsi_engine.io.projects import PROJECT_PLANNERS
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
@@ -55,7 +55,7 @@ def gdal_rpc(path: Path) -> dict[str, str]:
 
 
 def test_every_target_is_declared():
-    assert tuple(PROJECT_WRITERS) == NEXT_PROGRAMS
+    assert tuple(PROJECT_PLANNERS) == NEXT_PROGRAMS
 
 
 def test_cars_project(block):
@@ -73,7 +73,7 @@ def test_cars_project(block):
 
 
 def compare_with_truth(block: Path, folder: Path) -> np.ndarray:
-    """Return the initial DEM's heights less the true ones, at its nodes where these are known."""
+    """Return the initial DEM's heights less the true ones, at its nodes in the area where these are known."""
     truth = open_dem(str(block / "made" / "dem.tif"), "ellipsoidal")
     dem = gdal.Open(str(folder / "dem.tif"))
     left, dx, _, top, _, dy = dem.GetGeoTransform()
@@ -81,7 +81,9 @@ def compare_with_truth(block: Path, folder: Path) -> np.ndarray:
     lonlat = np.column_stack([left + dx * (columns.ravel() + 0.5), top + dy * (rows.ravel() + 0.5)])
     heights = dem.ReadAsArray().ravel()
     assert np.isfinite(heights).all()
-    known = surface_heights(truth, lonlat)
+    west, south, east, north = json.loads((folder / "report.json").read_text())["area"]
+    inside = (lonlat > [west, south]).all(axis=1) & (lonlat < [east, north]).all(axis=1)
+    known = np.where(inside, surface_heights(truth, lonlat), np.nan)
     return (heights - known)[np.isfinite(known)]
 
 
@@ -89,6 +91,21 @@ def test_initial_dem_of_tie_points_is_near_the_true_terrain(block):
     folder, _ = hand_over(block, "cars", "terrain")
     # 60 tie points on a relief of 40 m tell it to a fraction of that; an undulation of the geoid would be about 50 m
     assert np.median(np.abs(compare_with_truth(block, folder))) < 8.0
+
+
+def test_initial_dem_reaches_beyond_the_images_without_a_step(block):
+    """CARS takes a quarter of the extent and 0.02 degrees around the images, and 0 m where a DEM has no heights."""
+    folder, report = hand_over(block, "cars", "margin")
+    dem = gdal.Open(str(folder / "dem.tif"))
+    left, dx, _, top, _, dy = dem.GetGeoTransform()
+    west, south, east, north = report["area"]
+    wide, high = 0.25 * (east - west) + 0.02, 0.25 * (north - south) + 0.02
+    right, bottom = left + dx * dem.RasterXSize, top + dy * dem.RasterYSize
+    assert left < west - wide and right > east + wide and bottom < south - high and top > north + high
+    # all nodes have heights of this terrain, none is 0
+    known = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")["height"]
+    assert dem.GetRasterBand(1).GetNoDataValue() is not None
+    assert np.abs(dem.ReadAsArray() - known.mean()).max() < 1.5 * np.abs(known - known.mean()).max()
 
 
 def test_given_dem_comes_in_ellipsoidal_heights(block):
@@ -268,6 +285,33 @@ def test_points_project(block):
     assert len(known) == 10
     for name, place in zip(known.ids.tolist(), known.ground, strict=True):
         np.testing.assert_allclose(place, surveyed[name], atol=1e-4)
+    las = (folder / "tie_points.las").read_bytes()  # by the tables of the LAS 1.4 specification
+    assert las[:4] == b"LASF" and las[24:26] == bytes([1, 4])
+    first, records, form, length = struct.unpack_from("<IIBH", las, 96)
+    assert (records, form, struct.unpack_from("<Q", las, 247)[0]) == (2, 6, len(rows))
+    scale, offset = np.array(struct.unpack_from("<3d", las, 131)), np.array(struct.unpack_from("<3d", las, 155))
+    points = np.array([struct.unpack_from("<3i", las, first + length * row) for row in range(len(rows))])
+    np.testing.assert_allclose(points * scale + offset, rows["xyz"], atol=0.00051)
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.read(folder / "tie_points.las")
+    np.testing.assert_allclose(np.column_stack([cloud.x, cloud.y, cloud.z]), rows["xyz"], atol=0.00051)
+    np.testing.assert_array_equal(np.column_stack([cloud["sigma_plan"], cloud["sigma_height"]]), rows["sigma"])
+    np.testing.assert_array_equal(cloud["rays"], rows["rays"])
+    assert f"EPSG:{epsg}" in cloud.header.parse_crs().to_wkt()
+
+
+def test_a_block_without_gcps_is_handed_over(block, tmp_path):
+    run(
+        "adjust", images=[str(block / "made" / f"image_{number}.tif") for number in (1, 2, 3)],
+        tie_points=str(block / "made" / "image_points.csv"), report=False, output_dir=str(tmp_path / "result"),
+    )  # fmt: skip
+    report = run("hand-over", result=str(tmp_path / "result"), to="points", output_dir=str(tmp_path / "out"))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.json", "tie_points.las", "tie_points.ply"}
+    assert report["warnings"] == []
+
+
+def test_gcps_for_gdal_and_qgis(block):
+    folder, _ = hand_over(block, "points", "gcps")
     words = (folder / "image_1_gcps.txt").read_text().split()
     assert words[0] == "-gcp" and len(words) % 6 == 0
     qgis = (folder / "image_1.points").read_text().splitlines()
@@ -279,7 +323,8 @@ def test_points_project(block):
 
 def test_micmac_project(block):
     """Read as MicMac does: each tag looked up by its name, and there once."""
-    folder, report = hand_over(block, "micmac", "micmac")
+    folder, report = hand_over(block, "micmac", "micmac", link=True)
+    assert report["warnings"] == ["MicMac reads no VRTs: the images are copied"] and not list(folder.glob("*.vrt"))
     system = ElementTree.parse(folder / "WGS84toUTM.xml").getroot().find("BSC")
     assert system.findtext("TypeCoord").strip() == "eTC_Proj4"
     assert [one.text.strip() for one in system.findall("AuxR")] == ["1", "1", "1"]

@@ -1,23 +1,24 @@
 """Projects for the next program: a folder with refined images or RPCs, DEM, configuration and the command to type.
 
-`PROJECT_WRITERS` has one entry for each target; a new target is one file with a function ``write(project, folder)``.
+`PROJECT_PLANNERS` has one entry for each target; a new target is one file with a function that tells the project's
+files, how each of them is written, and the commands.
 """
 
-from .asp import write_asp_project
-from .cars import write_cars_project
-from .micmac import write_micmac_project
-from .nerf import write_nerf_project
-from .points import write_points_project
-from .project import BlockProject, ProjectWriter, WrittenProject
-from .s2p import write_s2p_project
+from .asp import plan_asp_project
+from .cars import plan_cars_project
+from .micmac import plan_micmac_project
+from .nerf import plan_nerf_project
+from .points import plan_points_project
+from .project import BlockProject, PlannedProject, ProjectPlanner
+from .s2p import plan_s2p_project
 
-__all__ = ["PROJECT_WRITERS", "BlockProject", "ProjectWriter", "WrittenProject"]
+__all__ = ["PROJECT_PLANNERS", "BlockProject", "PlannedProject", "ProjectPlanner"]
 
-PROJECT_WRITERS: dict[str, ProjectWriter] = {
-    "cars": write_cars_project,
-    "s2p": write_s2p_project,
-    "asp": write_asp_project,
-    "micmac": write_micmac_project,
-    "nerf": write_nerf_project,
-    "points": write_points_project,
+PROJECT_PLANNERS: dict[str, ProjectPlanner] = {
+    "cars": plan_cars_project,
+    "s2p": plan_s2p_project,
+    "asp": plan_asp_project,
+    "micmac": plan_micmac_project,
+    "nerf": plan_nerf_project,
+    "points": plan_points_project,
 }

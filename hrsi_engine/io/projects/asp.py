@@ -5,21 +5,20 @@ the WGS84 ellipsoid, as ``mapproject`` and ``parallel_stereo`` take them. Each p
 ``dem_mosaic`` joins them. Source: https://stereopipeline.readthedocs.io, "Stereo with mapprojected images", "RPC".
 """
 
-from pathlib import Path
+from functools import partial
 
-from ..rpc_files.write import write_rpc_file
-from .project import DEM_FILE, PROJECTS, BlockProject, WrittenProject, write_initial_dem, write_project_images
+from ..rpc_files.xml_formats import isd_text
+from .project import DEM_FILE, PROJECTS, BlockProject, PlannedProject, plan_images, write_initial_dem
 
 _RESULT = "dsm.tif"
 
 
-def write_asp_project(project: BlockProject, folder: Path) -> WrittenProject:
-    """Write images, an XML with the RPC of each, and the initial DEM."""
-    names = write_project_images(project, folder, project.paired)
-    write_initial_dem(project, folder)
+def plan_asp_project(project: BlockProject) -> PlannedProject:
+    """Return images, an XML with the RPC of each, and the initial DEM."""
+    names, files = plan_images(project, project.paired, project.copy)
+    files[DEM_FILE] = partial(write_initial_dem, project)
     crs, cell = f"--t_srs EPSG:{project.epsg}", PROJECTS.dsm_pixels * project.gsd_m
-    for image in project.paired:
-        write_rpc_file(str(folder / f"{image.id}.xml"), image.rpc, "isd")
+    files |= {f"{image.id}.xml": isd_text(image.rpc) for image in project.paired}
     commands = [
         f"mapproject -t rpc {crs} --tr {project.gsd_m:.2f} {DEM_FILE} {file} {name}.xml {name}_map.tif"
         for name, file in names.items()
@@ -30,4 +29,4 @@ def write_asp_project(project: BlockProject, folder: Path) -> WrittenProject:
         commands.append(f"parallel_stereo -t rpcmaprpc --alignment-method none {images} {run} {DEM_FILE}")
         commands.append(f"point2dem {crs} --tr {cell:.2f} {run}-PC.tif")
     commands.append(f"dem_mosaic {' '.join(f'{run}-DEM.tif' for run in runs)} -o {_RESULT}")
-    return WrittenProject(tuple(commands), _RESULT)
+    return PlannedProject(files, tuple(commands), _RESULT)

@@ -4,18 +4,17 @@
 Source: https://cars.readthedocs.io, "Configuration" (1.3).
 """
 
-from pathlib import Path
+from functools import partial
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, BlockProject, WrittenProject, write_initial_dem, write_project_images
+from .project import DEM_FILE, BlockProject, PlannedProject, plan_images, write_initial_dem
 
 _FILE, _RESULT = "cars.json", "out/dsm/dsm.tif"
 
 
-def write_cars_project(project: BlockProject, folder: Path) -> WrittenProject:
-    """Write images, initial DEM and ``cars.json``."""
-    names = write_project_images(project, folder, project.paired)
-    write_initial_dem(project, folder)
+def plan_cars_project(project: BlockProject) -> PlannedProject:
+    """Return images, initial DEM and ``cars.json``."""
+    names, files = plan_images(project, project.paired, project.copy)
     inputs = {
         "sensors": {name: {"image": file, "geomodel": file} for name, file in names.items()},
         "pairing": [[pair.left, pair.right] for pair in project.pairs],
@@ -24,5 +23,6 @@ def write_cars_project(project: BlockProject, folder: Path) -> WrittenProject:
     if not project.whole:
         inputs["roi"] = project.geojson
     output = {"directory": "out", "epsg": project.epsg, "geoid": False}
-    (folder / _FILE).write_text(json_text({"input": inputs, "output": output}, indent=1) + "\n", encoding="utf-8")
-    return WrittenProject((f"cars {_FILE}",), _RESULT)
+    files[DEM_FILE] = partial(write_initial_dem, project)
+    files[_FILE] = json_text({"input": inputs, "output": output}, indent=1) + "\n"
+    return PlannedProject(files, (f"cars {_FILE}",), _RESULT)

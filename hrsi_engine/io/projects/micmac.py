@@ -6,14 +6,12 @@ writes it; heights stay ellipsoidal. ``Degre=0`` leaves the cameras as they are.
 itself, so there is no initial DEM. Source: ``RPC::ReadXML`` in ``src/SateLib/CPP_RPC.cpp`` of micmacIGN/micmac.
 """
 
-from pathlib import Path
-
 import numpy as np
 from osgeo import osr
 
 from ...block.block import Image
 from ..rpc_files.xml_formats import isd_text
-from .project import BlockProject, WrittenProject, write_project_images
+from .project import BlockProject, PlannedProject, plan_images
 
 _CORNERS = (("UL", 0, 0), ("UR", 1, 0), ("LR", 1, 1), ("LL", 0, 1))
 _SYSTEM = (
@@ -22,21 +20,22 @@ _SYSTEM = (
 )
 
 
-def write_micmac_project(project: BlockProject, folder: Path) -> WrittenProject:
-    """Write the images of the chosen pairs, their XML, and the system of coordinates."""
-    write_project_images(project, folder, project.paired)
+def plan_micmac_project(project: BlockProject) -> PlannedProject:
+    """Return the images of the chosen pairs, their XML, and the system of coordinates."""
+    _, files = plan_images(project, project.paired, copy=True)
     for image in project.paired:
-        text = isd_text(image.rpc).replace("</isd>", f"{_make_imd(image)}</isd>")
-        (folder / f"{image.id}.xml").write_text(text, encoding="ascii")
+        files[f"{image.id}.xml"] = isd_text(image.rpc).replace("</isd>", f"{_make_imd(image)}</isd>")
     crs = osr.SpatialReference()
     crs.ImportFromEPSG(project.epsg)
-    (folder / "WGS84toUTM.xml").write_text(_SYSTEM.format(proj=crs.ExportToProj4().strip()), encoding="ascii")
-    return WrittenProject(
+    files["WGS84toUTM.xml"] = _SYSTEM.format(proj=crs.ExportToProj4().strip())
+    return PlannedProject(
+        files,
         (
             r"""mm3d Convert2GenBundle "(.*).tif" "\$1.xml" RPC-d0 ChSys=WGS84toUTM.xml Degre=0""",
             """mm3d Malt UrbanMNE ".*tif" RPC-d0 SzW=2 Regul=0.2 NbVI=2 EZA=1""",
         ),
         "MEC-Malt",
+        () if project.copy else ("MicMac reads no VRTs: the images are copied",),
     )
 
 

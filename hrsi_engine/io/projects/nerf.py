@@ -7,7 +7,7 @@ the local frame, radius, and for each view the distances near and far along its 
 Source: https://github.com/centreborelli/satnerf, ``datasets/satellite.py``; EO-NeRF and EOGS read the same files.
 """
 
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
@@ -15,21 +15,23 @@ from ...foundation.json_values import json_text
 from ...ground.geodesy import LocalFrame, to_ecef
 from ..rpc_files.fields import json_members
 from ..rpc_files.text_formats import RPCM_NAMES
-from .project import PROJECTS, BlockProject, WrittenProject, sample_area
-from .views import split_views, write_views
+from .project import PROJECTS, BlockProject, FileContent, PlannedProject, sample_area
+from .views import find_views, split_views, write_crop
 
 
-def write_nerf_project(project: BlockProject, folder: Path) -> WrittenProject:
-    """Write crops, JSON of the views, tie points, lists, and ``scene.json``."""
-    ground, _, _ = sample_area(project.area, project.surface, PROJECTS.outline_nodes)
+def plan_nerf_project(project: BlockProject) -> PlannedProject:
+    """Return crops, JSON of the views, tie points, lists, and ``scene.json``."""
+    ground = sample_area(project.area.bounds, project.surface, PROJECTS.outline_nodes)
     low = float(np.nanmin(ground[..., 2])) - PROJECTS.height_margin_m
     high = float(np.nanmax(ground[..., 2])) + PROJECTS.height_margin_m
     centre = (*project.area.centroid.coords[0], (low + high) / 2.0)
-    frame, names, rays = LocalFrame(*centre), [], {}
-    for view in write_views(project, folder):
+    frame, rays, views = LocalFrame(*centre), {}, find_views(project)
+    files: dict[str, FileContent] = {f"{view.image.id}.tif": partial(write_crop, view) for view in views}
+    for view in views:
         sun, time = project.suns[view.image.id], project.times[view.image.id]
         told = {
-            "img": view.file, "width": view.size[0], "height": view.size[1], "window": view.window,
+            "img": f"{view.image.id}.tif", "width": view.window.size[0], "height": view.window.size[1],
+            "window": view.window.bounds,
             "rpc": json_members(view.rpc, RPCM_NAMES),
             "sun_elevation": None if sun is None else sun.elevation_deg,
             "sun_azimuth": None if sun is None else sun.azimuth_deg,
@@ -37,15 +39,15 @@ def write_nerf_project(project: BlockProject, folder: Path) -> WrittenProject:
             "geojson": project.outline | {"center": list(centre[:2])},
             "keypoints": {"2d_coordinates": view.xy.tolist(), "pts3d_indices": view.point.tolist()},
         }  # fmt: skip
-        names.append(f"{view.image.id}.json")
-        (folder / names[-1]).write_text(json_text(told, indent=1) + "\n", encoding="utf-8")
-        middle = np.array([view.size]) / 2.0
+        files[f"{view.image.id}.json"] = json_text(told, indent=1) + "\n"
+        middle = np.array([view.window.size]) / 2.0
         upper, lower = (to_ecef(view.rpc.localize(middle, height).ground) for height in (high, low))
         rays[view.image.id] = {"near_m": 0.0, "far_m": float(np.linalg.norm(upper - lower))}
-    np.save(folder / "pts3d.npy", to_ecef(project.points.ground))
+    files["pts3d.npy"] = partial(np.save, arr=to_ecef(project.points.ground))
+    names = [f"{view.image.id}.json" for view in views]
     for file, listed in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
-        (folder / file).write_text("".join(f"{name}\n" for name in listed), encoding="utf-8")
+        files[file] = "".join(f"{name}\n" for name in listed)
     radius = float(np.linalg.norm(frame.from_ground(ground.reshape(-1, 3)), axis=1).max())
     scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
-    (folder / "scene.json").write_text(json_text(scene, indent=1) + "\n", encoding="utf-8")
-    return WrittenProject(("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")
+    files["scene.json"] = json_text(scene, indent=1) + "\n"
+    return PlannedProject(files, ("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")

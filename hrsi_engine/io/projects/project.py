@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from osgeo import gdal, osr
+from scipy.ndimage import distance_transform_edt
 from shapely.geometry import Polygon
 
 from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
+from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import WGS84, metres_per_degree
@@ -22,6 +25,9 @@ from ..opening.datasets import gdal_messages
 from ..rpc_files.write import write_geotiff_copy, write_vrt
 
 DEM_FILE = "dem.tif"
+NO_HEIGHT = -32768.0  # written where no program meets it: all nodes have heights
+
+Bounds = tuple[float, float, float, float]
 
 
 @thresholds
@@ -32,7 +38,10 @@ class PROJECTS:
         1000, "nodes", "of the initial DEM along each side", "a start for matching needs no more"
     )
     node_pixels: float = threshold(4.0, "px", "of the images, distance of the initial DEM's nodes at least")
-    margin: float = threshold(0.1, "", "of the area's extent, by which the initial DEM reaches beyond it")
+    margin: float = threshold(
+        0.25, "", "of the area's extent, by which the initial DEM reaches beyond it", "default of CARS"
+    )
+    margin_deg: float = threshold(0.02, "deg", "by which the initial DEM reaches farther still", "default of CARS")
     dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
     outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
     held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
@@ -108,36 +117,55 @@ class BlockProject:
         return {"type": "FeatureCollection", "features": [feature]}
 
 
-@dataclass(frozen=True)
-class WrittenProject:
-    """What a writer made: the commands to type in the folder, where the program leaves its result, and notices."""
+FileContent = str | Callable[[str], object]  # text, or what writes the file of a path
 
+
+@dataclass(frozen=True)
+class PlannedProject:
+    """What a project is made of.
+
+    files : contents by name; nothing is written, and no pixel read, before `write`
+    commands : to type in the folder; result : where the program leaves it; notices : for the user
+    """
+
+    files: dict[str, FileContent]
     commands: tuple[str, ...]
     result: str
     notices: tuple[str, ...] = ()
 
+    def write(self, folder: Path) -> None:
+        """Write all files into a folder."""
+        for name, content in self.files.items():
+            if isinstance(content, str):
+                (folder / name).write_text(content, encoding="utf-8")
+            else:
+                content(str(folder / name))
 
-ProjectWriter = Callable[[BlockProject, Path], WrittenProject]
+
+ProjectPlanner = Callable[[BlockProject], PlannedProject]
 
 
-def write_project_images(project: BlockProject, folder: Path, images: Sequence[Image]) -> dict[str, str]:
-    """Write images with their refined RPCs into a folder; return their names by id."""
-    names = {}
+def plan_images(
+    project: BlockProject, images: Sequence[Image], copy: bool
+) -> tuple[dict[str, str], dict[str, FileContent]]:
+    """Return the names of images in the project, by id, and the files: copies or VRTs with their refined RPCs."""
+    suffix, write = (".tif", write_geotiff_copy) if copy else (".vrt", write_vrt)
+    names, files = {}, dict[str, FileContent]()
     for image in images:
         if image.raster is None:
             raise InputError(f"{image.id}: has no pixels, which dense matching needs: adjust the images, not RPC files")
-        names[image.id] = f"{image.id}{'.tif' if project.copy else '.vrt'}"
-        target = str(folder / names[image.id])
-        if project.copy:
-            write_geotiff_copy(image.path, target, image.rpc)
-        else:
-            write_vrt(image.path, target, image.rpc)
-    return names
+        names[image.id] = f"{image.id}{suffix}"
+        files[names[image.id]] = partial(_write_image, write, image)
+    return names, files
+
+
+def _write_image(write: Callable[[str, str, RPC], object], image: Image, target: str) -> None:
+    write(image.path, target, image.rpc)
 
 
 def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[int, int, int, int]:
     """Return the window (first sample and line, samples, lines) of an image that shows an area; empty outside it."""
-    ground = sample_area(area, surface, PROJECTS.outline_nodes)[0].reshape(-1, 3)
+    ground = sample_area(area.bounds, surface, PROJECTS.outline_nodes).reshape(-1, 3)
     xy = image.rpc.project(ground[np.isfinite(ground[:, 2])])
     last = np.array(image.known_size)
     low = np.clip(np.floor(xy.min(axis=0) + 0.5), 0, last).astype(int)
@@ -145,43 +173,40 @@ def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[in
     return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
 
 
-def sample_area(
-    area: Polygon, surface: HeightSurface, columns: int, rows: int = 0, margin: float = 0.0
-) -> tuple[np.ndarray, float, float]:
-    """Return ground points ``(rows, columns, 3)`` of a grid over an area's box, from the north, and its steps (deg)."""
-    west, south, east, north = area.bounds
-    wide, high = margin * (east - west), margin * (north - south)
-    lon = np.linspace(west - wide, east + wide, columns)
-    lat = np.linspace(north + high, south - high, rows or columns)
-    lonlat = np.stack(np.meshgrid(lon, lat), axis=-1)
-    heights = surface_heights(surface, lonlat.reshape(-1, 2)).reshape(lonlat.shape[:2])
-    return np.dstack([lonlat, heights]), float(lon[1] - lon[0]), float(lat[0] - lat[1])
+def sample_area(bounds: Bounds, surface: HeightSurface, columns: int, rows: int = 0) -> np.ndarray:
+    """Return ground points ``(rows, columns, 3)`` of a grid over a box (west, south, east, north), from the north."""
+    west, south, east, north = bounds
+    lonlat = np.stack(
+        np.meshgrid(np.linspace(west, east, columns), np.linspace(north, south, rows or columns)), axis=-1
+    )
+    return np.dstack([lonlat, surface_heights(surface, lonlat.reshape(-1, 2)).reshape(lonlat.shape[:2])])
 
 
-def write_initial_dem(project: BlockProject, folder: Path) -> tuple[float, float]:
-    """Write the initial DEM: heights above the WGS84 ELLIPSOID at lon, lat nodes; return the lowest and highest.
+def write_initial_dem(project: BlockProject, path: str) -> None:
+    """Write the initial DEM: heights above the WGS84 ELLIPSOID at lon, lat nodes.
 
-    Nodes where the terrain is not known get the median height: programs that follow rays down stop at gaps.
+    It reaches well beyond the images: CARS lays its epipolar grids over the images' surroundings, takes 0 m where the
+    DEM ends without a nodata value, and its cubic interpolation carries such a step far into the images (waves of
+    10 m in a surface model). Nodes where the terrain is not known therefore get the height of the nearest one that is.
     """
     west, south, east, north = project.area.bounds
-    scale = metres_per_degree(np.array([[west, south, 0.0]]))[0, :2]
-    extent_m = np.array([east - west, north - south]) * scale * (1.0 + 2.0 * PROJECTS.margin)
+    margin = PROJECTS.margin * np.array([east - west, north - south]) + PROJECTS.margin_deg
+    low, high = np.array([west, south]) - margin, np.array([east, north]) + margin
+    extent_m = (high - low) * metres_per_degree(np.array([[west, south, 0.0]]))[0, :2]
     step_m = max(PROJECTS.node_pixels * project.gsd_m, float(extent_m.max()) / PROJECTS.most_nodes)
-    columns, rows = (np.ceil(extent_m / step_m).astype(int) + 2).tolist()
-    ground, dx, dy = sample_area(project.area, project.surface, columns, rows, PROJECTS.margin)
-    heights = ground[..., 2]
-    heights[~np.isfinite(heights)] = np.nanmedian(heights)
+    columns, rows = (np.ceil(extent_m / step_m).astype(int) + 1).tolist()
+    heights = sample_area((*low, *high), project.surface, columns, rows)[..., 2]
+    nearest = distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
+    dx, dy = ((high - low) / (columns - 1, rows - 1)).tolist()
     crs = osr.SpatialReference()
     crs.ImportFromEPSG(WGS84)
-    path = str(folder / DEM_FILE)
     with gdal_messages() as messages:
         dataset = gdal.GetDriverByName("GTiff").Create(path, columns, rows, 1, gdal.GDT_Float32, ["COMPRESS=DEFLATE"])
         dataset.SetProjection(crs.ExportToWkt())
-        first = ground[0, 0]
-        dataset.SetGeoTransform((float(first[0] - dx / 2), dx, 0.0, float(first[1] + dy / 2), 0.0, -dy))
+        dataset.SetGeoTransform((float(low[0]) - dx / 2, dx, 0.0, float(high[1]) + dy / 2, 0.0, -dy))
         dataset.SetMetadataItem("HEIGHTS", "metres above the WGS84 ellipsoid")
-        dataset.GetRasterBand(1).WriteArray(heights.astype(np.float32))
+        dataset.GetRasterBand(1).SetNoDataValue(NO_HEIGHT)
+        dataset.GetRasterBand(1).WriteArray(heights[tuple(nearest)].astype(np.float32))
         del dataset
     if messages:
         raise OutputError(f"{path}: cannot be written ({messages[-1]})")
-    return float(heights.min()), float(heights.max())

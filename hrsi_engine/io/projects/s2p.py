@@ -5,16 +5,16 @@ so ``exogenous_dem_geoid_mode`` is off. Source: ``s2p/config.py`` and the README
 """
 
 from collections import Counter
-from pathlib import Path
+from functools import partial
 
 from ...foundation.json_values import json_text
-from .project import DEM_FILE, BlockProject, WrittenProject, find_window, write_initial_dem, write_project_images
+from .project import DEM_FILE, BlockProject, PlannedProject, find_window, plan_images, write_initial_dem
 
 _FILE, _RESULT = "s2p.json", "out/dsm.tif"
 
 
-def write_s2p_project(project: BlockProject, folder: Path) -> WrittenProject:
-    """Write the reference image, its partners, initial DEM and ``s2p.json``."""
+def plan_s2p_project(project: BlockProject) -> PlannedProject:
+    """Return the reference image, its partners, initial DEM and ``s2p.json``."""
     score: Counter[str] = Counter()
     for pair in project.pairs:
         score.update({pair.left: pair.score, pair.right: pair.score})
@@ -22,8 +22,7 @@ def write_s2p_project(project: BlockProject, folder: Path) -> WrittenProject:
     own = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
     others = [pair.right if pair.left == reference else pair.left for pair in own]
     left_out = len(project.pairs) - len(own)
-    names = write_project_images(project, folder, [project.image(name) for name in (reference, *others)])
-    write_initial_dem(project, folder)
+    names, files = plan_images(project, [project.image(name) for name in (reference, *others)], project.copy)
     x, y, w, h = find_window(project.image(reference), project.area, project.surface)
     configuration = {
         "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
@@ -31,6 +30,7 @@ def write_s2p_project(project: BlockProject, folder: Path) -> WrittenProject:
         "timeout": 3600, "mgm_timeout": 3600,
         "dsm_resolution": round(project.gsd_m, 2), "out_crs": f"epsg:{project.epsg}",
     }  # fmt: skip
-    (folder / _FILE).write_text(json_text(configuration, indent=1) + "\n", encoding="utf-8")
+    files[DEM_FILE] = partial(write_initial_dem, project)
+    files[_FILE] = json_text(configuration, indent=1) + "\n"
     notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
-    return WrittenProject((f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))
+    return PlannedProject(files, (f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,40 +22,43 @@ _FORMAT, _KERNEL = OrthoFormat("gtiff", "deflate"), "cubic"
 class CropView(NamedTuple):
     """A crop of an image.
 
-    image : the image; file : name of the crop; rpc : its camera; size : its samples and lines
-    window : what it shows of the image: first sample and line, samples, lines
+    image : the image; rpc : camera of the crop; window : what it shows of the image, and its samples and lines
     xy : (n, 2) points measured in the crop, from the centre of its first pixel; point : (n,) their rows in the block's
     """
 
     image: Image
-    file: str
     rpc: RPC
-    size: tuple[int, int]
-    window: tuple[int, int, int, int]
+    window: CropWindow
     xy: np.ndarray
     point: np.ndarray
 
 
-def write_views(project: BlockProject, folder: Path) -> Iterator[CropView]:
-    """Write the crop of each image that shows the region, resampled by the project's factor; yield what is known."""
+def find_views(project: BlockProject) -> list[CropView]:
+    """Return the crop of each image that shows the region, resampled by the project's factor."""
     rows = {name: row for row, name in enumerate(project.points.ids.tolist())}
+    views = []
     for image in project.images:
         bounds = find_window(image, project.area, project.surface)
         if min(bounds[2:]) < 1:
             continue
         if image.raster is None:
             raise InputError(f"{image.id}: has no pixels: adjust the images, not RPC files")
-        size = max(1, round(project.factor * bounds[2])), max(1, round(project.factor * bounds[3]))
-        window = CropWindow(bounds, size)
-        rpc, file = crop_rpc(image.rpc, window.place, size), f"{image.id}.tif"
-        pixels = open_window(image.path, window, _KERNEL)
-        save_image(pixels, str(folder / file), rpc, _FORMAT, 0, UNTOLD, silent)
+        window = CropWindow(
+            bounds, (max(1, round(project.factor * bounds[2])), max(1, round(project.factor * bounds[3])))
+        )
         own = project.measured.select(project.measured.image_ids == image.id)
         own = own.select(np.array([name in rows for name in own.ids.tolist()], dtype=bool))
         xy = window.place.from_scene(own.xy)
-        shown = ((xy >= -0.5) & (xy <= np.array(size) - 0.5)).all(axis=1)
+        shown = ((xy >= -0.5) & (xy <= np.array(window.size) - 0.5)).all(axis=1)
         point = np.array([rows[name] for name in own.ids[shown].tolist()], dtype=np.int64)
-        yield CropView(image, file, rpc, size, bounds, xy[shown], point)
+        views.append(CropView(image, crop_rpc(image.rpc, window.place, window.size), window, xy[shown], point))
+    return views
+
+
+def write_crop(view: CropView, path: str) -> None:
+    """Write a view's pixels with its RPC as GeoTIFF."""
+    pixels = open_window(view.image.path, view.window, _KERNEL)
+    save_image(pixels, path, view.rpc, _FORMAT, 0, UNTOLD, silent)
 
 
 def split_views(names: list[str], every: int) -> tuple[list[str], list[str]]:
