@@ -1,5 +1,6 @@
 """Entry point of the QGIS plugin: it brings the Processing provider and the panel, and takes them away again."""
 
+from functools import partial
 from typing import Any
 
 from qgis.core import Qgis, QgsApplication, QgsMessageLog
@@ -23,7 +24,8 @@ class HrsiPlugin:
         self._action: Any = None
         self._exit_guard: Any = None
         self._steps: Any = None
-        self._steps_action: Any = None
+        self._recovery: Any = None
+        self._actions: list[QAction] = []  # of the menu, beside the panel's
         self._translator = install_translator()
 
     def initProcessing(self) -> None:
@@ -37,7 +39,7 @@ class HrsiPlugin:
         try:
             from .first_steps import FirstSteps, is_tour_wanted
             from .points_panel.dock import PointsDock
-            from .points_panel.guards import ExitGuard, offer_recovery
+            from .points_panel.guards import ExitGuard, RecoveryOffer
         except ImportError as error:  # the provider has said what is missing
             QgsMessageLog.logMessage(missing_package_message(error) or str(error), "HRSI", Qgis.MessageLevel.Critical)
             return
@@ -51,10 +53,16 @@ class HrsiPlugin:
         self._exit_guard = ExitGuard(self.dock)
         self.iface.registerApplicationExitBlocker(self._exit_guard)
         self._steps = FirstSteps(self.dock, "", self.iface.mapCanvas(), self.iface.mainWindow())
-        self._steps_action = QAction(tr("First steps"), self.iface.mainWindow())
-        self._steps_action.triggered.connect(lambda _checked=False: self._steps.show())
-        self.iface.addPluginToMenu("HRSI", self._steps_action)
-        offer_recovery(self.dock, self.iface.messageBar())
+        self._recovery = RecoveryOffer(self.dock, self.iface.messageBar())
+        for title, slot in (
+            (tr("First steps"), self._steps.show),
+            (tr("Recover unsaved measurements"), partial(self._recovery.show, is_asked=True)),
+        ):
+            action = QAction(title, self.iface.mainWindow())
+            action.triggered.connect(lambda _checked=False, slot=slot: slot())
+            self.iface.addPluginToMenu("HRSI", action)
+            self._actions.append(action)
+        self._recovery.show()
         if is_tour_wanted():
             self._steps.show()
 
@@ -65,7 +73,7 @@ class HrsiPlugin:
             self.provider = None
         if self.dock is not None:
             self.iface.unregisterApplicationExitBlocker(self._exit_guard)
-            for action in (self._action, self._steps_action):
+            for action in (self._action, *self._actions):
                 self.iface.removePluginMenu("HRSI", action)
             self._steps.close()
             self._steps.deleteLater()

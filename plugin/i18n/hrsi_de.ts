@@ -880,6 +880,10 @@
       <translation>Wiederherstellen</translation>
     </message>
     <message>
+      <source>Recover unsaved measurements</source>
+      <translation>Nicht gespeicherte Messungen wiederherstellen</translation>
+    </message>
+    <message>
       <source>Redo</source>
       <translation>Wiederholen</translation>
     </message>
@@ -1446,6 +1450,10 @@
     <message>
       <source>no pixels</source>
       <translation>keine Pixel</translation>
+    </message>
+    <message>
+      <source>no session has left anything unsaved</source>
+      <translation>keine Sitzung hat etwas ungespeichert hinterlassen</translation>
     </message>
     <message>
       <source>nothing</source>

@@ -11,7 +11,7 @@ from functools import partial, wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
-from qgis.PyQt.QtCore import QModelIndex, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QEvent, QModelIndex, QObject, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
@@ -65,6 +65,7 @@ class PointsDock(QDockWidget):
 
     def __init__(self, parent: Any = None, canvas: Any = None, unsaved_root: str = "") -> None:
         super().__init__(tr("HRSI Points"), parent)
+        self._due: QAction | None = None  # whose key is pressed
         self.setObjectName("HrsiPoints")
         self.ui = PanelLayout(self)
         self.setWidget(self.ui)
@@ -106,6 +107,28 @@ class PointsDock(QDockWidget):
         project = QgsProject.instance()
         project.readProject.connect(self._on_project)
         project.cleared.connect(self._on_project)
+
+    def event(self, event: QEvent) -> bool:
+        """Claim the keys of the panel's actions before QGIS's own shortcuts, wherever in the panel the focus is.
+
+        Qt asks the widget with the focus first, so that letters typed into a cell stay text. Two shortcuts with the
+        same keys do nothing in Qt: of F5, Ctrl+S and Ctrl+Z QGIS has its own.
+        """
+        if event.type() == QEvent.Type.ShortcutOverride and (action := self.ui.action_of(event)) is not None:
+            event.accept()  # no shortcut then, but a pressed key, for the widget with the focus
+            self._due = action
+            QgsApplication.instance().installEventFilter(self)
+            return True
+        return bool(super().event(event))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Take the pressed key that `event` has claimed: the next one."""
+        if self._due is None or event.type() != QEvent.Type.KeyPress:
+            return False
+        QgsApplication.instance().removeEventFilter(self)
+        action, self._due = self._due, None
+        action.trigger()
+        return True
 
     def close_for_good(self) -> None:
         """Let go of the project and of a running task, before the plugin is taken away; what is unsaved is kept."""
@@ -598,7 +621,8 @@ class PointsDock(QDockWidget):
         """Go on with what another program left unsaved."""
         self.show()
         if self.may_leave():
-            self.show_session(point_session.recover(unsaved))  # from here on a journal of its own keeps it
+            last, _image = next(reversed(unsaved.measured), ("", ""))
+            self.show_session(point_session.recover(unsaved), last)  # from here on a journal of its own keeps it
             point_session.forget(unsaved)
             self.tell(tr("{} measurements are back; save them").format(len(self.session.measured)))
             self._show_measurements()

@@ -1,9 +1,14 @@
 """What keeps measurements when QGIS is closed, or was killed."""
 
+from collections.abc import Callable
 from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 from qgis.core import Qgis
-from qgis.gui import QgsApplicationExitBlockerInterface, QgsMessageBar
+from qgis.gui import QgsApplicationExitBlockerInterface, QgsMessageBar, QgsMessageBarItem
+from qgis.PyQt import sip
 from qgis.PyQt.QtWidgets import QPushButton
 
 from ...processing_algorithms import point_session
@@ -25,15 +30,40 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
         return True
 
 
-def offer_recovery(dock: PointsDock, bar: QgsMessageBar) -> None:
-    """Offer, above the map, what was measured in sessions that ended without saving."""
-    for unsaved in dock.find_journals():
-        day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
-        block = unsaved.path or tr("a block that was never saved")
-        text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)
-        item = bar.createMessage(tr("HRSI Points"), text)
-        for label, action in ((tr("Recover"), dock.recover), (tr("Discard"), point_session.forget)):
-            button = QPushButton(label, item)
-            button.clicked.connect(lambda _=False, do=action, of=unsaved, item=item: (do(of), item.dismiss()))
-            item.layout().addWidget(button)
-        bar.pushWidget(item, Qgis.MessageLevel.Warning)
+class RecoveryOffer:
+    """Offers, above the map, what was measured in sessions that ended without saving.
+
+    It holds what its buttons call: a function that only a widget of the bar holds, and that holds this widget, is
+    a cycle that Python's collector clears before somebody presses the button.
+    """
+
+    def __init__(self, dock: PointsDock, bar: QgsMessageBar) -> None:
+        self._dock, self._bar = dock, bar
+        self._items: dict[Path, QgsMessageBarItem] = {}  # by the folder of the journal
+
+    def show(self, is_asked: bool = False) -> None:
+        """Show what there is; where the user has asked for it, also that there is nothing."""
+        journals = self._dock.find_journals()
+        for unsaved in journals:
+            day = datetime.fromtimestamp(unsaved.time_s).strftime("%Y-%m-%d %H:%M")
+            block = unsaved.path or tr("a block that was never saved")
+            text = tr("{} measurements of {} were not saved: {}").format(len(unsaved.measured), day, block)
+            item = self._bar.createMessage(tr("HRSI Points"), text)
+            for label, action in ((tr("Recover"), self._dock.recover), (tr("Discard"), point_session.forget)):
+                button = QPushButton(label, item)
+                button.clicked.connect(partial(self._answer, unsaved, action))
+                item.layout().addWidget(button)
+            self._end(unsaved.folder)  # shown once only
+            self._items[unsaved.folder] = item
+            self._bar.pushWidget(item, Qgis.MessageLevel.Warning)
+        if is_asked and not journals:
+            self._bar.pushMessage(tr("HRSI Points"), tr("no session has left anything unsaved"))
+
+    def _answer(self, unsaved: Any, action: Callable[[Any], Any], _checked: bool = False) -> None:
+        action(unsaved)
+        self._end(unsaved.folder)
+
+    def _end(self, folder: Path) -> None:
+        item = self._items.pop(folder, None)
+        if item is not None and not sip.isdeleted(item):
+            self._bar.popWidget(item)

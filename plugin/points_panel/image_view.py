@@ -12,6 +12,7 @@ from qgis.core import (
     QgsContrastEnhancement,
     QgsCoordinateReferenceSystem,
     QgsPointXY,
+    QgsProject,
     QgsRasterLayer,
     QgsRectangle,
     QgsSingleBandGrayRenderer,
@@ -21,6 +22,7 @@ from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, pyqtSignal
 from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen, QPixmap
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QToolButton, QVBoxLayout, QWidget
+from qgis.PyQt.QtXml import QDomDocument
 
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
@@ -149,6 +151,7 @@ def marker_label(marker: Marker) -> str:
 if TYPE_CHECKING:
     from ...processing_algorithms.point_session.views import View
 
+CANVAS_NAME = "hrsi image view"  # for what QGIS does with canvases in projects
 HALF_VIEW_PX = 60.0  # image pixels around the predicted position
 STRETCH_PIXELS = 20_000
 ACTIVE = "#ffb000"  # the frame of the view that the keyboard acts on, seen with bright and dark themes
@@ -170,6 +173,11 @@ class ImageView(QWidget):
         self.chooser, self.note, self.chip = QComboBox(), QLabel(), ChipLabel()
         self.band, self.whole = QSpinBox(), QToolButton()
         self.canvas = QgsMapCanvas(self)
+        self.canvas.setObjectName(CANVAS_NAME)
+        project = QgsProject.instance()  # after the canvas, which connects itself to the same signals
+        project.writeProject.connect(self._leave_project)
+        project.cleared.connect(self._note_extent)
+        project.readProject.connect(self._return)
         self.canvas.setCanvasColor(Qt.GlobalColor.black)
         self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
         self.canvas.setMinimumSize(160, 130)
@@ -183,6 +191,7 @@ class ImageView(QWidget):
         self.whole.clicked.connect(lambda: self.whole_asked.emit(self.image()))
         self._layer: QgsRasterLayer | None = None
         self._grey_range = (0.0, 1.0)
+        self._extent = QgsRectangle()  # before another project is read, which clears the one before
         self._arrange()
 
     def _arrange(self) -> None:
@@ -248,8 +257,28 @@ class ImageView(QWidget):
         colour = ACTIVE if is_active else "transparent"  # of the same width: the image stays as it is
         self.canvas.setStyleSheet(f"QgsMapCanvas {{ border: 2px solid {colour}; }}")
 
+    def _leave_project(self, document: QDomDocument) -> None:
+        """Take the view out of a project that is written: QGIS would keep all its canvases there."""
+        canvases = document.elementsByTagName("mapcanvas")
+        for canvas in [canvases.at(index).toElement() for index in range(canvases.length())]:
+            if canvas.attribute("name") == CANVAS_NAME:
+                canvas.parentNode().removeChild(canvas)
+
+    def _note_extent(self) -> None:
+        self._extent = self.canvas.extent()
+
+    def _return(self, _document: QDomDocument) -> None:
+        """Show again what was shown before a project was read: QGIS sets all its canvases to what the project holds."""
+        self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
+        self.canvas.setRotation(0.0)
+        self.canvas.setExtent(self._extent)
+
     def let_go(self) -> None:
         """Stop drawing, and drop the image, before the view is deleted: its threads would outlive it."""
+        project = QgsProject.instance()
+        project.writeProject.disconnect(self._leave_project)
+        project.cleared.disconnect(self._note_extent)
+        project.readProject.disconnect(self._return)
         self.canvas.stopRendering()
         self.canvas.setLayers([])
         self._layer = None

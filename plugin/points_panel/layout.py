@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, Qt
-from qgis.PyQt.QtGui import QKeySequence
+from qgis.PyQt.QtGui import QKeyEvent, QKeySequence
 from qgis.PyQt.QtWidgets import (
     QAbstractItemView,
     QAction,
@@ -151,6 +151,12 @@ class PanelLayout(QWidget):
         layout.addWidget(self.empty, 1)
         layout.addWidget(self.progress)
         layout.addWidget(self.message)
+
+    def action_of(self, event: QKeyEvent) -> QAction | None:
+        """Return the action whose keys are pressed, None for none that can be done now."""
+        is_qt6 = hasattr(event, "keyCombination")
+        keys = QKeySequence(event.keyCombination() if is_qt6 else int(event.modifiers()) | event.key())
+        return next((one for one in self.actions() if one.isEnabled() and one.shortcut() == keys), None)
 
     def show_views(self, number: int) -> list[ImageView]:
         """Arrange so many images in a grid, about as wide as high; return those that are new."""

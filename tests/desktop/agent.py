@@ -16,21 +16,27 @@ import traceback
 from typing import Any
 
 from qgis.core import QgsPointXY
-from qgis.PyQt.QtCore import QPoint
+from qgis.PyQt.QtCore import QPoint, QTimer
 from qgis.PyQt.QtNetwork import QLocalServer
-from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QToolBar, QWidget
+from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QTextBrowser, QToolBar, QWidget
 from qgis.utils import iface, plugins
 
 SOCKET_VARIABLE = "HRSI_DESKTOP_SOCKET"
 UNCAUGHT: list[str] = []
 
 
-def install(zip_file: str) -> bool:
-    """Install the plugin as *Plugins, Install from ZIP* does; True where it runs then."""
+def install(zip_file: str) -> None:
+    """Begin to install the plugin as *Plugins, Install from ZIP* does."""
     import pyplugin_installer
 
-    pyplugin_installer.instance().installFromZipFile(zip_file)
-    return "hrsi" in plugins
+    later(lambda: pyplugin_installer.instance().installFromZipFile(zip_file))
+
+
+def failures() -> str:
+    """Return the text of the error that QGIS shows in a dialog, empty without."""
+    dialog = QApplication.activeModalWidget()
+    texts = [one.toPlainText() for one in dialog.findChildren(QTextBrowser)] if dialog is not None else []
+    return "\n".join(texts)
 
 
 def panel() -> Any:
@@ -79,6 +85,16 @@ def place_in(view: Any, sample: float, line: float) -> list[int]:
         raise ValueError(f"sample {sample}, line {line} of {view.image()} is out of view")
     place = view.canvas.viewport().mapToGlobal(where)
     return [place.x(), place.y()]
+
+
+def save(path: str) -> None:
+    """Save the panel's block under a name, as *Save as…* does after its dialog."""
+    panel().save_as(path)
+
+
+def later(action: Any) -> None:
+    """Call something that may open a dialog once this request is answered."""
+    QTimer.singleShot(0, action)
 
 
 def windows() -> list[str]:

@@ -114,8 +114,11 @@ class Desktop:
         self.log = (self.work / "qgis.log").open("ab")
         self.process = subprocess.Popen(command, env=environment, stdout=self.log, stderr=self.log)
         self._connect(address)
-        if self._zip is not None and not self.ask(f"install({str(self._zip)!r})"):
-            raise DesktopError("the zip does not become a running plugin")
+        if self._zip is not None:
+            self.ask(f"install({str(self._zip)!r})")
+            self.wait("'hrsi' in plugins or failures()", START_S)
+        if failures := self.ask("failures()"):
+            raise DesktopError(f"the zip does not become a running plugin: {failures}")
 
     def _connect(self, address: str) -> None:
         end = time.monotonic() + START_S

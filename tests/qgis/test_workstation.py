@@ -32,7 +32,7 @@ from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPu
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 from hrsi.plugin.points_panel.dock import PointsDock
-from hrsi.plugin.points_panel.guards import ExitGuard, offer_recovery
+from hrsi.plugin.points_panel.guards import ExitGuard, RecoveryOffer
 from hrsi.plugin.points_panel.image_view import marker_label
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
@@ -416,7 +416,8 @@ def test_killed_program_loses_nothing(dock, sources, tmp_path: Path) -> None:
     process.send_signal(signal.SIGKILL)
     process.wait()
     bar = QgsMessageBar()
-    offer_recovery(dock, bar)
+    offer = RecoveryOffer(dock, bar)
+    offer.show()
     item = bar.currentItem()
     assert item.level() == Qgis.MessageLevel.Warning and "were not saved" in item.text()
     buttons = {button.text(): button for button in item.findChildren(QPushButton)}
