@@ -1605,7 +1605,7 @@ def strip(
 def hand_over(
     result: Path,
     *,
-    to: Literal["cars", "s2p", "asp", "micmac", "nerf", "points"] = "cars",
+    to: Literal["cars", "s2p", "asp", "micmac", "colmap", "nerf", "points"] = "cars",
     extent: str | None = None,
     dem: RasterSource | None = None,
     dem_datum: str | None = None,
@@ -1630,8 +1630,8 @@ def hand_over(
     result : path
         Output directory of an adjustment.
     to : str, optional
-        The next program; nerf is for radiance fields and splatting, points for point clouds and GCPs
-        (one of cars, s2p, asp, micmac, nerf, points; default cars).
+        The next program; colmap gets perspective cameras, nerf is for radiance fields with RPCs, points
+        for point clouds and GCPs (one of cars, s2p, asp, micmac, colmap, nerf, points; default cars).
     extent : str, optional
         Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind
         it; by default all that the chosen pairs have in common.
@@ -1645,7 +1645,8 @@ def hand_over(
     most_pairs : int, optional
         Most stereo pairs, the best first (at least 1; default 8).
     factor : float, optional
-        Size of the crops for nerf to that of the images (at least 0.001; at most 64; default 1).
+        Size of the crops for colmap and nerf to that of the images (at least 0.001; at most 64; default
+        1).
     link : bool, optional
         Refer to the images by VRTs instead of copying them (default no).
     output_dir : path, optional

@@ -80,13 +80,14 @@ def run(options: HandOverOptions, context: Context) -> Report:
         return plan(context, options.folder.output_dir, [REPORT_FILE, *planned.files], counts, planned.notices)
     folder = options.folder.output_dir
     report: Report = {
-        **context.record, "to": options.to, "pairs": [_pair_entry(pair, gsd) for pair in pairs],
+        **context.record, **planned.told, "to": options.to, "pairs": [_pair_entry(pair, gsd) for pair in pairs],
         "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "warnings": list(planned.notices),
         "accuracy": _accuracy_of(told, pairs, gsd), "commands": [f"cd {folder}", *planned.commands],
         "expected": os.path.join(folder, planned.result),
         "images": {
             image.id: {"path": image.path, "output": os.path.join(folder, name)}
-            for image in images for name in (f"{image.id}.tif", f"{image.id}.vrt") if name in planned.files
+            for image in images for name in (f"{image.id}{suffix}" for suffix in (".tif", ".vrt", ".png"))
+            if name in planned.files
         },
     }  # fmt: skip
     with stage_results(options.folder, report, context) as staged:
@@ -147,6 +148,10 @@ def summarise(report: Report) -> str:
         f"{name} {accuracy[key]:.2g} m" for name, key in (("CE90", "ce90_m"), ("LE90", "le90_m")) if accuracy[key]
     ]
     lines.append(f"expected: heights +- {accuracy['relative_height_m']:.2f} m among themselves; {', '.join(absolute)}")
+    views = report.get("perspective", {}).values()
+    if views:
+        worst = (max(view[key] for view in views) for key in ("rms_px", "max_px"))
+        lines.append("perspective cameras: off the RPCs by {:.3f} px (RMS), {:.3f} px at most".format(*worst))
     lines += [f"warning: {text}" for text in report["warnings"]]
     commands = [f"then type:  {' && '.join(report['commands'])}"] if len(report["commands"]) > 1 else []
     return "\n".join([*lines, *commands, f"result:  {report['expected']}"])

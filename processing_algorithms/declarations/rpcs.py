@@ -383,7 +383,7 @@ FIT_RPC = Algorithm(
 
 # ---- hand-over ------------------------------------------------------------------------------------------------------
 
-NEXT_PROGRAMS = ("cars", "s2p", "asp", "micmac", "nerf", "points")
+NEXT_PROGRAMS = ("cars", "s2p", "asp", "micmac", "colmap", "nerf", "points")
 
 
 @options(kw_only=True)
@@ -392,7 +392,8 @@ class HandOverOptions:
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
     to: str = option(
-        "cars", "The next program; nerf is for radiance fields and splatting, points for point clouds and GCPs",
+        "cars", "The next program; colmap gets perspective cameras, nerf is for radiance fields with RPCs, points for "
+        "point clouds and GCPs",
         choices=NEXT_PROGRAMS,
     )  # fmt: skip
     extent: str | None = option(
@@ -403,7 +404,7 @@ class HandOverOptions:
     height_datum: str = height_datum_option()
     most_pairs: int = option(8, "Most stereo pairs, the best first", minimum=1)
     factor: float = option(
-        1.0, "Size of the crops for nerf to that of the images", minimum=1e-3, maximum=64.0, advanced=True
+        1.0, "Size of the crops for colmap and nerf to that of the images", minimum=1e-3, maximum=64.0, advanced=True
     )
     link: bool = option(False, "Refer to the images by VRTs instead of copying them")
     folder: ResultFolder = nest_options(ResultFolder)

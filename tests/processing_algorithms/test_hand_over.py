@@ -13,14 +13,20 @@ import pyproj
 import pytest
 from osgeo import gdal
 
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry
 from hrsi.hrsi_engine.block.stereo_pairs import choose_stereo_pairs
+from hrsi.hrsi_engine.camera.perspective import fit_perspective_camera
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.sun import SunAngles
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.projects import PROJECT_PLANNERS
+from hrsi.hrsi_engine.io.projects.colmap import PerspectiveView, write_sheared
+from hrsi.hrsi_engine.io.projects.views import CropView
+from hrsi.hrsi_engine.io.rasters.cropping import CropWindow
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.images import OPEN_IMAGES
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
@@ -229,6 +235,106 @@ def test_views_reproject_tie_points_to_the_adjusted_residuals(block, factor):
         assert view["min_alt"] < lonlat[rows, 2].min() and view["max_alt"] > lonlat[rows, 2].max()
     listed = [(folder / name).read_text().split() for name in ("train.txt", "test.txt")]
     assert sorted(listed[0] + listed[1]) == ["image_1.json", "image_2.json", "image_3.json"] and len(listed[1]) == 1
+
+
+def read_colmap(folder: Path) -> tuple[dict, dict, dict]:
+    """Return cameras, images and points of a COLMAP text model, by https://colmap.github.io/format.html."""
+    lines = {
+        name: [line for line in (folder / f"{name}.txt").read_text().splitlines() if not line.startswith("#")]
+        for name in ("cameras", "images", "points3D")
+    }
+    cameras = {int(words[0]): words[1:] for words in map(str.split, lines["cameras"])}
+    points = {int(words[0]): words[1:] for words in map(str.split, lines["points3D"])}
+    images = {}
+    for pose, seen in zip(lines["images"][::2], lines["images"][1::2], strict=True):
+        number, *numbers, camera, name = pose.split()
+        xy = np.array(seen.split(), float).reshape(-1, 3)
+        images[int(number)] = (np.array(numbers, float), int(camera), name, xy)
+    return cameras, images, points
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_colmap_project(block, factor):
+    """The model's cameras see its points at their measurements, off by the adjusted residuals and the stated error."""
+    folder, report = hand_over(block, "colmap", f"colmap_{factor}", factor=factor)
+    cameras, images, points = read_colmap(folder)
+    assert sorted(cameras) == sorted(images) == [1, 2, 3]
+    told = read_layer_table(str(block / "result" / "block.gpkg"), "image_points")
+    ground = read_layer_table(str(block / "result" / "block.gpkg"), "ground_points")
+    residual = {
+        (image, name): np.hypot(dx, dy)
+        for image, name, dx, dy in zip(
+            told["image"], told["id"], told["residual_sample_px"], told["residual_line_px"], strict=True
+        )
+    }
+    for number, (pose, camera, name, xy) in images.items():
+        w, x, y, z, *t = pose
+        rotation = np.array([
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ])  # fmt: skip
+        np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=1e-12)
+        model, width, height, fx, fy, cx, cy = cameras[camera]
+        assert model == "PINHOLE"
+        png = gdal.Open(str(folder / name))
+        assert (png.RasterXSize, png.RasterYSize) == (int(width), int(height))
+        ids = xy[:, 2].astype(int)
+        position = np.array([points[one][:3] for one in ids], float)
+        seen = position @ rotation.T + t
+        assert (seen[:, 2] > 2e5).all()
+        projected = seen[:, :2] / seen[:, 2:] * [float(fx), float(fy)] + [float(cx), float(cy)]
+        error = report["perspective"][name.removesuffix(".png")]
+        assert error["max_px"] < 0.25  # well below what matching resolves
+        ties = ground["role"][ids - 1] == "tie"  # residuals of GCPs are those of their surveyed positions
+        allowed = np.array([residual[name.removesuffix(".png"), ground["id"][one - 1]] for one in ids]) * factor
+        assert (np.hypot(*(projected - xy[:, :2]).T) < allowed + error["max_px"] + 1e-3)[ties].all()
+        for row, one in enumerate(ids):  # the track leads back
+            track = np.array(points[one][7:], int).reshape(-1, 2).tolist()
+            assert [number, row] in track
+    # the frame: geocentric distances are kept
+    place = np.array([points[one + 1][:3] for one in range(len(ground["id"]))], float)
+    xyz = np.array(
+        pyproj.Transformer.from_crs(4979, 4978, always_xy=True).transform(
+            *(ground[k] for k in ("lon", "lat", "height"))
+        )
+    ).T
+    np.testing.assert_allclose(
+        np.linalg.norm(place - place[0], axis=1), np.linalg.norm(xyz - xyz[0], axis=1), rtol=1e-9, atol=1e-5
+    )
+
+
+def test_images_of_a_skewed_camera_are_sheared(block):
+    """A grey ramp along the lines ends up where the sheared camera has it."""
+    camera = fit_perspective_camera(*_skewed_camera())
+    assert camera.shear == pytest.approx(0.04, rel=1e-3)
+    local, xy, _ = _skewed_camera()
+    np.testing.assert_allclose(camera.project(local), camera.shear_points(xy), atol=2e-3)
+    ramp = np.tile(np.arange(200.0), (100, 1)).astype(np.float32)
+    path = block / "ramp.tif"
+    made = gdal.GetDriverByName("GTiff").Create(str(path), 200, 100, 1, gdal.GDT_Float32)
+    made.WriteRaster(0, 0, 200, 100, ramp.tobytes())
+    del made
+    rpc = read_rpc(str(block / "result" / "image_1.tif")).rpc
+    shown = Image("ramp", rpc, (200, 100), str(path), ArrayRaster(ramp))
+    left = np.floor(camera.shear_points(np.array([[-0.5, 99.5], [-0.5, -0.5]]))[:, 0].min())
+    view = CropView(shown, rpc, CropWindow((0, 0, 200, 100), (200, 100)), np.zeros((0, 2)), np.zeros(0, int))
+    write_sheared(PerspectiveView(view, camera.begin_at(left), (210, 100), (0.0, 0.0)), str(block / "ramp.png"))
+    grey = gdal.Open(str(block / "ramp.png")).ReadAsArray()
+    low, high = np.percentile(ramp, OPEN_IMAGES.stretch_percent)
+    for line in (5, 50, 94):
+        at = camera.begin_at(left).shear_points(np.array([[100.0, line]]))[0, 0]
+        expected = (100.0 - low) / (high - low) * 255.0
+        assert np.interp(at, np.arange(210), grey[line]) == pytest.approx(expected, abs=1.0)  # 8 bit
+
+
+def _skewed_camera() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ground points, and pixels of a camera 600 km above whose rows have a skew of 0.04."""
+    east, north, up = np.meshgrid(np.linspace(-50, 50, 7), np.linspace(-25, 25, 7), np.linspace(-40, 40, 3))
+    local = np.column_stack([east.ravel(), north.ravel(), up.ravel()])
+    depth = (6e5 - local[:, 2]) / 6e5
+    x, y = 2.0 * local[:, 0] / depth + 100.0, -2.0 * local[:, 1] / depth + 50.0
+    return local, np.column_stack([x + 0.04 * (y - 50.0), y]), np.array([0.0, 0.0, -1.0])
 
 
 def test_asp_project(block):

@@ -6,6 +6,7 @@ files, how each of them is written, and the commands.
 
 from .asp import plan_asp_project
 from .cars import plan_cars_project
+from .colmap import plan_colmap_project
 from .micmac import plan_micmac_project
 from .nerf import plan_nerf_project
 from .points import plan_points_project
@@ -19,6 +20,7 @@ PROJECT_PLANNERS: dict[str, ProjectPlanner] = {
     "s2p": plan_s2p_project,
     "asp": plan_asp_project,
     "micmac": plan_micmac_project,
+    "colmap": plan_colmap_project,
     "nerf": plan_nerf_project,
     "points": plan_points_project,
 }

@@ -15,15 +15,14 @@ from ...foundation.json_values import json_text
 from ...ground.geodesy import LocalFrame, to_ecef
 from ..rpc_files.fields import json_members
 from ..rpc_files.text_formats import RPCM_NAMES
-from .project import PROJECTS, BlockProject, FileContent, PlannedProject, sample_area
-from .views import find_views, split_views, write_crop
+from .project import PROJECTS, BlockProject, FileContent, PlannedProject
+from .views import find_views, sample_volume, split_views, write_crop
 
 
 def plan_nerf_project(project: BlockProject) -> PlannedProject:
     """Return crops, JSON of the views, tie points, lists, and ``scene.json``."""
-    ground = sample_area(project.area.bounds, project.surface, PROJECTS.outline_nodes)
-    low = float(np.nanmin(ground[..., 2])) - PROJECTS.height_margin_m
-    high = float(np.nanmax(ground[..., 2])) + PROJECTS.height_margin_m
+    volume = sample_volume(project)
+    low, high = float(volume[:, 2].min()), float(volume[:, 2].max())
     centre = (*project.area.centroid.coords[0], (low + high) / 2.0)
     frame, rays, views = LocalFrame(*centre), {}, find_views(project)
     files: dict[str, FileContent] = {f"{view.image.id}.tif": partial(write_crop, view) for view in views}
@@ -47,7 +46,7 @@ def plan_nerf_project(project: BlockProject) -> PlannedProject:
     names = [f"{view.image.id}.json" for view in views]
     for file, listed in zip(("train.txt", "test.txt"), split_views(names, PROJECTS.held_out_of), strict=True):
         files[file] = "".join(f"{name}\n" for name in listed)
-    radius = float(np.linalg.norm(frame.from_ground(ground.reshape(-1, 3)), axis=1).max())
+    radius = float(np.linalg.norm(frame.from_ground(volume), axis=1).max())
     scene = {"origin": list(centre), "axes": "east, north, up (m)", "radius_m": radius, "rays": rays}
     files["scene.json"] = json_text(scene, indent=1) + "\n"
     return PlannedProject(files, ("python main.py --model sat-nerf --root_dir . --img_dir .",), "logs")

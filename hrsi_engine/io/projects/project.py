@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -45,7 +45,14 @@ class PROJECTS:
     dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
     outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
     held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
-    height_margin_m: float = threshold(30.0, "m", "below and above the terrain where matches are looked for")
+    volume_layers: int = threshold(5, "layers", "of points between the lowest and the highest height of the volume")
+    perspective_px: float = threshold(
+        0.5,
+        "px",
+        "between a perspective camera and the RPC it stands for, beyond which it is told",
+        "as COLMAP filters",
+    )
+    height_margin_m: float = threshold(30.0, "m", "below and above the terrain, of the volume that is modelled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +133,14 @@ class PlannedProject:
 
     files : contents by name; nothing is written, and no pixel read, before `write`
     commands : to type in the folder; result : where the program leaves it; notices : for the user
+    told : for the report
     """
 
     files: dict[str, FileContent]
     commands: tuple[str, ...]
     result: str
     notices: tuple[str, ...] = ()
+    told: dict[str, object] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Write all files into a folder."""

@@ -14,7 +14,7 @@ from ..rasters.cropping import CropWindow, open_window, save_image
 from ..rasters.orthoimages import OrthoFormat
 from ..rpc_files.crop import crop_rpc
 from ..rpc_files.write import UNTOLD
-from .project import BlockProject, find_window
+from .project import PROJECTS, BlockProject, find_window, sample_area
 
 _FORMAT, _KERNEL = OrthoFormat("gtiff", "deflate"), "cubic"
 
@@ -53,6 +53,16 @@ def find_views(project: BlockProject) -> list[CropView]:
         point = np.array([rows[name] for name in own.ids[shown].tolist()], dtype=np.int64)
         views.append(CropView(image, crop_rpc(image.rpc, window.place, window.size), window, xy[shown], point))
     return views
+
+
+def sample_volume(project: BlockProject) -> np.ndarray:
+    """Return ground points ``(n, 3)`` over the region, from below the terrain's lowest height to above its highest."""
+    ground = sample_area(project.area.bounds, project.surface, PROJECTS.outline_nodes)
+    low, high = np.nanmin(ground[..., 2]), np.nanmax(ground[..., 2])
+    heights = np.linspace(low - PROJECTS.height_margin_m, high + PROJECTS.height_margin_m, PROJECTS.volume_layers)
+    return np.concatenate([
+        np.column_stack([ground[..., :2].reshape(-1, 2), np.full(ground[..., 0].size, height)]) for height in heights
+    ])  # fmt: skip
 
 
 def write_crop(view: CropView, path: str) -> None:

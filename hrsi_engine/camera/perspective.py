@@ -1,0 +1,104 @@
+"""Perspective cameras that stand for an RPC over a small piece of ground, for programs that know no RPC.
+
+A camera with projection centre far away: ``x w = p1 . X + p14``, ``y w = p2 . X + p24``, ``w = 1 + q e . X``, where e
+is the unit vector of the line of sight and ``1 / q`` the distance of the projection centre. Given e, it is linear in
+the nine other numbers. Splitting P into calibration and rotation gives two focal lengths, the principal point, and a
+skew of the pixel axes (Earth rotation while a pushbroom sensor scans). Programs whose cameras have none get images
+that are sheared by it: ``x' = x - shear (y - cy)``. Idea: Zhang, Snavely and Sun 2019, "Leveraging vision
+reconstruction pipelines for satellite imagery".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
+
+
+@thresholds
+class PERSPECTIVE:
+    """What a perspective camera in orbit may be."""
+
+    distance_m: tuple[float, ...] = threshold(
+        (2e5, 2e7), "m", "of the projection centre; pushbroom images have none along the track", "lowest orbit; affine"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PerspectiveCamera:
+    """``x = K (R X + t)``, pixels from the centre of the first one, after the image is sheared.
+
+    rotation (3, 3), translation (3,) : from the ground's frame (m) to the camera's: right, down, forward
+    focal (2,), principal (2,) : px
+    shear, left : ``x' = x - shear (y - principal[1]) - left`` in the sheared image
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    focal: np.ndarray
+    principal: np.ndarray
+    shear: float
+    left: float = 0.0
+
+    def project(self, local: np.ndarray) -> np.ndarray:
+        """Return the sheared image's sample, line ``(n, 2)`` of ground points ``(n, 3)``."""
+        seen = local @ self.rotation.T + self.translation
+        return np.asarray(seen[:, :2] / seen[:, 2:] * self.focal + self.principal)
+
+    def shear_points(self, xy: np.ndarray) -> np.ndarray:
+        """Return points ``(n, 2)`` of the image as they lie in the sheared image."""
+        return np.column_stack([xy[:, 0] - self.shear * (xy[:, 1] - self.principal[1]) - self.left, xy[:, 1]])
+
+    def begin_at(self, left: float) -> PerspectiveCamera:
+        """Return the camera of the sheared image from column ``left`` on."""
+        return replace(self, left=self.left + left, principal=self.principal - [left, 0.0])
+
+
+def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray) -> PerspectiveCamera:
+    """Return the camera that maps ground points to pixels best.
+
+    Parameters
+    ----------
+    local : (n, 3) ndarray
+        Ground points over the whole volume of interest, in metres.
+    xy : (n, 2) ndarray
+        Their pixels.
+    sight : (3,) ndarray
+        Unit vector from the camera to the ground.
+
+    Raises
+    ------
+    InputError
+        The image is mirrored, which no camera with these parameters is.
+    """
+    extent = np.abs(local).max()
+    scaled, depth = np.column_stack([local / extent, np.ones(len(local))]), local @ sight / extent
+    empty = np.zeros_like(scaled)
+    design = np.vstack([
+        np.column_stack([scaled, empty, -xy[:, 0] * depth]), np.column_stack([empty, scaled, -xy[:, 1] * depth])
+    ])  # fmt: skip
+    found = np.linalg.lstsq(design, xy.T.ravel(), rcond=None)[0]
+    nearest, farthest = PERSPECTIVE.distance_m
+    inverse = float(np.clip(found[8] / extent, 1.0 / farthest, 1.0 / nearest))
+    found = np.linalg.lstsq(design[:, :8], xy.T.ravel() - design[:, 8] * inverse * extent, rcond=None)[0]
+    rows = found.reshape(2, 4) / [extent, extent, extent, 1.0] / inverse  # now the third row is (sight, 1 / inverse)
+    principal = rows[:, :3] @ sight
+    across, down = rows[:, :3] - principal[:, None] * sight
+    focal_y = np.linalg.norm(down)
+    down /= focal_y
+    skew = across @ down
+    across -= skew * down
+    focal_x = np.linalg.norm(across)
+    across /= focal_x
+    if np.cross(across, down) @ sight < 0.0:
+        raise InputError("a mirrored image has no perspective camera: hand its RPC over instead")
+    distance = 1.0 / inverse
+    y = (rows[1, 3] - principal[1] * distance) / focal_y
+    x = (rows[0, 3] - principal[0] * distance - skew * y) / focal_x
+    focal = np.array([focal_x, focal_y])
+    return PerspectiveCamera(
+        np.array([across, down, sight]), np.array([x, y, distance]), focal, principal, skew / focal_y
+    )
