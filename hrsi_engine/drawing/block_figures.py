@@ -4,8 +4,10 @@ A card of an image has its picture, residuals on it, their systematic part, and 
 """
 
 import html
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -224,5 +226,9 @@ def draw_figures(figures: ReportFigures) -> dict[str, Any]:
             for axis, values in figures.normalised.items()
             if len(values)
         ],
-        "chips": [(chip, draw_target_chip(chip.chip)) for chip in figures.chips],
+        "drawn_groups": Counter(group for card in figures.cards for group in card.groups.tolist()),
+        "chips": [
+            (role, [(chip, draw_target_chip(chip.chip)) for chip in group])
+            for (role, _), group in groupby(figures.chips, key=lambda chip: (chip.role, chip.id))
+        ],
     }

@@ -22,7 +22,12 @@ from .plots import choose_round_length, make_arrow_path
 _WIDTH, _MARGIN = 900.0, 40.0  # SVG units
 _ARROW, _LONGEST_ARROW = 45.0, 130.0  # length of the 90th percentile of the residuals; where longer ones are cut
 _MOST_LABELS = 30  # names of images; more would cover the map
-_CELL = 15.0  # side of a cell of tie points, SVG units
+_CELL, _LARGEST_DOT = 20.0, 4.5  # side of a cell of tie points, and the radius of its dot, SVG units
+#: Marks of points: a shape for each role, so that no colour is needed to tell them apart.
+POINT_MARKS = {
+    "gcp": '<path class="dot" d="M0-6L5.2 3H-5.2z"/>', "check": '<path class="dot" d="M-3.8-3.8h7.6v7.6h-7.6z"/>',
+    "tie": '<circle class="dot" r="2.6"/>', "held_out": '<circle class="dot" r="2.6"/>',
+}  # fmt: skip
 _GRID = 9  # positions along each axis that the graticule's polynomials are fitted to
 
 
@@ -227,7 +232,7 @@ def _draw_image_names(rings: Mapping[str, np.ndarray], view: _MapView) -> Iterab
 
 
 def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, Any]]:
-    """Return squares that hold tie points, darker for more, and their figures: number, residual, sigma and rays."""
+    """Return a dot for each cell with tie points, larger for more, and figures: number, residual, sigma and rays."""
     here = finite_rows(ties.lonlat)
     cell = np.floor(view(ties.lonlat[here]) / _CELL).astype(np.int64)
     columns = int(np.ceil(_WIDTH / _CELL))
@@ -242,11 +247,11 @@ def _draw_cells(ties: TieField, view: _MapView) -> tuple[list[str], dict[str, An
                 float(f"{value:.3g}") if math.isfinite(value) else None for value in (total / number) ** (1.0 / power)
             ]
 
-    shade = 0.12 + 0.43 * np.sqrt(count / max(int(count.max(initial=1)), 1))
+    radius = np.maximum(_LARGEST_DOT * np.sqrt(count / max(int(count.max(initial=1)), 1)), 0.8)
     parts = [
-        f'<path data-c="{number}" d="M{place % columns * _CELL:.0f} {place // columns * _CELL:.0f}h{_CELL:.0f}v'
-        f'{_CELL:.0f}h-{_CELL:.0f}z" fill-opacity="{opacity:.2f}"/>'
-        for number, (place, opacity) in enumerate(zip(code.tolist(), shade, strict=True))
+        f'<path data-c="{number}" d="M{(place % columns + 0.5) * _CELL - r:.1f} {(place // columns + 0.5) * _CELL:.1f}'
+        f'a{r:.1f} {r:.1f} 0 1 0 {2 * r:.1f} 0a{r:.1f} {r:.1f} 0 1 0 {-2 * r:.1f} 0z"/>'
+        for number, (place, r) in enumerate(zip(code.tolist(), radius.tolist(), strict=True))
     ]
     figures = {
         "count": count.tolist(), "residual": mean(ties.residual_px[here], 2.0), "sigma": mean(ties.sigma_m[here]),
@@ -267,10 +272,9 @@ def _draw_points(data: BlockMap, here: np.ndarray, view: _MapView, arrow_scale: 
             marks.append(_draw_residual("arrow flat", east * arrow_scale, -north * arrow_scale))
         if arrow_scale is not None and math.isfinite(height[row]):
             marks.append(_draw_residual("arrow lift", 0.0, -height[row] * arrow_scale))
-        radius = 2.6 if role in ("tie", "held_out") else 3.5
         yield (
             f'<g class="pt {role}" data-p="{row}" transform="translate({x:.1f} {y:.1f})"><g class="mark">'
-            f'{"".join(marks)}<circle r="{radius}"/><title>{title}</title></g></g>'
+            f"{''.join(marks)}{POINT_MARKS[role]}<title>{title}</title></g></g>"
         )
 
 

@@ -17,9 +17,11 @@ from ..foundation.workers.threads import one_thread_calls
 from ..io.geopackage.layers import Layer
 from ..refinement.model import RefitRPC
 from . import statistics
+from .accuracy_statement import state_accuracy_by_standards
 from .block_record import make_record
 from .drawings import Outline, report_figures
 from .figures import block_report, rejection_warnings
+from .image_facts import add_image_facts
 from .layers import block_layers, residuals_epsg
 from .lineage import state_accuracy
 from .residuals import Residuals, compute_residuals
@@ -107,10 +109,12 @@ def assemble_result(
         "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
         **block_report(adjustment, left, refined),
         **statistics.statistic_entries(adjustment, left),
+        "accuracy": state_accuracy_by_standards(adjustment, left),
         "warnings": [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
                      *beside_model, *describe_residual_fields(evidence)],
         **entries,
     }  # fmt: skip
+    report = add_image_facts(report, adjustment, left, refined)
     verdict = Verdict.create(summarise_accuracy(report), find_reasons(evidence, reasons))
     report["verdict"] = verdict.entry()
     told = tuple(reason.message for reason in verdict.reasons)

@@ -306,18 +306,19 @@ def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m:
 
 
 def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | None) -> list[PointChip]:
-    """Return chips of control points, check points and the tie points that stand out, each the worst first."""
+    """Return chips of GCPs, check points and the worst tie points, the worst first, each on all of its images."""
     block, rows = result.block, result.block.measurements
     pixels = np.array([image.raster is not None for image in block.images], dtype=bool)
     there = finite_rows(shown.residual_px) & pixels[rows.image]
     role, outlier = block.points.role[rows.point], is_outlier(shown.statistic)
-    worst = np.zeros(len(block.points))  # the images of a point stand together
-    np.maximum.at(worst, rows.point, shown.statistic)
+    worst = np.zeros(len(block.points))
+    np.maximum.at(worst, rows.point[there], shown.statistic[there])
     chosen: list[int] = []
     for which, most in MOST_CHIPS.items():
-        here = np.flatnonzero(there & (role == which) & (block.known[rows.point] | outlier))
-        order = np.lexsort((rows.image[here], rows.point[here], -worst[rows.point[here]]))
-        chosen += here[order][:most].tolist()
+        here = np.flatnonzero(there & (role == which))
+        here = here[np.lexsort((rows.image[here], rows.point[here], -worst[rows.point[here]]))]
+        cut = here[most] if len(here) > most else -1  # the point that does not have room on all of its images
+        chosen += here[:most][rows.point[here[:most]] != rows.point[cut]].tolist() if cut >= 0 else here.tolist()
     chips = []
     for row in chosen:
         image, point, xy = block.images[rows.image[row]], rows.point[row], rows.xy[row]

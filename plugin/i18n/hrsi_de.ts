@@ -216,6 +216,10 @@
       <translation>Klick auf</translation>
     </message>
     <message>
+      <source>Client</source>
+      <translation>Auftraggeber</translation>
+    </message>
+    <message>
       <source>Cliffs</source>
       <translation>Steilwände</translation>
     </message>
@@ -828,6 +832,10 @@
       <translation>Pixel</translation>
     </message>
     <message>
+      <source>Place</source>
+      <translation>Ort</translation>
+    </message>
+    <message>
       <source>Places</source>
       <translation>Orte</translation>
     </message>
@@ -1242,6 +1250,10 @@
     <message>
       <source>Ties</source>
       <translation>Verknüpfungspunkte</translation>
+    </message>
+    <message>
+      <source>Title</source>
+      <translation>Titel</translation>
     </message>
     <message>
       <source>To</source>

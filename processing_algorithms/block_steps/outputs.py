@@ -146,6 +146,8 @@ def write_results(
     ``discarded`` are folders that are not needed any more when all is written.
     """
     report, images, target = result.report, result.images, output.folder
+    cover = output.document
+    report["document"] = {"title": cover.title, "client": cover.client, "place": cover.place}
     how, stale = output.write, list[str]()  # files of earlier runs that have to go
     if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
         how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)

@@ -103,6 +103,15 @@ class OptionalFolder:
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
 
 
+@options
+class DocumentOptions:
+    """What the cover of a report says besides its figures."""
+
+    title: str | None = option(None, "Title of the project, for the cover of report.html", advanced=True)
+    client: str | None = option(None, "Client or recipient, for the cover of report.html", advanced=True)
+    place: str | None = option(None, "Name of the place, for the cover of report.html", advanced=True)
+
+
 @options(kw_only=True)
 class BlockOutput:
     """What is written of an adjusted block, and where."""
@@ -120,6 +129,7 @@ class BlockOutput:
     )
     residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))
     report: bool = report_option()
+    document: DocumentOptions = nest_options(DocumentOptions)
     stac: bool = option(
         False, "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)"
     )

@@ -11,7 +11,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
+import pyproj
 from markupsafe import Markup
 from osgeo import gdal
 
@@ -77,13 +78,17 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
 
 def _before_after(report: Mapping[str, Any]) -> str:
     """Return bars of what the refinement did, of tie points and of the images that were farthest off; empty without."""
-    images = {
-        name: {
-            "before": _vector_length(entry, "before_rmse_sample_px", "before_rmse_line_px"),
-            "after": _vector_length(entry, "rmse_sample_px", "rmse_line_px"),
-        }
-        for name, entry in report.get("images", {}).items()
-    }
+
+    def lengths(entry: Mapping[str, Any]) -> dict[str, float]:
+        before = _vector_length(entry, "before_rmse_sample_px", "before_rmse_line_px")
+        if math.isnan(before):
+            return {
+                "before": _vector_length(entry, "tie_before_rmse_px"),
+                "after": _vector_length(entry, "tie_rmse_px"),
+            }
+        return {"before": before, "after": _vector_length(entry, "rmse_sample_px", "rmse_line_px")}
+
+    images = {name: lengths(entry) for name, entry in report.get("images", {}).items()}
     farthest = sorted(images, key=lambda name: -np.nan_to_num(images[name]["before"]))
     ties = report.get("ties") or {}
     bars = {"tie points": {"before": _vector_length(ties, "before_rmse_px"), "after": _vector_length(ties, "rmse_px")}}
@@ -184,7 +189,31 @@ def _make_environment() -> jinja2.Environment:
     environment.filters["coded"] = mark_code
     environment.filters["by_sigma"] = digits_by_sigma
     environment.filters["duration"] = duration
+    environment.filters["basename"] = os.path.basename
+    environment.filters["crs_name"] = name_crs
+    environment.filters["at"] = find_entry
+    environment.filters["filled"] = keep_filled
     return environment
+
+
+def name_crs(code: str) -> str:
+    """Return a CRS's code with its name."""
+    try:
+        return f"{pyproj.CRS(code).name} ({code})"
+    except pyproj.exceptions.CRSError:
+        return code
+
+
+def find_entry(entry: Any, part: str) -> Any:
+    """Return what stands at ``part``, names joined by dots, of an entry of the report; None where nothing does."""
+    for name in part.split("."):
+        entry = (entry or {}).get(name)
+    return entry
+
+
+def keep_filled(columns: Iterable[tuple[str, str, int | None]], rows: Sequence[Any]) -> list[Any]:
+    """Return the columns (title, part, digits) of a table in which any of the rows (name, key, entry) has a value."""
+    return [column for column in columns if any(find_entry(row[2], column[1]) is not None for row in rows)]
 
 
 def mark_code(text: str) -> Markup:

@@ -296,7 +296,7 @@
       const share = high > low ? (value - low) / (high - low) : 0;
       return RAMP[Math.min(RAMP.length - 1, Math.max(0, Math.floor(share * RAMP.length)))];
     };
-    for (const [number, mark] of marks) mark.querySelector("circle").style.fill = by ? shade(points[by][number]) : "";
+    for (const [number, mark] of marks) mark.querySelector(".dot").style.fill = by ? shade(points[by][number]) : "";
     for (const cell of cells) {
       cell.style.fill = by ? shade(map.cells[by][cell.dataset.c]) : "";
       cell.style.fillOpacity = by ? 0.75 : "";
