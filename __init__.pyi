@@ -152,6 +152,9 @@ def triangulate(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    title: str | None = None,
+    client: str | None = None,
+    place: str | None = None,
     stac: bool = False,
     progress: Progress | None = None,
 ) -> Result:
@@ -339,6 +342,12 @@ def triangulate(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    title : str, optional
+        Title of the project, for the cover of report.html.
+    client : str, optional
+        Client or recipient, for the cover of report.html.
+    place : str, optional
+        Name of the place, for the cover of report.html.
     stac : bool, optional
         Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
         (stac.json) (default no).
@@ -426,6 +435,9 @@ def adjust(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    title: str | None = None,
+    client: str | None = None,
+    place: str | None = None,
     stac: bool = False,
     progress: Progress | None = None,
 ) -> Result:
@@ -565,6 +577,12 @@ def adjust(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    title : str, optional
+        Title of the project, for the cover of report.html.
+    client : str, optional
+        Client or recipient, for the cover of report.html.
+    place : str, optional
+        Name of the place, for the cover of report.html.
     stac : bool, optional
         Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
         (stac.json) (default no).
@@ -631,6 +649,9 @@ def refine(
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
+    title: str | None = None,
+    client: str | None = None,
+    place: str | None = None,
     stac: bool = False,
     threads: int = 0,
     progress: Progress | None = None,
@@ -697,6 +718,12 @@ def refine(
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
         Write report.html (default yes).
+    title : str, optional
+        Title of the project, for the cover of report.html.
+    client : str, optional
+        Client or recipient, for the cover of report.html.
+    place : str, optional
+        Name of the place, for the cover of report.html.
     stac : bool, optional
         Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
         (stac.json) (default no).
