@@ -42,7 +42,8 @@ def declared_texts() -> list[str]:
     from hrsi.processing_algorithms import REGISTRY
 
     found = [layout.EMPTY, layout.KIND_TIP, *(text for step in first_steps.STEPS for text in step)]
-    found += [*table_models.PointsModel.titles, *table_models.MeasurementsModel.titles]
+    tables = table_models.PointsModel, table_models.MeasurementsModel, table_models.ResidualsModel
+    found += [*(title for table in tables for title in table.titles), *layout.PAGES]
     found += [level.label for level in Level]
     found += [provider.title_of(path) for path in sorted(provider.CHAINS.glob("*.model3"))]
     for declaration in REGISTRY.values():

@@ -8,6 +8,10 @@
       <translation>({} weitere im Bericht)</translation>
     </message>
     <message>
+      <source>, for no clear closed object lies there</source>
+      <translation>, denn dort liegt kein klar begrenztes Objekt</translation>
+    </message>
+    <message>
       <source>, outside the image</source>
       <translation>, außerhalb des Bildes</translation>
     </message>
@@ -30,6 +34,10 @@
     <message>
       <source>4. See what is left over: the block is saved, and residual arrows come on the map, red where a point does not fit.</source>
       <translation>4. Ansehen, was übrig bleibt: Der Block wird gespeichert, und Pfeile der Restklaffungen kommen in die Karte, rot, wo ein Punkt nicht passt.</translation>
+    </message>
+    <message>
+      <source>A click shows the residuals of the points concerned, the worst first</source>
+      <translation>Ein Klick zeigt die Residuen der betroffenen Punkte, die schlechtesten zuerst</translation>
     </message>
     <message>
       <source>A project for the next program from an adjusted block, ready to run</source>
@@ -96,6 +104,10 @@
       <translation>Alle</translation>
     </message>
     <message>
+      <source>All images</source>
+      <translation>Alle Bilder</translation>
+    </message>
+    <message>
       <source>Along</source>
       <translation>Längs zum Flug</translation>
     </message>
@@ -118,6 +130,10 @@
     <message>
       <source>Before</source>
       <translation>Vorher</translation>
+    </message>
+    <message>
+      <source>Before the last edits:</source>
+      <translation>Vor den letzten Änderungen:</translation>
     </message>
     <message>
       <source>Begin a block with images and points</source>
@@ -448,6 +464,10 @@
       <translation>Bodenpixel</translation>
     </message>
     <message>
+      <source>Gamma of this image: above 1 it is brighter; its contrast is 2-98 % of what is in view</source>
+      <translation>Gamma dieses Bildes: über 1 wird es heller; sein Kontrast umfasst 2-98 % des Ausschnitts</translation>
+    </message>
+    <message>
       <source>Go to place</source>
       <translation>Kartenstelle zeigen</translation>
     </message>
@@ -648,6 +668,10 @@
       <translation>Verweisen</translation>
     </message>
     <message>
+      <source>Linked zoom</source>
+      <translation>Gemeinsam zoomen</translation>
+    </message>
+    <message>
       <source>Live</source>
       <translation>Laufend</translation>
     </message>
@@ -766,6 +790,10 @@
     <message>
       <source>Noise image</source>
       <translation>Rauschen der Bildkoordinaten</translation>
+    </message>
+    <message>
+      <source>North up</source>
+      <translation>Norden oben</translation>
     </message>
     <message>
       <source>Off nadir</source>
@@ -976,6 +1004,10 @@
       <translation>KBS der Restklaffungen</translation>
     </message>
     <message>
+      <source>Residuals</source>
+      <translation>Residuen</translation>
+    </message>
+    <message>
       <source>Resolution</source>
       <translation>Auflösung</translation>
     </message>
@@ -1086,6 +1118,10 @@
     <message>
       <source>Show the arrows</source>
       <translation>Pfeile zeigen</translation>
+    </message>
+    <message>
+      <source>Show the residuals of one image, or of what a reason of the verdict concerns</source>
+      <translation>Die Residuen eines Bildes zeigen, oder dessen, was ein Grund des Urteils betrifft</translation>
     </message>
     <message>
       <source>Show the whole image; choosing the point again comes back</source>
@@ -1228,6 +1264,10 @@
       <translation>Der vorige Punkt, der nicht überall gemessen ist</translation>
     </message>
     <message>
+      <source>The wheel zooms all images</source>
+      <translation>Das Mausrad zoomt alle Bilder</translation>
+    </message>
+    <message>
       <source>Threads</source>
       <translation>Threads</translation>
     </message>
@@ -1278,6 +1318,10 @@
     <message>
       <source>Triangulation</source>
       <translation>Triangulation</translation>
+    </message>
+    <message>
+      <source>Turn the images so that north is on top</source>
+      <translation>Die Bilder so drehen, dass Norden oben ist</translation>
     </message>
     <message>
       <source>Undo</source>
@@ -1468,6 +1512,10 @@
       <translation>keine Sitzung hat etwas ungespeichert hinterlassen</translation>
     </message>
     <message>
+      <source>normalised</source>
+      <translation>normiert</translation>
+    </message>
+    <message>
       <source>nothing</source>
       <translation>nichts</translation>
     </message>
@@ -1526,6 +1574,10 @@
     <message>
       <source>unusable</source>
       <translation>unbrauchbar</translation>
+    </message>
+    <message>
+      <source>warning</source>
+      <translation>Warnung</translation>
     </message>
     <message>
       <source>{} images chosen</source>

@@ -11,14 +11,15 @@ from functools import partial, wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
-from qgis.PyQt.QtCore import QEvent, QModelIndex, QObject, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QEvent, QModelIndex, QObject, Qt, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
+from ...hrsi_engine.foundation.progress import Progress
 from ...hrsi_engine.foundation.reasons import Level
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
-from ...processing_algorithms.point_session.rows import TIE
+from ...processing_algorithms.point_session.rows import PANEL, TIE
 from ..background_task import BackgroundTask
 from ..dependencies import missing_package_message
 from ..dialog_fields import LayerOrFile
@@ -28,10 +29,12 @@ from .dialogs import NewBlockDialog, NewPointDialog
 from .image_view import ImageView, Marker
 from .layout import PanelLayout
 from .project_link import MapLink, PanelState, restore_state, store
-from .table_models import MeasurementsModel, PointsModel
+from .table_models import MeasurementsModel, PointsModel, ResidualsModel
 
 LIVE_DELAY_MS = 300
-QUICK_S = 2.0  # an adjustment with all its tests that takes longer is left to the user; residuals follow all the same
+QUICK_S = (
+    10.0  # CPU: an adjustment with all its tests that takes longer is left to the user; residuals follow all the same
+)
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
 
 
@@ -71,13 +74,19 @@ class PointsDock(QDockWidget):
         self.setWidget(self.ui)
         self.session = PointSession()
         self.points_model, self.measurements_model = PointsModel(self.session), MeasurementsModel(self.session)
+        self.residuals_model = ResidualsModel(self.session)
         self.map = MapLink(canvas)
         self.unsaved_root = unsaved_root or os.path.join(QgsApplication.qgisSettingsDirPath(), "hrsi", "unsaved")
         self.keeper: Any = None  # made with the first session: it needs the engine
         self._task: BackgroundTask | None = None
-        self._began_s = self._adjusted_in_s = 0.0  # when the last adjustment began, and how long it took
+        self._adjusted_in_s = 0.0  # CPU seconds of the last adjustment
         self._active: ImageView | None = None
         self.proposals: dict[str, Any] = {}  # by image: where matching has found the chosen point
+        self._searched: list[str] = []  # images on which it is still to be looked for
+        self._search = QTimer(self)  # one image at a time: the click is shown before
+        self._search.setSingleShot(True)
+        self._search.timeout.connect(self._search_next)
+        self._failure = ""  # of the last adjustment
         self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
         self._again.setSingleShot(True)
         self._again.setInterval(LIVE_DELAY_MS)
@@ -96,11 +105,15 @@ class PointsDock(QDockWidget):
             ui.previous: lambda: self.step_to_gap(-1), ui.take: self.take_prediction,
             ui.forget: self.forget_measurement, ui.pick: self.pick_point, ui.go_to: self.go_to_place,
             ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
-            ui.accept: lambda: self.accept_transfers(self._active_image()), ui.accept_all: self.accept_transfers,
+            ui.accept: lambda: self.accept_transfers(self.answered_image()), ui.accept_all: self.accept_transfers,
             ui.reject: self.reject_transfer,
         }  # fmt: skip
         for action, slot in actions.items():
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
+        ui.north.toggled.connect(lambda _checked: self._show_images())
+        ui.filter.activated.connect(lambda _index: self.filter_residuals())
+        ui.tabs.currentChanged.connect(lambda _index: self.refresh())
+        ui.verdict.itemClicked.connect(lambda item: self.show_reason(item.data(Qt.ItemDataRole.UserRole)))
         for box in (ui.model, ui.kind):
             box.currentTextChanged.connect(lambda _text: self._store())
         ui.number.currentTextChanged.connect(lambda _text: self._show_views())
@@ -162,12 +175,18 @@ class PointsDock(QDockWidget):
             self.keeper = point_session.EditKeeper(self.unsaved_root)
         if self.keeper is not None:  # what is edited outlives the program
             self.keeper.follow(session)
-        self.points_model, self.measurements_model = PointsModel(session), MeasurementsModel(session)
-        for model in (self.points_model, self.measurements_model):
+        models = PointsModel(session), MeasurementsModel(session), ResidualsModel(session)
+        self.points_model, self.measurements_model, self.residuals_model = models
+        for model in models:
             model.refused.connect(lambda message: self.tell(message, is_error=True))
             model.edited.connect(self._on_edit)
-        self.ui.show_models(self.points_model, self.measurements_model)
+        self.ui.show_models(*models)
         self.ui.points.selectionModel().currentRowChanged.connect(self._on_point)
+        self.ui.residuals.selectionModel().currentRowChanged.connect(self._on_residual)
+        self.ui.filter.clear()
+        self.ui.filter.addItems([tr("All images"), *session.images])
+        self.ui.gammas.clear()
+        self._failure = ""
         self.points_model.refresh()
         self._choose_images("")
         self.choose(point or next(iter(session.points), ""))
@@ -180,6 +199,7 @@ class PointsDock(QDockWidget):
             view.clicked.connect(self.measure)
             view.image_chosen.connect(lambda _name, view=view: self._show_image(view))
             view.whole_asked.connect(lambda name, view=view: self._show_whole(view))
+            view.canvas.zoomed.connect(lambda factor, view=view: self._zoom_others(view, factor))
         self._choose_images(self.point())
         self._show_images()
         self.activate(self.ui.views[0])
@@ -214,6 +234,11 @@ class PointsDock(QDockWidget):
         """Show tables and markers as the session is now."""
         self.points_model.refresh()
         self.measurements_model.refresh()
+        if self.ui.residuals.isVisible():  # sorting some ten thousand takes longer than all else
+            self._refresh_residuals()
+        adjusted = self.session.adjusted
+        stale = "" if adjusted is None or self.session.is_adjusted else tr("Before the last edits:")
+        self.ui.show_verdict(adjusted, self._failure or stale)
         for view in self.ui.list_views():
             view.markers.show_markers(self._markers(view.image()))
         self.setWindowTitle(f"{tr('HRSI Points')}{' *' if self.session.changed else ''}")
@@ -226,7 +251,7 @@ class PointsDock(QDockWidget):
 
     def _on_point(self, index: QModelIndex, _before: QModelIndex | None = None) -> None:
         name = self.points_model.rows[index.row()].point.id if index.isValid() else ""
-        self.proposals = {}
+        self.proposals, self._searched = {}, []
         self.measurements_model.show_point(name)
         self._choose_images(name)
         self._show_images()
@@ -262,8 +287,14 @@ class PointsDock(QDockWidget):
         shown = self.point() in self.session.points and view.image()
         view.show_view(
             point_session.view_of(self.session, self.point(), view.image()) if shown else None,
-            self._markers(view.image()),
-        )
+            self._markers(view.image()), self.ui.north.isChecked(),
+        )  # fmt: skip
+
+    def _zoom_others(self, view: ImageView, factor: float) -> None:
+        """Zoom the other images as one was zoomed."""
+        for other in self.ui.list_views():
+            if other is not view and self.ui.linked.isChecked():
+                other.canvas.zoomByFactor(factor)
 
     def _show_whole(self, view: ImageView) -> None:
         if view.image() in self.session.images:
@@ -288,8 +319,8 @@ class PointsDock(QDockWidget):
     # ---- what the user does ------------------------------------------------------------------------------------
 
     @show_errors
-    def measure(self, image: str, sample: float, line: float) -> None:
-        """Measure the chosen point near a click on an image."""
+    def measure(self, image: str, sample: float, line: float, is_seen: bool = True) -> None:
+        """Measure the chosen point near a place on an image, clicked on (``is_seen``) or predicted."""
         view = next(view for view in self.ui.list_views() if view.image() == image)
         self.activate(view)
         if self.ui.tie.isChecked():
@@ -298,14 +329,39 @@ class PointsDock(QDockWidget):
         if self.point() not in self.session.points:
             self.tell(tr("Choose a ground point in the list first"))
             return
-        fit = self.session.measure(self.point(), image, (sample, line), self.ui.kind.currentText())
+        kind = self.ui.kind.currentText()
+        fit = self.session.measure(self.point(), image, (sample, line), kind, is_seen)
         self.proposals.pop(image, None)
         self._place_tie()
         quality = tr("as clicked") if math.isnan(sigma := fit.measured.sigma) else tr("sigma {:.2f} px").format(sigma)
         text = fit.refusal or f"{fit.measured.sample:.2f} {fit.measured.line:.2f}, {quality}"
+        if not fit.refusal and fit.measured.kind != kind:
+            text += tr(", for no clear closed object lies there")
         view.chip.show_chip(fit.chip_svg)
         self.tell(tr("{} on {}: {}").format(self.point(), image, text), is_error=bool(fit.refusal))
         self._on_edit()
+        if not fit.refusal:
+            self._follow_views()
+            self._begin_search()
+
+    def _follow_views(self) -> None:
+        """Show the chosen point where it is predicted now, on the images where it is not measured."""
+        for view in self.ui.list_views():
+            if view.image() in self.session.images and (self.point(), view.image()) not in self.session.measured:
+                self._show_image(view)
+
+    def _begin_search(self) -> None:
+        """Look for the chosen point, by matching, in all other images that should show it, one after the other."""
+        shown = [view.image() for view in self.ui.list_views()]
+        rows = [row for row in self.session.measurements(self.point()) if row.is_inside and row.measured is None]
+        wanted = [row.image for row in rows if row.image not in self.proposals]
+        self._searched = sorted(wanted, key=lambda image: image not in shown)  # those in view first
+        self._search.start()
+
+    def _search_next(self) -> None:
+        if self._searched:
+            self.transfer([self._searched.pop(0)], is_asked=False)
+            self._search.start()
 
     def _on_edit(self) -> None:
         """Show what was edited; where residuals are live, with its residuals, and adjust again where that is quick."""
@@ -340,7 +396,7 @@ class PointsDock(QDockWidget):
         self.session.add_tie(tie, image, fit.measured)
         self._on_edit()
         self.choose(name)
-        self.transfer([view.image() for view in self.ui.list_views()])
+        self._begin_search()
 
     def _new_name(self, letter: str) -> str:
         """Return a name that neither the list nor the tie points in the background have."""
@@ -355,25 +411,31 @@ class PointsDock(QDockWidget):
             self.session.move_point(point_session.place_tie(self.session, point.id))
 
     @show_errors
-    def transfer(self, images: Sequence[str] = ()) -> None:
+    def transfer(self, images: Sequence[str] = (), is_asked: bool = True) -> None:
         """Look for the chosen point by matching in the images (all) that should show it, and wait for an answer."""
         found = point_session.find_transfers(self.session, self.point(), images)
-        self.proposals = {image: one for image, one in found.items() if not one.refusal}
+        self.proposals |= {image: one for image, one in found.items() if not one.refusal}
         for view in self.ui.list_views():
-            if view.image() in self.proposals:
-                view.show_place(self.proposals[view.image()].xy)
-        self._activate_proposal()
-        self.refresh()
+            if view.image() in found:
+                if view.image() in self.proposals:
+                    view.show_place(self.proposals[view.image()].xy, (PANEL.half_view_px, PANEL.half_view_px))
+                view.markers.show_markers(self._markers(view.image()))
+        self.ui.enable_answers(bool(self.proposals))
+        if is_asked:
+            self.answered_image()
+        elif not self.proposals:
+            return
         good = tr("found, correlation {:.2f}")
         said = ";  ".join(f"{image}: {one.refusal or good.format(one.correlation)}" for image, one in found.items())
         keys = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.") if self.proposals else ""
         self.tell(f"{self.point()}  {keys}  {said or tr('no other image should show it')}")
 
-    def _activate_proposal(self) -> None:
-        """Let the keyboard act on a view that waits for an answer."""
+    def answered_image(self) -> str:
+        """Return the image whose proposal the next answer is for, with its view framed; empty without."""
         waiting = [view for view in self.ui.list_views() if view.image() in self.proposals]
         if waiting and self._active not in waiting:
             self.activate(waiting[0])
+        return self._active_image() if waiting else ""
 
     @show_errors
     def accept_transfers(self, image: str | None = None) -> None:
@@ -385,22 +447,23 @@ class PointsDock(QDockWidget):
         self.proposals = {name: one for name, one in self.proposals.items() if name not in found}
         self._place_tie()
         self._on_edit()
-        self._activate_proposal()
-        self.tell(tr("{} measured on {}").format(self.point(), ", ".join(found)))
+        said = tr("{} measured on {}").format(self.point(), ", ".join(found))
+        if not self.proposals and not self._searched and image is None:  # on to the next point
+            self.step_to_gap(1)
+        self.tell(said)
 
     def reject_transfer(self) -> None:
         """Refuse what was found in the active view."""
-        image = self._active_image()
+        image = self.answered_image()
         if self.proposals.pop(image, None) is not None:
             self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
             self.refresh()
-            self._activate_proposal()
 
     @show_errors
     def take_prediction(self) -> None:
         """Measure the chosen point where it is predicted in the active view, as if it had been clicked there."""
         if (image := self._active_image()) in self.session.images:
-            self.measure(image, *self.session.predict_place(self.point(), image))
+            self.measure(image, *self.session.predict_place(self.point(), image), is_seen=False)
 
     @show_errors
     def forget_measurement(self) -> None:
@@ -425,6 +488,48 @@ class PointsDock(QDockWidget):
     def step_to_gap(self, step: int) -> None:
         """Choose the next point (``step`` -1: the one before) that is not measured on all images which show it."""
         self.choose(self.session.find_next_gap(self.point(), step))
+        views = [view for view in self.ui.list_views() if view.image() in self.session.images]
+        gaps = [view for view in views if (self.point(), view.image()) not in self.session.measured]
+        if gaps:
+            self.activate(gaps[0])
+
+    # ---- residuals and verdict ---------------------------------------------------------------------------------
+
+    def _refresh_residuals(self) -> None:
+        """Show all residuals as they are now, with the row of the chosen point and active image selected."""
+        model, table = self.residuals_model, self.ui.residuals
+        model.refresh()
+        self.ui.rmse.setText("\n".join(point_session.summarise_roles(self.session)))
+        row, selection = model.row_of(self.point(), self._active_image()), table.selectionModel()
+        if selection is not None and row != table.currentIndex().row():
+            selection.blockSignals(True)  # it is chosen already
+            table.setCurrentIndex(model.index(row, 0))
+            selection.blockSignals(False)
+            table.viewport().update()
+
+    def _on_residual(self, index: QModelIndex, _before: QModelIndex | None = None) -> None:
+        """Show the point of a residual, with its image framed."""
+        if index.isValid():
+            row = self.residuals_model.rows[index.row()]
+            self.choose(row.point.id)
+            self.frame_image(row.image)
+
+    def filter_residuals(self) -> None:
+        """Show the residuals of the chosen image, or all."""
+        box = self.ui.filter
+        self.residuals_model.show_only([box.currentText()] if box.currentIndex() > 0 else [])
+
+    def show_reason(self, reason: Any) -> None:
+        """Show the residuals of what a reason of the verdict concerns, and the worst of these points."""
+        if reason is None or not (reason.points or reason.images):
+            return
+        self.ui.filter.setCurrentIndex(-1)
+        self.ui.tabs.setCurrentIndex(1)
+        self.residuals_model.show_only(reason.images, reason.points)
+        if self.residuals_model.rows:
+            self._on_residual(self.residuals_model.index(0, 0))
+        elif reason.points:
+            self.choose(reason.points[0])
 
     def pick_point(self) -> None:
         """Ask for a place in the map, and make a ground point of it."""
@@ -523,22 +628,33 @@ class PointsDock(QDockWidget):
 
     @show_errors
     def adjust(self, save: bool = True) -> None:
-        """Adjust the block in the background, and save it where it has a file; `adjusted` is emitted at the end."""
+        """Adjust the block in the background; `adjusted` is emitted at the end.
+
+        save : the user asks for it: it is told how it ends, and the block is saved where it has a file
+        """
         if self._task is not None:
             return
         session, model, block = self.session, self.ui.model.currentText(), point_session.block_of(self.session)
         adjust = partial(point_session.adjust_block, block, model, listed=frozenset(session.points))
+
+        def work(progress: Progress) -> Any:
+            began_s = time.thread_time()
+            adjusted = adjust(progress=progress)
+            self._adjusted_in_s = time.thread_time() - began_s
+            return adjusted
+
         on_end = partial(self._on_adjustment_end, point_session.Snapshot(session), save)
-        task = BackgroundTask(tr("HRSI: adjusting the block"), lambda progress: adjust(progress=progress), on_end)
+        task = BackgroundTask(tr("HRSI: adjusting the block"), work, on_end)
         task.progressChanged.connect(self.ui.show_progress)
-        self._task, self._began_s = task, time.monotonic()
+        self._task = task
         self.refresh()
-        self.tell(tr("adjusting …"))
+        if save:
+            self.tell(tr("adjusting …"))
         task.start()
 
     def _adjust_live(self) -> None:
         """Adjust what has changed since the last adjustment; after the one that runs."""
-        if self.ui.live.isChecked() and self._task is None and not self.session.is_adjusted:
+        if self.ui.live.isChecked() and self._task is None and self.session.measured and not self.session.is_adjusted:
             self.adjust(save=False)
 
     def _show_measurements(self) -> None:
@@ -555,21 +671,24 @@ class PointsDock(QDockWidget):
             self._task.cancel()
 
     @show_errors
-    def _on_adjustment_end(self, seen: Any, is_to_be_saved: bool, task: BackgroundTask) -> None:
+    def _on_adjustment_end(self, seen: Any, is_asked: bool, task: BackgroundTask) -> None:
         """Show the adjustment of what was ``seen`` when it began."""
         if task is not self._task:
             return
         self._task = None
         self.ui.show_progress(0.0)
         if task.outcome is None:
-            self.tell(task.failure or tr("cancelled"), is_error=bool(task.failure))
+            self._failure = task.failure
+            if is_asked or not task.failure:  # one that follows edits fails as long as too little is measured
+                self.tell(task.failure or tr("cancelled"), is_error=bool(task.failure))
         else:
-            self._adjusted_in_s = time.monotonic() - self._began_s
+            self._failure = ""
             self.session.accept(task.outcome, seen)
-            if is_to_be_saved and self.session.path and self.session.is_adjusted:
+            if is_asked and self.session.path and self.session.is_adjusted:
                 point_session.save(self.session)
                 self._after_save()
-            self.tell(task.outcome.told, is_error=task.outcome.verdict.level is Level.UNUSABLE)
+            if is_asked:
+                self.tell(task.outcome.told, is_error=task.outcome.verdict.level is Level.UNUSABLE)
             if self.ui.live.isChecked() and not self.session.is_adjusted:
                 self._on_edit()
         self.refresh()

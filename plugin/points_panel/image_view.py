@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qgis.core import (
@@ -18,12 +18,22 @@ from qgis.core import (
     QgsSingleBandGrayRenderer,
 )
 from qgis.gui import QgsMapCanvas, QgsMapCanvasItem, QgsMapToolEmitPoint
-from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, pyqtSignal
-from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen, QPixmap
+from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, QTimer, pyqtSignal
+from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen, QPixmap, QWheelEvent
 from qgis.PyQt.QtSvg import QSvgRenderer
-from qgis.PyQt.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QToolButton, QVBoxLayout, QWidget
+from qgis.PyQt.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QHBoxLayout,
+    QLabel,
+    QSpinBox,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 from qgis.PyQt.QtXml import QDomDocument
 
+from ...processing_algorithms.point_session.rows import PANEL
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
 
@@ -61,6 +71,7 @@ class PointMarkers(QgsMapCanvasItem):
         self._canvas = canvas
         self.markers: list[Marker] = []
         self._xy = np.empty((0, 3, 2))  # of each marker: predicted, measured, proposed; NaN where it is not
+        self.segment: np.ndarray | None = None  # where the chosen point lies at the heights that it may have (k, 2)
 
     def show_markers(self, markers: list[Marker]) -> None:
         self.markers = markers
@@ -76,8 +87,14 @@ class PointMarkers(QgsMapCanvasItem):
 
     def paint(self, painter: QPainter, option: object = None, widget: object = None) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        zero, one = (self.toCanvasCoordinates(QgsPointXY(*place)) for place in ((0.0, 0.0), (1.0, -1.0)))
-        on_screen = np.array([zero.x(), zero.y()]) + self._xy * (one.x() - zero.x(), one.y() - zero.y())
+        corners = [self.toCanvasCoordinates(QgsPointXY(*place)) for place in ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0))]
+        zero, *sides = np.array([[corner.x(), corner.y()] for corner in corners])
+        to_screen = np.array(sides) - zero  # rows: what a sample and a line are on the screen
+        on_screen = zero + self._xy @ to_screen
+        turn = to_screen / max(np.hypot(*to_screen[0]), 1e-12)
+        if self.segment is not None:
+            painter.setPen(QPen(PREDICTED, 1.2, Qt.PenStyle.DotLine))
+            painter.drawPolyline(*(QPointF(*place) for place in (zero + self.segment @ to_screen).tolist()))
         size = self._canvas.width(), self._canvas.height()
         near = ((on_screen > -_BESIDE) & (on_screen < np.add(size, _BESIDE))).all(axis=2).any(axis=1).nonzero()[0]
         are_named = len(near) <= NAMED_POINTS
@@ -85,14 +102,17 @@ class PointMarkers(QgsMapCanvasItem):
         for index in near.tolist():
             marker = self.markers[index]
             if are_named or marker.measured is None or marker.is_chosen or marker.is_suspicious:
-                self._paint(painter, marker, [QPointF(*place) for place in on_screen[index].tolist()], are_named)
+                places = [QPointF(*place) for place in on_screen[index].tolist()]
+                self._paint(painter, marker, places, are_named, turn)
             else:
                 crosses.setdefault(_colour_of(marker).name(), []).append(index)
         for colour, chosen in crosses.items():
             residuals_px = [self.markers[index].residual_px for index in chosen]
-            _draw_crosses(painter, QColor(colour), on_screen[chosen, 1].tolist(), residuals_px)
+            _draw_crosses(painter, QColor(colour), on_screen[chosen, 1].tolist(), residuals_px, turn)
 
-    def _paint(self, painter: QPainter, marker: Marker, places: Sequence[QPointF], are_named: bool) -> None:
+    def _paint(
+        self, painter: QPainter, marker: Marker, places: Sequence[QPointF], are_named: bool, turn: np.ndarray
+    ) -> None:
         """Draw a marker where it is predicted, measured and proposed on the screen, with its name."""
         predicted, measured, proposed = places
         at = predicted
@@ -108,7 +128,7 @@ class PointMarkers(QgsMapCanvasItem):
         colour = _colour_of(marker)
         if marker.measured is not None:
             at = measured
-            _draw_crosses(painter, colour, [(at.x(), at.y())], [marker.residual_px])
+            _draw_crosses(painter, colour, [(at.x(), at.y())], [marker.residual_px], turn)
         if are_named or marker.is_chosen or marker.is_suspicious:
             # Write a text that is read on bright and on dark ground
             outline = QPainterPath()
@@ -124,12 +144,15 @@ def _colour_of(marker: Marker) -> QColor:
 
 def _draw_crosses(
     painter: QPainter, colour: QColor, places: Sequence[tuple[float, float]],
-    residuals_px: Sequence[tuple[float, float] | None],
+    residuals_px: Sequence[tuple[float, float] | None], turn: np.ndarray,
 ) -> None:  # fmt: skip
-    """Draw crosses on the screen, and their residuals, all at once: one by one takes long with some hundred."""
+    """Draw crosses on the screen, and their residuals, all at once: one by one takes long with some hundred.
+
+    turn : (2, 2) directions of sample and line on the screen, in rows
+    """
     crosses = [QLineF(x - i, y - j, x + i, y + j) for i, j in ((_ARM, 0.0), (0.0, _ARM)) for x, y in places]
     arrows = [
-        QLineF(x, y, x + ARROW_PX * left[0], y + ARROW_PX * left[1])
+        QLineF(x, y, *(np.array([x, y]) + ARROW_PX * (np.array(left) @ turn)).tolist())
         for (x, y), left in zip(places, residuals_px, strict=True)
         if left is not None
     ]
@@ -152,27 +175,39 @@ if TYPE_CHECKING:
     from ...processing_algorithms.point_session.views import View
 
 CANVAS_NAME = "hrsi image view"  # for what QGIS does with canvases in projects
-HALF_VIEW_PX = 60.0  # image pixels around the predicted position
+SETTLE_MS = 250  # after a zoom, until the contrast follows
 STRETCH_PIXELS = 20_000
 ACTIVE = "#ffb000"  # the frame of the view that the keyboard acts on, seen with bright and dark themes
 STRETCH = QgsContrastEnhancement.ContrastEnhancementAlgorithm.StretchToMinimumMaximum
 
 
+class ImageCanvas(QgsMapCanvas):
+    """Tells by what factor the wheel has zoomed."""
+
+    zoomed = pyqtSignal(float)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        before = self.mapUnitsPerPixel()
+        super().wheelEvent(event)
+        self.zoomed.emit(self.mapUnitsPerPixel() / before)
+
+
 class ImageView(QWidget):
     """A chooser for the image and its band, its canvas with the points, and the chip of the last fit.
 
-    The wheel zooms, the middle button or the space bar pans.
+    The wheel zooms, the middle button or the space bar pans. ``gammas`` are those of the images, by id.
     """
 
     clicked = pyqtSignal(str, float, float)  #: image id, sample, line
     image_chosen = pyqtSignal(str)
     whole_asked = pyqtSignal(str)  #: image id: to be seen as a whole
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget, gammas: dict[str, float]) -> None:
         super().__init__(parent)
         self.chooser, self.note, self.chip = QComboBox(), QLabel(), ChipLabel()
-        self.band, self.whole = QSpinBox(), QToolButton()
-        self.canvas = QgsMapCanvas(self)
+        self.band, self.gamma, self.whole = QSpinBox(), QDoubleSpinBox(), QToolButton()
+        self._gammas = gammas
+        self.canvas = ImageCanvas(self)
         self.canvas.setObjectName(CANVAS_NAME)
         project = QgsProject.instance()  # after the canvas, which connects itself to the same signals
         project.writeProject.connect(self._leave_project)
@@ -187,22 +222,38 @@ class ImageView(QWidget):
         self._tool.canvasClicked.connect(self._on_click)
         self.canvas.setMapTool(self._tool)
         self.chooser.currentTextChanged.connect(self.image_chosen)
+        self._settle = QTimer(self)
+        self._settle.setSingleShot(True)
+        self._settle.setInterval(SETTLE_MS)
+        self._settle.timeout.connect(self._stretch)
+        self.canvas.extentsChanged.connect(self._settle.start)
         self.band.valueChanged.connect(lambda _band: self._stretch())
+        self.gamma.valueChanged.connect(self._set_gamma)
         self.whole.clicked.connect(lambda: self.whole_asked.emit(self.image()))
         self._layer: QgsRasterLayer | None = None
-        self._grey_range = (0.0, 1.0)
-        self._extent = QgsRectangle()  # before another project is read, which clears the one before
+        self.grey_range = 0.0, 1.0  #: that become black and white
+        self._stretched: tuple[Any, ...] = ()  # what the contrast was made for
+        self.grey_range = 0.0, 1.0  #: that become black and white
+        self._stretched: tuple[Any, ...] = ()  # what the contrast was made for
+        self._shown = QgsRectangle(), 0.0  #: extent and rotation before a project is read
         self._arrange()
 
     def _arrange(self) -> None:
         self.band.setMinimum(1)
         self.band.setPrefix(f"{tr('band')} ")
         self.band.setToolTip(tr("The band that is shown; targets are measured on the first"))
+        self.gamma.setRange(0.2, 4.0)
+        self.gamma.setSingleStep(0.2)
+        self.gamma.setDecimals(1)
+        self.gamma.setPrefix("γ ")
+        self.gamma.setToolTip(
+            tr("Gamma of this image: above 1 it is brighter; its contrast is 2-98 % of what is in view")
+        )
         self.whole.setText(tr("Whole image"))
         self.whole.setToolTip(tr("Show the whole image; choosing the point again comes back"))
         top = QHBoxLayout()
         top.addWidget(self.chooser, 1)
-        for widget in (self.note, self.band, self.whole):
+        for widget in (self.note, self.band, self.gamma, self.whole):
             top.addWidget(widget)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -225,9 +276,9 @@ class ImageView(QWidget):
         self.chooser.setCurrentText(chosen)
         self.chooser.blockSignals(False)
 
-    def show_view(self, view: View | None, markers: list[Marker]) -> None:
+    def show_view(self, view: View | None, markers: list[Marker], is_north_up: bool) -> None:
         """Show an image around a position; without pixels only where the points are."""
-        for widget in (self.band, self.whole):
+        for widget in (self.band, self.gamma, self.whole):
             widget.setEnabled(view is not None and bool(view.source))
         if view is None or not view.source:
             self.canvas.setLayers([])
@@ -238,18 +289,24 @@ class ImageView(QWidget):
                 options.skipCrsValidation = True
                 self._layer = QgsRasterLayer(view.source, self.image(), "gdal", options)
                 self.band.setMaximum(max(self._layer.bandCount(), 1))
+                self.band.setVisible(self._layer.bandCount() > 1)
                 self.canvas.setLayers([self._layer])
-            self._grey_range = view.grey_range
-            self._stretch()
+            self.gamma.setValue(self._gammas.get(self.image(), 1.0))
+        self.markers.segment = view.segment if view is not None else None
         self.markers.show_markers(markers)
         if view is not None:
             self.note.setText("" if view.source else tr("no pixels"))
-            self.show_place(view.middle)
+            self.canvas.setRotation(-view.north_deg if is_north_up else 0.0)
+            self.show_place(view.middle, (view.half_px, view.half_px))
 
-    def show_place(self, middle: tuple[float, float], half: tuple[float, float] = (HALF_VIEW_PX, HALF_VIEW_PX)) -> None:
-        """Show the surroundings of a place (sample, line), ``half`` pixels to each side."""
-        (sample, line), (across, down) = middle, half
-        self.canvas.setExtent(QgsRectangle(sample - across, -line - down, sample + across, -line + down))
+    def show_place(self, middle: tuple[float, float], half: tuple[float, float] | None = None) -> None:
+        """Show the surroundings of a place (sample, line), ``half`` pixels to each side; without, as wide as now."""
+        if half is None:
+            self.canvas.setCenter(QgsPointXY(middle[0], -middle[1]))
+        else:
+            (sample, line), (across, down) = middle, half
+            self.canvas.setExtent(QgsRectangle(sample - across, -line - down, sample + across, -line + down))
+        self._stretch()
         self.canvas.refresh()
 
     def mark_active(self, is_active: bool) -> None:
@@ -265,13 +322,14 @@ class ImageView(QWidget):
                 canvas.parentNode().removeChild(canvas)
 
     def _note_extent(self) -> None:
-        self._extent = self.canvas.extent()
+        self._shown = self.canvas.mapSettings().extent(), self.canvas.rotation()
 
     def _return(self, _document: QDomDocument) -> None:
         """Show again what was shown before a project was read: QGIS sets all its canvases to what the project holds."""
         self.canvas.setDestinationCrs(QgsCoordinateReferenceSystem())
-        self.canvas.setRotation(0.0)
-        self.canvas.setExtent(self._extent)
+        extent, rotation = self._shown
+        self.canvas.setRotation(rotation)
+        self.canvas.setExtent(extent)
 
     def let_go(self) -> None:
         """Stop drawing, and drop the image, before the view is deleted: its threads would outlive it."""
@@ -279,18 +337,22 @@ class ImageView(QWidget):
         project.writeProject.disconnect(self._leave_project)
         project.cleared.disconnect(self._note_extent)
         project.readProject.disconnect(self._return)
+        self._settle.stop()
         self.canvas.stopRendering()
         self.canvas.setLayers([])
         self._layer = None
 
     def _stretch(self) -> None:
-        """Stretch the contrast to the surroundings of the point."""
-        layer, band = self._layer, self.band.value()
+        """Stretch the contrast to what is in view."""
+        layer, band, extent = self._layer, self.band.value(), self.canvas.extent()
         if layer is None:
             return
-        low, high = self._grey_range  # of the band that is measured on
-        if band > 1:
-            low, high = layer.dataProvider().cumulativeCut(band, 0.01, 0.99, self.canvas.extent(), STRETCH_PIXELS)
+        wanted = layer.id(), band, self.gamma.value(), extent.toString(1)
+        if wanted == self._stretched:
+            return
+        self._stretched = wanted
+        low, high = (0.01 * percent for percent in PANEL.stretch_percent)
+        self.grey_range = low, high = layer.dataProvider().cumulativeCut(band, low, high, extent, STRETCH_PIXELS)
         renderer = QgsSingleBandGrayRenderer(layer.dataProvider(), band)
         contrast = QgsContrastEnhancement(layer.dataProvider().dataType(band))
         contrast.setMinimumValue(low)
@@ -298,7 +360,12 @@ class ImageView(QWidget):
         contrast.setContrastEnhancementAlgorithm(STRETCH)
         renderer.setContrastEnhancement(contrast)
         layer.setRenderer(renderer)
+        layer.brightnessFilter().setGamma(self.gamma.value())
         self.canvas.refresh()
+
+    def _set_gamma(self, gamma: float) -> None:
+        self._gammas[self.image()] = gamma
+        self._stretch()
 
     def _on_click(self, point: QgsPointXY, button: Qt.MouseButton) -> None:
         if button == Qt.MouseButton.LeftButton and self.image():

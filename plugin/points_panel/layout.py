@@ -1,8 +1,10 @@
 """The widgets of the panel and where they stand; what they do is connected by the dock."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, Qt
 from qgis.PyQt.QtGui import QKeyEvent, QKeySequence
@@ -13,11 +15,14 @@ from qgis.PyQt.QtWidgets import (
     QGridLayout,
     QHeaderView,
     QLabel,
+    QListWidget,
+    QListWidgetItem,
     QProgressBar,
     QSplitter,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTableView,
+    QTabWidget,
     QToolBar,
     QVBoxLayout,
     QWidget,
@@ -28,9 +33,13 @@ from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from ..translation import tr
 from .image_view import ImageView
 
+if TYPE_CHECKING:
+    from ...processing_algorithms.point_session.adjusted import AdjustmentView
+
 VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
 FIRST_VIEWS = 2
 EMPTY = "New… begins a block with images and points; Open… goes on with the block.gpkg of a result or of a session."
+PAGES = "Points", "Residuals", "Verdict"  #: above the tables
 SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
 KIND_TIP = "What is clicked: a round or closed object (center), two straight edges (corner), or just this place (point)"
 
@@ -70,12 +79,17 @@ class PanelLayout(QWidget):
         self.message.setWordWrap(True)
         self.message.setTextFormat(Qt.TextFormat.PlainText)  # ids of points may look like HTML
         self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.points, self.measurements = QTableView(), QTableView()
+        self.points, self.measurements, self.residuals = QTableView(), QTableView(), QTableView()
+        self.filter, self.rmse, self.verdict, self.tabs = QComboBox(), QLabel(), QListWidget(), QTabWidget()
+        self.filter.setToolTip(tr("Show the residuals of one image, or of what a reason of the verdict concerns"))
         self.views: list[ImageView] = []
+        self._verdict_of: tuple[AdjustmentView | None, str] = None, ""
+        self.gammas: dict[str, float] = {}  # of the images, by id
         self.empty, self.grid = QLabel(tr(EMPTY)), QWidget()
         self.bar, self.second_bar = self._tool_bar(), self._second_bar()
-        for toggle in (self.live, self.pick, self.go_to, self.tie):
+        for toggle in (self.live, self.pick, self.go_to, self.tie, self.linked, self.north):
             toggle.setCheckable(True)
+            toggle.setChecked(toggle in (self.live, self.linked, self.north))
         self._arrange()
         self.show_progress(0.0)
 
@@ -121,17 +135,34 @@ class PanelLayout(QWidget):
         self.accept = _action(bar, "Accept", "Take what was found in the active view", "Y")
         self.accept_all = _action(bar, "Accept all", "Take what was found in all images", "Shift+Y")
         self.reject = _action(bar, "Reject", "Refuse what was found in the active view", "X")
+        bar.addSeparator()
+        self.linked = _action(bar, "Linked zoom", "The wheel zooms all images")
+        self.north = _action(bar, "North up", "Turn the images so that north is on top")
         return bar
 
     def _arrange(self) -> None:
+        residuals = QWidget()
+        column = QVBoxLayout(residuals)
+        column.setContentsMargins(0, 2, 0, 0)
+        self.rmse.setTextFormat(Qt.TextFormat.PlainText)
+        for widget in (self.filter, self.residuals, self.rmse):
+            column.addWidget(widget)
+        self.verdict.setWordWrap(True)
+        self.verdict.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.verdict.setToolTip(tr("A click shows the residuals of the points concerned, the worst first"))
+        for page, title in zip((self.points, residuals, self.verdict), PAGES, strict=True):
+            self.tabs.addTab(page, tr(title))
         tables = QSplitter(Qt.Orientation.Vertical)
-        for table in (self.points, self.measurements):
+        for table in (self.points, self.residuals, self.measurements):
             table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
             table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
             table.verticalHeader().hide()
             table.verticalHeader().setDefaultSectionSize(22)
             table.horizontalHeader().setResizeContentsPrecision(SIZED_ROWS)
-            tables.addWidget(table)
+            table.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+            table.setSortingEnabled(True)
+        tables.addWidget(self.tabs)
+        tables.addWidget(self.measurements)
         tables.setSizes([300, 150])
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty.setWordWrap(True)
@@ -160,7 +191,7 @@ class PanelLayout(QWidget):
 
     def show_views(self, number: int) -> list[ImageView]:
         """Arrange so many images in a grid, about as wide as high; return those that are new."""
-        new = [ImageView(self.grid) for _ in range(len(self.views), number)]
+        new = [ImageView(self.grid, self.gammas) for _ in range(len(self.views), number)]
         self.views += new
         grid = self.places
         columns = max(math.ceil(math.sqrt(number)), 1)
@@ -169,16 +200,21 @@ class PanelLayout(QWidget):
             view.setVisible(index < number)
             if index < number:
                 grid.addWidget(view, index // columns, index % columns)
+        for row in range(grid.rowCount()):  # all of one size, and rows that are gone of none
+            grid.setRowStretch(row, int(row * columns < number))
+        for column in range(grid.columnCount()):
+            grid.setColumnStretch(column, int(column < columns))
         return new
 
     def list_views(self) -> list[ImageView]:
         return [view for view in self.views if view.isVisibleTo(self.grid)]
 
-    def show_models(self, points: Any, measurements: Any) -> None:
+    def show_models(self, points: Any, measurements: Any, residuals: Any) -> None:
         """Show these tables, with a choice of words where a cell takes one of a few."""
         for table, model, title, words in (
             (self.points, points, "role", ROLES),
             (self.measurements, measurements, "kind", CLICK_KINDS),
+            (self.residuals, residuals, "role", ROLES),
         ):
             table.setModel(model)
             table.setItemDelegateForColumn(model.titles.index(title), Choices(words, table))
@@ -186,8 +222,26 @@ class PanelLayout(QWidget):
 
     def fit_columns(self) -> None:
         """Make the tables' columns as wide as what is in them; doing so with every edit takes longer than the edit."""
-        for table in (self.points, self.measurements):
+        for table in (self.points, self.measurements, self.residuals):
             table.resizeColumnsToContents()
+
+    def show_verdict(self, adjusted: AdjustmentView | None, remark: str) -> None:
+        """List the verdict and its reasons with what they concern; ``remark`` says what is to be known before."""
+        if self._verdict_of == (adjusted, remark):
+            return
+        self._verdict_of = adjusted, remark
+        title, lines = tr("Verdict"), list[tuple[str, Any]]([(remark, None)] if remark else [])
+        if adjusted is not None:
+            verdict, warnings = adjusted.verdict, adjusted.warnings
+            title = f"{title}: {tr(verdict.level.label)}"
+            lines.append((verdict.sentence, None))
+            lines += [(f"{one.level.label}: {one.message} [{one.code}]\n{one.advice}", one) for one in verdict.reasons]
+            lines += [(f"{tr('warning')}: {text}", None) for text in warnings]
+        self.tabs.setTabText(self.tabs.indexOf(self.verdict), title)
+        self.verdict.clear()
+        for text, reason in lines:
+            item = QListWidgetItem(text, self.verdict)
+            item.setData(Qt.ItemDataRole.UserRole, reason)
 
     def show_progress(self, percent: float) -> None:
         self.progress.setVisible(percent > 0.0)
@@ -197,15 +251,19 @@ class PanelLayout(QWidget):
         self.message.setStyleSheet("color: #b3261e;" if is_error else "")
         self.message.setText(text)
 
+    def enable_answers(self, has_proposals: bool) -> None:
+        """Offer to take or refuse what matching has found."""
+        for action in (self.accept, self.accept_all, self.reject):
+            action.setEnabled(has_proposals)
+
     def enable(
         self, session: PointSession, has_point: bool, is_adjusting: bool, has_map: bool, has_proposals: bool
     ) -> None:
         """Offer what can be done now."""
         has_images, history = bool(session.images), session.history
+        self.enable_answers(has_proposals)
         self.whole.setVisible(has_images)
         self.empty.setVisible(not has_images)
-        for action in (self.accept, self.accept_all, self.reject):
-            action.setEnabled(has_proposals)
         for action in (self.save, self.save_as, self.add, self.live, self.tie):
             action.setEnabled(has_images)
         for action in (self.remove, self.previous, self.next, self.take, self.forget, self.transfer):

@@ -1,7 +1,7 @@
-"""The two tables: the known points, and the images of the chosen point. Edits go straight to the session."""
+"""The tables: the known points, the images of the chosen one, all residuals. Edits go straight to the session."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +9,8 @@ from qgis.PyQt.QtCore import QAbstractTableModel, QModelIndex, Qt, pyqtSignal
 from qgis.PyQt.QtGui import QColor
 
 from ...hrsi_engine.foundation.errors import HrsiError
-from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession
-from ...processing_algorithms.point_session.rows import CLICK_KINDS, ImageMeasurement
+from ...processing_algorithms.point_session import MeasurementRow, PointRow, PointSession, list_residuals
+from ...processing_algorithms.point_session.rows import CLICK_KINDS, ImageMeasurement, ResidualRow
 from ..help import as_rich_text
 from ..translation import tr
 
@@ -42,6 +42,7 @@ class RowsModel(QAbstractTableModel):
         super().__init__()
         self.session = session
         self.rows: list[Any] = []
+        self._order = -1, False  # the column that is sorted by, and whether the largest is first
 
     def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
         return 0 if parent.isValid() else len(self.rows)
@@ -87,16 +88,39 @@ class RowsModel(QAbstractTableModel):
         return True
 
     def refresh(self) -> None:
-        """Show the session as it is now; the selection stays where the rows stay."""
+        """Show the session as it is now; the selection stays with its row where no row comes or goes."""
+        column, is_descending = self._order
         rows = self.current_rows()
-        if len(rows) == len(self.rows):
+        if column >= 0:
+            rows.sort(key=lambda row: _sort_key(self.text(row, self.titles[column])), reverse=is_descending)
+        before, now = ([self.key(row) for row in each] for each in (self.rows, rows))
+        if now == before:
             self.rows = rows
             if rows:
                 self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(self.titles) - 1))
-            return
-        self.beginResetModel()
-        self.rows = rows
-        self.endResetModel()
+        elif len(now) == len(before) and set(now) == set(before):
+            self.layoutAboutToBeChanged.emit()
+            self.rows, row_of = rows, {key: row for row, key in enumerate(now)}
+            for index in self.persistentIndexList():
+                self.changePersistentIndex(index, self.index(row_of[before[index.row()]], index.column()))
+            self.layoutChanged.emit()
+        else:
+            self.beginResetModel()
+            self.rows = rows
+            self.endResetModel()
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        """Sort by a column, numbers by their size without sign; -1: in the order of the session."""
+        self._order = column, order == Qt.SortOrder.DescendingOrder
+        self.refresh()
+
+    def row_of(self, *key: str) -> int:
+        """Return where a row stands, -1 where it is not in the table."""
+        return next((index for index, row in enumerate(self.rows) if self.key(row) == key), -1)
+
+    def key(self, row: Any) -> tuple[str, ...]:
+        """Return what tells a row from all others."""
+        raise NotImplementedError
 
     def current_rows(self) -> list[Any]:
         raise NotImplementedError
@@ -112,6 +136,13 @@ class RowsModel(QAbstractTableModel):
 
     def tip(self, row: Any) -> str | None:
         return None
+
+
+def _sort_key(text: str) -> tuple[float, str]:
+    try:
+        return abs(float(text)), ""
+    except ValueError:
+        return -1.0, text
 
 
 _POINT_TEXT: dict[str, Callable[[PointRow], str]] = {
@@ -148,9 +179,49 @@ class PointsModel(RowsModel):
     def colour(self, row: PointRow) -> QColor | None:
         return None if row.images and row.point.role != "off" else FAINT
 
-    def row_of(self, name: str) -> int:
-        """Return the row of a point, -1 where it is not in the list."""
-        return next((index for index, row in enumerate(self.rows) if row.point.id == name), -1)
+    def key(self, row: PointRow) -> tuple[str, ...]:
+        return (row.point.id,)
+
+
+_RESIDUAL_TEXT: dict[str, Callable[[ResidualRow], str]] = {
+    "point": lambda row: row.point.id,
+    "role": lambda row: row.point.role,
+    "image": lambda row: row.image,
+    "ds px": lambda row: format_number(row.residual_px[0], 2),
+    "dl px": lambda row: format_number(row.residual_px[1], 2),
+    "normalised": lambda row: format_number(row.statistic, 1),
+    "kind": lambda row: row.kind,
+}
+
+
+class ResidualsModel(RowsModel):
+    """All measurements with their residuals, the worst first, or those of some images or points."""
+
+    titles = tuple(_RESIDUAL_TEXT)
+    editable = ("role",)
+
+    def __init__(self, session: PointSession) -> None:
+        super().__init__(session)
+        self._images, self._points = frozenset[str](), frozenset[str]()
+
+    def show_only(self, images: Iterable[str] = (), points: Iterable[str] = ()) -> None:
+        """Show the measurements on these images, and of these points; empty stands for all."""
+        self._images, self._points = frozenset(images), frozenset(points)
+        self.refresh()
+
+    def current_rows(self) -> list[ResidualRow]:
+        rows = list_residuals(self.session)
+        rows = [row for row in rows if row.image in self._images] if self._images else rows
+        return [row for row in rows if row.point.id in self._points] if self._points else rows
+
+    def text(self, row: ResidualRow, title: str) -> str:
+        return _RESIDUAL_TEXT[title](row)
+
+    def edit(self, row: ResidualRow, title: str, value: Any) -> None:
+        self.session.set_role(row.point.id, str(value))
+
+    def key(self, row: ResidualRow) -> tuple[str, ...]:
+        return row.point.id, row.image
 
 
 def _measurement_of(part: str, digits: int) -> Callable[[MeasurementRow], str]:
@@ -202,6 +273,9 @@ class MeasurementsModel(RowsModel):
             entered: dict[str, Any] = {_MEASUREMENT_FIELDS[title]: typed}
             changed = replace(measured, **entered)
         self.session.set_measurement(self.point, row.image, changed)
+
+    def key(self, row: MeasurementRow) -> tuple[str, ...]:
+        return (row.image,)
 
     def colour(self, row: MeasurementRow) -> QColor | None:
         return None if row.is_inside or row.measured else FAINT

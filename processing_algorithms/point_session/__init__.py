@@ -17,5 +17,6 @@ __getattr__, __dir__, __all__ = lazy_names(
         "recovery": "EditKeeper find_journals forget recover",
         "views": "dem_height find_transfers new_tie operations_of place_on place_tie view_of",
         "adjusting": "adjust_block block_of follow",
+        "residual_list": "list_residuals summarise_roles",
     },
 )

@@ -19,6 +19,8 @@ from .recovery import EditKeeper as EditKeeper
 from .recovery import find_journals as find_journals
 from .recovery import forget as forget
 from .recovery import recover as recover
+from .residual_list import list_residuals as list_residuals
+from .residual_list import summarise_roles as summarise_roles
 from .rows import MODEL as MODEL
 from .rows import MeasurementRow as MeasurementRow
 from .rows import PointRow as PointRow

@@ -68,6 +68,7 @@ class CurrentView:
     corrections : parameters of the model by image id
     residual_px : by (point, image), observed - computed at the surveyed position
     residual_m : by point, survey - computed
+    statistics : by (point, image), the length of the residual in sigmas
     image_suspicions, point_suspicions : why, by the same keys
     """
 
@@ -75,6 +76,7 @@ class CurrentView:
     corrections: Mapping[str, np.ndarray]
     residual_px: CurrentResiduals | Mapping[Key, tuple[float, float]]
     residual_m: Mapping[str, tuple[float, float, float]]
+    statistics: Mapping[Key, float]
     image_suspicions: Mapping[Key, str]
     point_suspicions: Mapping[str, str] = field(default_factory=dict)
 
@@ -113,9 +115,8 @@ class AdjustmentView(CurrentView):
 
     @property
     def told(self) -> str:
-        """What the panel says: the verdict, its reasons with what to do, and warnings."""
-        *reasons, last = verdict_lines(self.verdict.entry())
-        return "\n".join([last, *reasons, *self.warnings])
+        """The verdict in one line."""
+        return verdict_lines(self.verdict.entry())[-1]
 
 
 def list_keys(block: Block) -> list[Key]:

@@ -4,7 +4,8 @@
 the panel shows between two adjustments are residuals by cameras that follow every edit.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,6 @@ from ..block_steps.plausibility import explain_failures
 from ..block_steps.summary import choice_warnings
 from .adjusted import AdjustmentView, CurrentResiduals, CurrentView, describe_outlier, list_keys
 from .files import ground_points, image_points
-from .rows import Key
 from .session import PointSession
 
 
@@ -74,6 +74,7 @@ def adjust_block(
         residual_px={keys[row]: (float(left.measured_px[row, 0]), float(left.measured_px[row, 1]))
                      for row in rows.tolist()},
         residual_m={str(names[row]): tuple(left.ground_m[row].tolist()) for row in block.known.nonzero()[0]},
+        statistics={keys[row]: float(found[row]) for row in rows.tolist()},
         image_suspicions={keys[row]: describe_outlier(keys[row][1], found[row]) for row in rows[outlying].tolist()},
         point_suspicions=suspects, verdict=verdict, check=figures["check"],
         warnings=(*choice_warnings(result.choice), *result.warnings), result=result, left=left, follower=follower,
@@ -103,14 +104,16 @@ def follow(session: PointSession) -> CurrentView:
         keys_now = list_keys(now)
         others = ~np.isin(watched.block.points.ids, list(edited))[watched.block.measurements.point]
         still = np.where(others[:, None], left, np.nan)
-        suspicions = dict(_find_suspicions(watched.keys, still, watched.sigma_px))
-        suspicions |= dict(_find_suspicions(keys_now, left_now, sigma_now))
+        statistics = dict(zip(watched.keys, compute_statistic(still, watched.sigma_px).tolist(), strict=True))
+        statistics |= dict(zip(keys_now, compute_statistic(left_now, sigma_now).tolist(), strict=True))
+        outlying = is_outlier(np.array(list(statistics.values()))).tolist()
+        suspicions = {key: describe_outlier(key[1], statistics[key]) for key in compress(statistics, outlying)}
         residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
         residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
     return CurrentView(
         model, {image.id: new.values[index] for index, image in enumerate(adjusted.result.block.images)},
         CurrentResiduals(watched, left, edited, dict(zip(keys_now, map(tuple, left_now.tolist()), strict=True))),
-        residual_m, suspicions,
+        residual_m, statistics, suspicions,
     )  # fmt: skip
 
 
@@ -120,9 +123,3 @@ def _ground_residuals(
     left_m = ground_residuals_m(block, model, values, ground)
     shown = np.flatnonzero(block.known & (np.bincount(block.measurements.point, minlength=len(block.points)) > 0))
     yield from zip(block.points.ids[shown].tolist(), map(tuple, left_m[shown].tolist()), strict=True)
-
-
-def _find_suspicions(keys: Sequence[Key], left: np.ndarray, sigma_px: np.ndarray) -> Iterator[tuple[Key, str]]:
-    found = compute_statistic(left, sigma_px)
-    for row in np.flatnonzero(is_outlier(found)).tolist():
-        yield keys[row], describe_outlier(keys[row][1], found[row])

@@ -22,12 +22,16 @@ class PANEL:
     """What the panel keeps and shows, and where it looks for a point on the other images."""
 
     longest_history: int = threshold(1000, "edits", "that can be undone")
-    half_stretch_px: int = threshold(128, "px", "half the side of the window whose greys are shown from black to white")
+    stretch_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "of a view's greys that become black and white")
     hills_m: float = threshold(30.0, "m", "heights beyond those of the points: hills between them, and roofs")
     unknown_heights_m: float = threshold(300.0, "m", "heights to both sides where no point tells of any")
-    vendor_px: float = threshold(30.0, "px", "error of cameras before anything is adjusted")
+    vendor_px: float = threshold(150.0, "px", "error of RPCs as delivered: 75 m at 0.5 m pixels")
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
+    shifted_px: float = threshold(10.0, "px", "error of RPCs that were only shifted so far: drifts, heights")
+    half_view_px: float = threshold(60.0, "px", "half the side of what a view shows, on an image that is located")
     difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
+    beside_px: float = threshold(2.0, "px", "largest distance of a click beside the outline of what is measured")
+    north_m: float = threshold(10.0, "m", "distance over which the direction of north is taken")
     newton_steps: int = threshold(4, "iterations", "steps of Newton's method from a place on an image to the ground")
 
 
@@ -78,6 +82,18 @@ class MeasurementRow:
     is_inside: bool
     measured: ImageMeasurement | None
     residual_px: tuple[float, float]
+    suspicion: str
+
+
+@dataclass(frozen=True)
+class ResidualRow:
+    """A measurement with its residual (px), its length in sigmas, and why it is suspicious, if it is."""
+
+    point: SurveyPoint
+    image: str
+    kind: str
+    residual_px: tuple[float, float]
+    statistic: float
     suspicion: str
 
 

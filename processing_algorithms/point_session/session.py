@@ -67,6 +67,7 @@ class PointSession:
         self._shown_from = self._adjusted_from
         self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
+        self._shifts: dict[str, np.ndarray] = {}  # by image, made when asked for
 
     @property
     def changed(self) -> bool:
@@ -115,14 +116,18 @@ class PointSession:
         first_sample, last_sample, first_line, last_line = self.images[image_id].domain_px
         inside = first_sample <= sample <= last_sample and first_line <= line <= last_line
         key = (name, image_id)
-        residual, suspicion = NO_POSITION[:2], ""
-        if self.shown is not None and key not in self._stale:
-            residual = self.shown.residual_px.get(key, residual)
-            suspicion = self.shown.image_suspicions.get(key, "")
+        residual, _, suspicion = self.judge(key)
         return MeasurementRow(image_id, (sample, line), inside, self.measured.get(key), residual, suspicion)
 
+    def judge(self, key: Key) -> tuple[tuple[float, float], float, str]:
+        """Return a measurement's residual (px), its length in sigmas, and why it is suspicious; NaN without."""
+        if self.shown is None or key in self._stale:
+            return NO_POSITION[:2], math.nan, ""
+        left, length = self.shown.residual_px.get(key, NO_POSITION[:2]), self.shown.statistics.get(key, math.nan)
+        return left, length, self.shown.image_suspicions.get(key, "")
+
     def predict_place(self, name: str, image_id: str) -> tuple[float, float]:
-        """Return where a point should be on an image: by the last adjustment, else by the image's own RPC."""
+        """Return where a point should be on an image, as `project` has it."""
         known = self._predicted.setdefault(image_id, {})
         if name not in known:
             point = self._point(name)
@@ -150,11 +155,32 @@ class PointSession:
         return name
 
     def project(self, image_id: str, ground: np.ndarray) -> np.ndarray:
-        """Return where an image sees ground points ``(n, 3)``, by the last adjustment, else by the image's own RPC."""
+        """Return where an image sees ground points ``(n, 3)``.
+
+        By the last adjustment, else by the image's own RPC with the shift that was measured on it so far.
+        """
         image = self.images[image_id]
         if self.shown is not None and image_id in self.shown.corrections:
             return self.shown.model.project(image, self.shown.corrections[image_id], ground)
-        return image.rpc.project(ground)
+        return image.rpc.project(ground) + self._estimate_shift(image_id)
+
+    def _estimate_shift(self, image_id: str) -> np.ndarray:
+        """Return the median offset (px) of an image's measured surveyed points from its own RPC ``(2,)``, else 0."""
+        if image_id not in self._shifts:
+            surveyed = [
+                (measured.sample, measured.line, point.lon, point.lat, point.height)
+                for (name, image), measured in self.measured.items()
+                if image == image_id and (point := self.points[name]).role in ROLES[:2]
+            ]
+            known = np.array(surveyed).reshape(-1, 5)
+            off = known[:, :2] - self.images[image_id].rpc.project(known[:, 2:])
+            self._shifts[image_id] = np.median(off, axis=0) if len(off) else np.zeros(2)
+        return self._shifts[image_id]
+
+    def is_located(self, image_id: str) -> bool:
+        """Whether anything measured on an image tells how far its RPC is off."""
+        ties = self.adjusted is not None and self.ties is not None and image_id in self.ties.image_ids
+        return ties or any(image == image_id for _, image in self.measured)
 
     def middle_height_m(self) -> float:
         """Return the middle height of the ground; where nothing is known of it that of the images' RPCs."""
@@ -235,17 +261,17 @@ class PointSession:
         if (name, image_id) in self.measured:
             self._edit(f"forget {name} on {image_id}", {(name, image_id): None})
 
-    def fit(self, image_id: str, click: tuple[float, float], kind: str) -> Fit:
-        """Measure the target near a click; nothing changes."""
+    def fit(self, image_id: str, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
+        """Measure the target near a place, clicked on (``is_seen``) or predicted; nothing changes."""
         from .targets import fit_target  # loads much that nothing needs before something is measured
 
         if kind not in CLICK_KINDS:
             raise InputError(f"kind {kind!r} is unknown: use one of {', '.join(CLICK_KINDS)}")
-        return fit_target(self.images[image_id], click, kind)
+        return fit_target(self.images[image_id], click, kind, is_seen)
 
-    def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str) -> Fit:
-        """Measure the target near a click; where it is refused, nothing changes and the fit says why."""
-        fit = self.fit(image_id, click, kind)
+    def measure(self, name: str, image_id: str, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
+        """Measure the target near a place; where it is refused, nothing changes and the fit says why."""
+        fit = self.fit(image_id, click, kind, is_seen)
         if not fit.refusal:
             self.set_measurement(name, image_id, fit.measured)
         return fit
@@ -330,6 +356,9 @@ class PointSession:
                     others.add(key)
         if change.points is not None:
             self.points = dict(change.points)
+            self._predicted.clear()
+        self._shifts.clear()
+        if self.shown is None:
             self._predicted.clear()
         self.on_change(change)
 

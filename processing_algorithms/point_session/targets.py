@@ -9,9 +9,15 @@ from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.drawing.target_chips import draw_target_chip
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
-from ...hrsi_engine.measurement.targets.measuring import make_refusal, measure_target
+from ...hrsi_engine.measurement.interest_points.gravity_centres import CENTRE
+from ...hrsi_engine.measurement.targets.measuring import (
+    TARGET_CENTER,
+    TargetMeasurement,
+    make_refusal,
+    measure_target,
+)
 from ..files.target_chip import chip_of
-from .rows import ImageMeasurement
+from .rows import PANEL, ImageMeasurement
 
 BY_HAND = "point"
 #: How well the middle of an object is what was surveyed, and how well the cameras' models follow it: a fit's own sigma
@@ -28,22 +34,35 @@ class Fit:
     chip_svg: str
 
 
-def fit_target(image: Image, click: tuple[float, float], kind: str) -> Fit:
+def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: bool = True) -> Fit:
     """Measure the target near a click (sample, line) as `measure-targets` does; ``point`` takes the click itself.
+
+    A ``center`` must be that of a clear shape which covers the click, or nearly so. Texture has none: there the click
+    itself is taken where somebody has seen (``is_seen``) what he clicked on, else it is refused.
 
     Raises `InputError` for an image without pixels.
     """
     xy = np.array(click, dtype=np.float64)
     try:
+        made = None if kind == BY_HAND or image.raster is None else measure_target(image.raster, xy, kind)
+        if made is not None and kind == TARGET_CENTER and not made.refusal and not _is_clear(made, xy):
+            made = make_refusal(kind, "no clear closed object lies there")
+        on_image = image.size is None or ((xy > -0.5) & (xy < np.array(image.size) - 0.5)).all()
+        if made is not None and kind == TARGET_CENTER and made.refusal and is_seen and on_image:
+            made, kind = None, BY_HAND
         if kind == BY_HAND:
             shown = make_refusal(kind, BY_HAND)
             chip = "" if image.raster is None else draw_target_chip(chip_of(shown, xy, image.raster))
             return Fit(ImageMeasurement(float(xy[0]), float(xy[1]), kind=kind), "", chip)
-        if image.raster is None:
+        if made is None or image.raster is None:
             raise InputError(f"{image.id} has no pixels to measure on: enter sample and line in the table")
-        made = measure_target(image.raster, xy, kind)
         sigma_px = math.hypot(made.sigma_px, IDENTIFICATION_PX)
         measured = ImageMeasurement(float(made.xy[0]), float(made.xy[1]), sigma_px, made.kind, float(made.quality))
         return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))
     finally:
         close_images()  # a session lasts for hours, and files that are open cannot be replaced everywhere
+
+
+def _is_clear(made: TargetMeasurement, click: np.ndarray) -> bool:
+    reach_px = np.hypot(*(made.edges - made.xy).T).max() + PANEL.beside_px
+    return made.quality >= CENTRE.strong_quality and bool(np.hypot(*(made.xy - click)) <= reach_px)

@@ -3,6 +3,7 @@
 That goes by the cameras as they are known now.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from ...hrsi_engine.block.points import GroundPoints, Role
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.ground.crs_operations import operations_of as operations_of
 from ...hrsi_engine.ground.geodesy import move_ground
-from ...hrsi_engine.io.rasters.cropping import grey_range, pixel_view
+from ...hrsi_engine.io.rasters.cropping import pixel_view
 from ...hrsi_engine.io.rasters.dems import open_dem
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
@@ -30,22 +31,60 @@ from .session import PointSession
 class View:
     """An image around a place (sample, line): a source in which map x is the sample and map y minus the line.
 
-    ``source`` is empty for an image without pixels; ``grey_range`` are the grey values to show as black and white.
+    ``source`` is empty for an image without pixels; ``half_px`` is shown to each side; the view is turned by
+    ``north_deg`` clockwise to have north on top; ``segment`` is where the point lies at the heights that it may have
+    ``(3, 2)``, None where nothing tells.
     """
 
     source: str
     middle: tuple[float, float]
-    grey_range: tuple[float, float]
+    half_px: float
+    north_deg: float
+    segment: np.ndarray | None
 
 
 def view_of(session: PointSession, name: str, image_id: str) -> View:
     """Return the view of a point on an image, around where it was measured, else where it is predicted."""
-    measured = session.measured.get((name, image_id))
+    measured, point, image = session.measured.get((name, image_id)), session.points[name], session.images[image_id]
     middle = session.predict_place(name, image_id) if measured is None else (measured.sample, measured.line)
-    image = session.images[image_id]
-    if image.raster is None:
-        return View("", middle, (0.0, 1.0))
-    return View(pixel_view(image.path), middle, grey_range(image.raster, middle, PANEL.half_stretch_px))
+    here = np.array([[point.lon, point.lat, point.height]])
+    north = session.project(image_id, move_ground(here, np.array([[0.0, PANEL.north_m, 0.0]]))) - session.project(
+        image_id, here
+    )
+    others = [other for other, seen in session.measured if other == name and seen != image_id]
+    first = next((seen for other, seen in session.measured if other == name), image_id)
+    return View(
+        "" if image.raster is None else pixel_view(image.path), middle,
+        PANEL.half_view_px if session.is_located(image_id) else PANEL.vendor_px,
+        math.degrees(math.atan2(north[0, 0], -north[0, 1])),
+        trace_heights(session, name, first, image_id) if others and measured is None else None,
+    )  # fmt: skip
+
+
+def trace_heights(session: PointSession, name: str, first_id: str, second_id: str) -> np.ndarray:
+    """Return where a point that is measured on one image lies on another ``(3, 2)``, by the cameras as they are known.
+
+    At the lowest, the highest and the likeliest of the heights that it may have.
+    """
+    measured = session.measured[(name, first_id)]
+    return np.array(
+        [
+            session.project(second_id, locate_ground(session, first_id, (measured.sample, measured.line), m)[None])[0]
+            for m in list_heights(session, name)
+        ]
+    )
+
+
+def list_heights(session: PointSession, name: str) -> tuple[float, float, float]:
+    """Return the lowest, the highest and the likeliest height that a point may have."""
+    point, rays = session.points[name], sum(other == name for other, _ in session.measured)
+    heights, middle = session.ground_heights_m(), session.middle_height_m()
+    if point.role != TIE or rays > 1:
+        margin = 2.0 * PANEL.hills_m / 3.0
+        return point.height - margin, point.height + margin, point.height
+    if len(heights):
+        return float(heights.min()) - PANEL.hills_m, float(heights.max()) + PANEL.hills_m, middle
+    return middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m, middle
 
 
 def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:
@@ -124,24 +163,14 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
         return Transfer(refusal="no pixels")
     measured = session.measured[(name, first_id)]
     xy = measured.sample, measured.line
-    # The lowest, the likeliest and the highest height that the point may have
-    point, rays = session.points[name], sum(other == name for other, _ in session.measured)
-    heights, middle = session.ground_heights_m(), session.middle_height_m()
-    if point.role != TIE or rays > 1:
-        middle, margin = point.height, 2.0 * PANEL.hills_m / 3.0
-        lowest, highest = middle - margin, middle + margin
-    elif len(heights):
-        lowest, highest = float(heights.min()) - PANEL.hills_m, float(heights.max()) + PANEL.hills_m
-    else:
-        lowest, highest = middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m
-
-    def second_by(place: tuple[float, float], height_m: float) -> np.ndarray:
-        return session.project(second_id, locate_ground(session, first_id, place, height_m)[None])[0]
-
-    line = np.array([second_by(xy, lowest), second_by(xy, highest)])
+    *line, at = trace_heights(session, name, first_id, second_id)
+    height = list_heights(session, name)[-1]
     sides = [
-        second_by((xy[0] + i, xy[1] + j), middle) for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
+        session.project(second_id, locate_ground(session, first_id, (xy[0] + i, xy[1] + j), height)[None])[0]
+        for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
     ]
-    by_first = np.column_stack([side - second_by(xy, middle) for side in sides]) / PANEL.difference_px
-    margin_px = PANEL.vendor_px if session.shown is None else PANEL.adjusted_px
-    return transfer_point(first, np.array(xy), second, line, by_first, margin_px)
+    by_first = np.column_stack([side - at for side in sides]) / PANEL.difference_px
+    margin_px = PANEL.adjusted_px if session.shown is not None else PANEL.shifted_px
+    if not (session.is_located(first_id) and session.is_located(second_id)):
+        margin_px = PANEL.vendor_px
+    return transfer_point(first, np.array(xy), second, np.array(line), by_first, margin_px)

@@ -176,7 +176,7 @@ def test_sigma_of_a_click_knows_more_than_the_fit(folder: Path) -> None:
     assert (fit.measured.sample, fit.measured.line) == pytest.approx(tuple(Disc.middle), abs=0.05)
     assert fit.measured.sigma > IDENTIFICATION_PX
     assert "<image" in fit.chip_svg
-    nothing = fit_target(image, (15.0, 105.0), "center")
+    nothing = fit_target(image, (15.0, 105.0), "center", is_seen=False)
     assert "closed object" in nothing.refusal
     by_hand = fit_target(image, (15.0, 105.0), "point")
     assert (by_hand.measured.sample, by_hand.measured.line, by_hand.refusal) == (15.0, 105.0, "")

@@ -217,7 +217,9 @@ def test_save_adjust_and_reopen(measured, tmp_path: Path) -> None:
 
 def test_prediction_follows_the_adjustment(measured, truth) -> None:
     name = "G000001"
-    before = measured.session.predict_place(name, IMAGE)
+    vendor = files.new_session([measured.session.images[IMAGE].path])
+    vendor.points = measured.session.points
+    before = vendor.predict_place(name, IMAGE)
     assert adjust(measured)
     after, wanted = measured.session.predict_place(name, IMAGE), truth[(name, IMAGE)]
     off = [((x - wanted[0]) ** 2 + (y - wanted[1]) ** 2) ** 0.5 for x, y in (before, after)]

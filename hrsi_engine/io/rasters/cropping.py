@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from ...block.block import Image, Raster
+from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress
@@ -23,7 +23,6 @@ from ..rpc_files.crop import CropPlace
 from ..rpc_files.fields import rpc_from_gdal, rpc_from_numbers
 from ..rpc_files.find import HEIGHT_ITEM, SENSOR_ITEM
 from ..rpc_files.write import Lineage, save_geotiff, save_vrt
-from .images import OPEN_IMAGES
 from .orthoimages import FORMATS, INTERNAL_MASK, OrthoFormat
 
 VRT = "vrt"  #: instead of one of `orthoimages.FORMATS`
@@ -163,13 +162,3 @@ def pixel_view(path: str) -> str:
         raise InputError(f"{path}: cannot be shown ({messages[-1] if messages else 'unknown reason'}): check the file")
     del view
     return name
-
-
-def grey_range(raster: Raster, middle: tuple[float, float], half_px: int) -> tuple[float, float]:
-    """Return the grey values between which the surroundings of a place are well seen."""
-    sample, line = (round(value) - half_px for value in middle)
-    grey, valid = raster.read(sample, line, 2 * half_px, 2 * half_px)
-    if not valid.any():
-        return 0.0, 1.0
-    low, high = np.percentile(grey[valid], OPEN_IMAGES.stretch_percent)
-    return float(low), max(float(high), float(low) + 1e-6)

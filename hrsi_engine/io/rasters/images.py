@@ -32,13 +32,12 @@ RPC_SUFFIX = "_rpc"
 
 @thresholds
 class OPEN_IMAGES:
-    """How many images are held open, how much is read of one at once, and how its grey values are stretched."""
+    """How many images are held open, and how much is read of one at once."""
 
     open_per_thread: int = threshold(
         32, "files", "most files that a thread holds open", "a block of a thousand images must not hold them all"
     )
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
-    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values that become black and white")
 
 
 _open_datasets = threading.local()
