@@ -194,10 +194,16 @@ def match_pairs(
     if not any(pair.good.any() for pair in found):
         files = " and ".join(one.ortho.path for one in pairs[0].states[AFTER])
         others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
+        outcomes = np.concatenate([matches.outcome for one in found for matches in one.matches.values()])
+        holes = int((outcomes == WindowOutcome.NODATA).sum())
         raise SolveError(
-            f"{files}: no window could be matched{others}: the orthoimages show different things, or their shifts "
-            "differ by more than `search` from place to place; raise `search`, or lower `min_correlation`"
-        )
+            f"{files}: no window could be matched{others}: " + (
+                f"{holes} of {len(outcomes)} windows hold pixels without data, as where the DEM has gaps; make the "
+                "orthoimages with the option fill-gaps of orthorectify, or lower `window`" if 2 * holes > len(outcomes)
+                else "the orthoimages show different things, or their shifts differ by more than `search` from place "
+                "to place; raise `search`, or lower `min_correlation`"
+            )
+        )  # fmt: skip
     return found
 
 

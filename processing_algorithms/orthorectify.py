@@ -124,7 +124,6 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
             part = stage(context.progress, float(share[number]), float(share[number + 1]))
             if job.key not in missing:
                 entries[job.image.id] = _image_entry(job, "kept", None, 0.0)
-                context.log(f"{job.image.id}: {os.path.basename(job.path)} is finished and kept")
                 continue
             begin = time.monotonic()
             # What the orthoimage tells of itself; not when: made again from the same files it has the same bytes

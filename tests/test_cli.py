@@ -20,6 +20,7 @@ from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface import cli
 from hrsi.processing_algorithms.interface.cli import main
 from hrsi.processing_algorithms.interface.command_parser import algorithm_parser
+from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS
 from hrsi.tests.sample_algorithm import SAMPLE
 
 BAR = "0...10...20...30...40...50...60...70...80...90...100 - done.\n"
@@ -60,10 +61,10 @@ def assert_one_error(result: tuple[int, str, str], code: int, *fragments: str) -
         assert fragment in line
 
 
-def test_result_on_stdout_progress_on_stderr(hrsi):
+def test_what_was_made_is_on_stdout_all_else_on_stderr(hrsi, tmp_path):
     code, out, err = hrsi("a.tif", "b.tif")
-    assert (code, out) == (0, "2 images\n")
-    assert err == "a message\n" + BAR
+    assert (code, out) == (0, f"{tmp_path / 'out' / 'result.txt'}\n")
+    assert err == "a message\n" + BAR + "2 images\n"
 
 
 def test_quiet_prints_errors_only(hrsi):
@@ -177,7 +178,7 @@ def test_help_lists_algorithms_by_group(capsys):
 
 def test_help_of_an_algorithm(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
-    assert main(["sample", "--help"], {"sample": SAMPLE}) == 0
+    assert main(["sample", "--help-all"], {"sample": SAMPLE}) == 0
     out = capsys.readouterr().out
     assert out.startswith("usage: hrsi sample [options] IMAGE...\n\nReports 100 % of its options\n\nFirst paragraph.")
     headings = re.findall(r"^([a-z ]+):$", out, re.MULTILINE)
@@ -191,10 +192,27 @@ def test_help_of_an_algorithm(capsys, monkeypatch):
 
 @pytest.mark.parametrize("name", REGISTRY)
 def test_help_of_every_algorithm_names_every_option(name, capsys):
-    assert main([name, "--help"]) == 0
+    assert main([name, "--help-all"]) == 0
     out = capsys.readouterr().out
     for param in REGISTRY[name].params:
-        assert (param.metavar if param.name in ("images", "result") else f"--{param.name}") in out
+        assert (param.metavar if param.kind in POSITIONAL_KINDS else f"--{param.name}") in out
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_help_shows_few_options_first(name, capsys):
+    """At most twelve, among them all that are required; programs get every one."""
+    assert main([name, "--help"]) == 0
+    out = capsys.readouterr().out
+    option = re.compile(r"^  (?:-\w [^,]*, |-\w, )?(--[a-z][a-z0-9-]*|[A-Z]+(?= {2,}|$))", re.MULTILINE)
+    shown = option.findall(out)
+    assert 0 < len(shown) <= 12, shown
+    params = REGISTRY[name].params
+    assert {f"--{param.name}" for param in params if param.required and param.kind not in POSITIONAL_KINDS} <= {*shown}
+    assert set(REGISTRY[name].main) <= {param.name for param in params}
+    assert out.index("example") < option.search(out).start()
+    assert main([name, "--json-usage"]) == 0
+    declared = json.loads(capsys.readouterr().out)
+    assert {param.name for param in params} <= {option["name"] for option in declared["options"]}
 
 
 @pytest.mark.parametrize(

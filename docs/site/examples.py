@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import shlex
 import tempfile
 from collections.abc import Iterator
@@ -56,6 +57,9 @@ PICTURES = {
 }
 
 
+TICKS = re.compile(r"[0-9.]+( - done\.)?")  #: of progress
+
+
 def run_examples() -> Iterator[tuple[str, int, str]]:
     """Run the commands in the current folder; yield each algorithm, its exit code and what it printed."""
     from hrsi.processing_algorithms.interface import cli
@@ -64,7 +68,8 @@ def run_examples() -> Iterator[tuple[str, int, str]]:
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()) as told:
             code = cli.main([name, *shlex.split(words)])
-        yield name, code, out.getvalue() if code == 0 else told.getvalue()
+        lines = [line for line in told.getvalue().splitlines() if line and not TICKS.fullmatch(line)]
+        yield name, code, "\n".join([*lines, *out.getvalue().splitlines()])
 
 
 def example_of(name: str) -> Iterator[str]:

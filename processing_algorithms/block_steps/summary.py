@@ -58,8 +58,7 @@ def summarise(report: Report) -> str:
     if report["outlier_count"] > LENGTH.most_outliers:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
-    lines += ["", *(f"{what:<8}{path}" for what, path in report["outputs"].items()), ""]
-    return "\n".join([*lines, *verdict_lines(report["verdict"])])
+    return "\n".join([*lines, "", *verdict_lines(report["verdict"])])
 
 
 def verdict_lines(verdict: Mapping[str, Any]) -> list[str]:

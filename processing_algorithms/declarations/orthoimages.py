@@ -90,6 +90,7 @@ ORTHORECTIFY = Algorithm(
         "of a Dask scheduler and written here, the same bytes. Ground hidden from the sensor shows what hides it."
     ),
     options=OrthorectifyOptions,
+    main=("dem", "dem-datum", "terrain-points", "crs", "resolution", "extent", "resampling", "format"),
     images_made="Orthoimages",
     are_maps=True,
     examples=(

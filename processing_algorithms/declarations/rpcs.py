@@ -87,6 +87,7 @@ EVALUATE = Algorithm(
         "hrsi evaluate block/image_*.tif --rpcs refined=adjusted --tracks block/image_points.csv "
         "--height-datum ellipsoidal --output-dir evaluation",
     ),
+    main=("rpcs", "tracks", "gcps", "image-points", "check-ids", "height-datum", "dem", "dem-datum"),
     layers=(f"{EVALUATION_FILE}|layername=images",),
 )  # fmt: skip
 

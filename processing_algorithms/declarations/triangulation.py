@@ -65,6 +65,7 @@ TRIANGULATE = Algorithm(
         "--image-points block/image_points.csv --dem block/dem.tif --height-datum ellipsoidal --output-dir result",
         "hrsi triangulate block --dem block/dem.tif --height-datum ellipsoidal --sigma-dem 2 --output-dir relative",
     ),
+    main=("gcps", "image-points", "tie-points", "dem", "dem-datum", "height-datum", "gcp-ids", "model"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
 )  # fmt: skip
@@ -105,6 +106,7 @@ ADJUST = Algorithm(
         "hrsi adjust block/image_*.tif --gcps block/ground_points.csv "
         "--image-points block/image_points.csv --height-datum ellipsoidal --dry-run --output-dir checked",
     ),
+    main=("gcps", "image-points", "tie-points", "dem", "height-datum", "gcp-ids", "check-ids", "model"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
 )  # fmt: skip
@@ -135,6 +137,7 @@ REFINE_RPC = Algorithm(
         "hrsi refine-rpc block/image_1.tif --gcps block/ground_points.csv "
         "--image-points block/image_points.csv --height-datum ellipsoidal --compare --write none --output-dir refined",
     ),
+    main=("gcps", "image-points", "gcp-ids", "check-ids", "height-datum", "model", "compare", "write"),
     layers=BLOCK_LAYERS,
     images_made="Refined images",
 )  # fmt: skip

@@ -6,16 +6,18 @@ import io
 import os
 import shlex
 import sys
+import time
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 from ...hrsi_engine.foundation.errors import Cancelled, HrsiError, InputError, SolveError
 from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, signals_as_exceptions
 from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
-from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, registry_help, split_log
+from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, help_page, json_usage, registry_help, split_log
 from .declare import Algorithm, Context, fill_options, is_unusable, spell_arguments, unusable_text
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
@@ -23,6 +25,7 @@ from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
 
 UNUSABLE = 3  #: exit code of a result that was written for looking only
 _OWN_PACKAGE = __name__.partition(".")[0]
+FILE_CLOCK_S = 2.0  #: by which file systems round times
 _NEW_OBJECTS = 50_000  # between two looks for objects that only each other hold; ours are few
 _DEBUG = "HRSI_DEBUG"  #: environment variable: any text but 0 shows tracebacks
 
@@ -125,6 +128,9 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         raise InputError(f"{first} stands before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
         print(_help_page([first], registry), end="")
+    elif {HELP_ALL, JSON_USAGE} & set(rest):
+        algorithm = find_algorithm(registry, first, COMMANDS)
+        print(help_page(algorithm, whole=True) if HELP_ALL in rest else _usage_text(algorithm), end="")
     else:
         return _run_algorithm(find_algorithm(registry, first, COMMANDS), rest)
     return 0
@@ -136,7 +142,13 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
         return f"{registry_help(registry)}\n"
     if words[0] in COMMAND_PAGES:
         return COMMAND_PAGES[words[0]]
-    return algorithm_parser(find_algorithm(registry, words[0], COMMANDS)).format_help()
+    return help_page(find_algorithm(registry, words[0], COMMANDS))
+
+
+def _usage_text(algorithm: Algorithm) -> str:
+    from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
+
+    return f"{json_text(json_usage(algorithm), indent=2)}\n"
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
@@ -172,15 +184,20 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     options = check_options(algorithm, {key: value for key, value in typed.items() if key not in keys})
     if str(options.get("output_dir") or "").startswith("/vsimem"):
         raise InputError(f"{options['output_dir']} lies in memory, where nothing would remain: name a directory")
-    terminal = terminal_of(sys.stderr, line.quiet)
+    terminal, begun = terminal_of(sys.stderr, line.quiet), time.time()
     listeners: list[TerminalProgress | RunLog] = [terminal, *([log] if log else [])]
 
     def report_progress(fraction: float, message: str = "") -> bool:
         return all([listener.progress(fraction, message) for listener in listeners])
 
+    told: set[str] = set()
+
     def tell(message: str) -> None:
-        for listener in listeners:
-            listener.log(spelt(message))
+        text = spelt(message)
+        if text not in told:
+            told.add(text)
+            for listener in listeners:
+                listener.log(text)
 
     context = Context(
         report_progress, tell,
@@ -204,22 +221,40 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
         from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
 
         print(json_text(report, indent=2))
-    elif not (line.quiet and options.get("output_dir")):  # what lies in files needs no summary; else stdout has it
+    elif line.dry_run or not options.get("output_dir"):  # the lines are what was asked for
         print(summary)
+    elif not line.quiet:
+        print("\n".join(text for text in summary.strip("\n").splitlines() if text not in told), file=sys.stderr)
+        sys.stderr.flush()
+        print("\n".join(list_outputs(report, options["output_dir"], begun)))
     if unsolved := report.get("unsolved"):
         code, reason = SolveError.exit_code, str(unsolved)
     elif is_unusable(report):
         code, reason = InputError.exit_code if report.get("dry_run") else UNUSABLE, unusable_text(report)
     else:
         return 0
-    if code != UNUSABLE or line.quiet or line.json:  # a summary ends with the verdict
+    if code != UNUSABLE or line.quiet or line.json or line.dry_run:  # a summary ends with the verdict
         print(f"ERROR: {spelt(reason)}", file=sys.stderr)
     if log is not None:
         log.write("ERROR", spelt(reason))
     return code
 
 
-HELP = {"--help", "-h"}
+def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
+    """Return what a run made, a path each: what its report names, and all files of the folder since a time (s)."""
+    images, outputs = report.get("images"), report.get("outputs")
+    named = list(outputs.values()) if isinstance(outputs, Mapping) else []
+    named += [entry.get("output") for entry in images.values()] if isinstance(images, Mapping) else []
+    found = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        paths = [os.path.join(place, name) for name in sorted(files) if not name.startswith(".")]
+        found += [path for path in paths if os.path.getmtime(path) >= begun - FILE_CLOCK_S]
+    known = {os.path.realpath(path): path for path in [*found, *(path for path in named if isinstance(path, str))]}
+    return list(known.values())
+
+
+HELP, HELP_ALL, JSON_USAGE = {"--help", "-h"}, "--help-all", "--json-usage"
 #: Pages of the commands that are no algorithms.
 COMMAND_PAGES = {
     "completion": """\

@@ -24,8 +24,11 @@ COMMANDS = {
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
-SHORT = {"output_dir": ["-o"], "quiet": ["-q"]}  #: options with a letter of their own
-COMMON = "common options"  #: heading of the options that every algorithm has
+SHORT = {"output_dir": ["-o"], "quiet": ["-q"], "format": ["-f"]}  #: options with a letter, as GDAL and POSIX have them
+MOST_SHOWN = 12  #: options that ``--help`` shows, with images, output directory and quiet
+#: Headings of help pages.
+IMAGES, MAIN, OUTPUT, ADVANCED, COMMON = "images", "options", "output", "advanced options", "common options"
+COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: of options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
 #: How options of a kind are spelt; every other kind takes one word.
@@ -65,33 +68,66 @@ class CommandParser(argparse.ArgumentParser):
         return vars(namespace)
 
 
-def algorithm_parser(algorithm: Algorithm) -> CommandParser:
-    """Return the parser of one algorithm's command line."""
+def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]] | None = None) -> CommandParser:
+    """Return the parser of one algorithm's command line; for a help page with some ``groups`` of its options only."""
     prog = f"hrsi {algorithm.name}"
     words = [(value_name(param), param.kind) for param in algorithm.params if param.kind in POSITIONAL_KINDS]
     images = "".join(f" {word}{'...' if kind is Kind.IMAGES else ''}" for word, kind in words)
-    paragraphs = [algorithm.summary, *spell_arguments(algorithm.help, algorithm.params).split("\n\n")]
+    paragraphs = [algorithm.summary, _format_examples(algorithm)]
+    for text in spell_arguments(algorithm.help, algorithm.params).split("\n\n"):
+        paragraphs.append(textwrap.fill(" ".join(text.split()), _help_width()))
     parser = CommandParser(
         prog,
         usage=f"{prog} [options]{images}",
-        description="\n\n".join(
-            textwrap.fill(" ".join(text.split()), _help_width()) for text in paragraphs if text.strip()
-        ),
-        epilog=_format_examples(algorithm),
+        description="\n\n".join(filter(None, paragraphs)),
         argument_default=argparse.SUPPRESS,
     )
-    for title, params in sections(algorithm.params).items():
+    for title, params in (groups or sections(algorithm.params)).items():
         section = parser.add_argument_group(title)
         for param in params:
-            add_option(section, param, algorithm.params)
-    # The options that belong to the command line and not to an algorithm
-    for param in LINE_PARAMS:
-        if param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
-            section.add_argument(*SHORT.get(param.key, []), f"--{param.name}", action="store_true", help=param.help)
-        else:
-            add_option(section, param, LINE_PARAMS)
-    section.add_argument("-h", "--help", action="help", help="Show this page and leave")
+            if param in LINE_PARAMS and param.kind is Kind.FLAG:  # what is not asked for does not happen: no opposite
+                section.add_argument(*SHORT.get(param.key, []), f"--{param.name}", action="store_true", help=param.help)
+            else:
+                add_option(section, param, [*algorithm.params, *LINE_PARAMS])
     return parser
+
+
+def help_page(algorithm: Algorithm, whole: bool = False) -> str:
+    """Return the page of ``--help``: examples, then the options that most runs need; ``whole``: all, in groups."""
+    listed: dict[str, Sequence[Param]] = {**sections(algorithm.params)}
+    quiet = [param for param in LINE_PARAMS if param.key == "quiet"]
+    images, output = listed.get(IMAGES, ()), [*listed.get(OUTPUT, ()), *quiet]
+    groups = listed
+    if not whole:
+        others = [
+            param for title, params in listed.items() if title not in (IMAGES, OUTPUT, COMMON) for param in params
+        ]
+        chosen = [param for name in algorithm.main for param in others if param.name == name]
+        shown = chosen or sorted((one for one in others if not one.advanced), key=lambda one: not one.required)
+        groups = {IMAGES: images, MAIN: shown[: MOST_SHOWN - len(images) - len(output)], OUTPUT: output}
+    page = algorithm_parser(algorithm, {title: params for title, params in groups.items() if params}).format_help()
+    number = len(algorithm.params) + len(LINE_PARAMS)
+    more = f"all {number} options: hrsi {algorithm.name} --help-all" if not whole else "for programs: --json-usage"
+    return f"{page}\n{more}\n"
+
+
+def json_usage(algorithm: Algorithm) -> dict[str, Any]:
+    """Return what an algorithm says of itself, for programs: ``--json-usage``."""
+    return {
+        "name": algorithm.name, "summary": algorithm.summary, "examples": list(algorithm.examples),
+        "description": " ".join(spell_arguments(algorithm.help, algorithm.params).split()),
+        "options": [
+            {
+                "name": param.name, "short": SHORT.get(param.key, [""])[0].removeprefix("-") or None,
+                "kind": param.kind.value, "positional": param.kind in POSITIONAL_KINDS,
+                "help": spell_arguments(param.help, algorithm.params), "group": param.group or None,
+                "default": param.default, "choices": list(param.choices) or None, "unit": param.unit or None,
+                "minimum": param.minimum, "maximum": param.maximum, "required": param.required,
+                "advanced": param.advanced, "metavar": value_name(param),
+            }
+            for param in (*algorithm.params, *LINE_PARAMS)
+        ],
+    }  # fmt: skip
 
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
@@ -143,7 +179,8 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
         "Block triangulation of high-resolution satellite images with RPC camera models.\n\n"
         f"{listing}\n\n"
         "More:\n"
-        "  hrsi help ALGORITHM                an algorithm's options and examples, as hrsi ALGORITHM --help\n"
+        "  hrsi ALGORITHM --help              an algorithm's examples and the options that most runs need\n"
+        "  hrsi ALGORITHM --help-all          all its options, in groups; --json-usage: the same for programs\n"
         "  hrsi rerun report.json [options]   a run again, with other options where they are given\n"
         "  hrsi completion bash|zsh|fish      what a shell needs to complete all this\n"
         "  hrsi --version                     the version, and those of the libraries\n\n"
@@ -171,18 +208,16 @@ def _format_examples(algorithm: Algorithm) -> str:
 
 
 def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
-    """Return the options under the headings of the help page, in this order; empty headings are left out."""
-    sections: dict[str, list[Param]] = {"images": [], "options": [], "output": [], "advanced options": [], COMMON: []}
+    """Return the options under the headings of the help page: those of a dataclass under its title; at the end those
+    that every algorithm has."""
+    listed: dict[str, list[Param]] = {IMAGES: [], MAIN: [], OUTPUT: []}
+    common: list[Param] = []
+    outputs = {output.name for output in OUTPUT_PARAMS}  # a folder may be optional
     for param in params:
-        # The heading that an option stands under: the first that fits
-        fitting = {
-            "images": param.kind in POSITIONAL_KINDS,
-            "output": param.name in {output.name for output in OUTPUT_PARAMS},  # a folder may be optional
-            COMMON: param in COMMON_PARAMS,
-            "advanced options": param.advanced,
-        }
-        sections[next((heading for heading, fits in fitting.items() if fits), "options")].append(param)
-    return {title: members for title, members in sections.items() if members or title == COMMON}
+        group = param.group[:1].lower() + param.group[1:] or (ADVANCED if param.advanced else MAIN)
+        heading = IMAGES if param.kind in POSITIONAL_KINDS else OUTPUT if param.name in outputs else group
+        (common if param.key in COMMON_KEYS else listed.setdefault(heading, [])).append(param)
+    return {title: members for title, members in listed.items() if members} | {COMMON: [*common, *LINE_PARAMS]}
 
 
 def split_log(words: Sequence[str]) -> tuple[str | None, list[str]]:

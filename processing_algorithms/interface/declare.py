@@ -66,6 +66,8 @@ KIND_OF_TYPE = {
 
 #: Kinds of parameters that name files to read.
 READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE, Kind.RESULT)
+#: The layer that the folder of a result stands for, by the option's key; others choose it by themselves.
+LAYER_OF_RESULT = {"terrain_points": "ground_points", "gcps": "ground_points"}
 #: Kinds of parameters that stand without a name on the command line.
 POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT)
 
@@ -74,7 +76,8 @@ POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT)
 class Param:
     """One option: ``name`` as on the command line (``sigma-dem``), ``help`` without a closing full stop.
 
-    ``argument`` is the field of a dataclass that it is made from (``sigma_dem_m``), as messages name it.
+    ``argument`` is the field of a dataclass that it is made from (``sigma_dem_m``), as messages name it; ``group`` the
+    title of that dataclass, under which ``--help-all`` lists the option.
     """
 
     name: str
@@ -90,6 +93,7 @@ class Param:
     metavar: str = ""
     piped: bool = False  #: where it is not given, standard input is read; a dialog has none and asks for it
     argument: str = ""
+    group: str = field(default="", compare=False)
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -136,7 +140,8 @@ def params_of(options: type) -> tuple[Param, ...]:
     for part in fields(options):
         inner, said = inner_options_of(part), option_of(part)
         declared = params_of(inner) if inner is not None else (_declare_param(part, said),) if said is not None else ()
-        for param in declared:
+        title = re.split(r"[.;:]", inner.__doc__ or "")[0] if inner is not None else ""
+        for param in declared if not title else (replace(one, group=one.group or title) for one in declared):
             if found.setdefault(param.name, param).default is not param.default:
                 raise TypeError(f"{options.__name__} declares the option {param.name} twice, with different defaults")
     return tuple(found.values())
@@ -215,6 +220,7 @@ class Algorithm:
         returns the few lines that a person reads; loaded when it is run, so that it may import at its top what is
         heavy. By default it has the algorithm's name, in the folder above the declarations
     examples : command lines that run on what ``hrsi simulate``'s own example makes
+    main : options that ``--help`` shows, besides images and output; by default the first that are not advanced
     layers : layers of the result that a map should show, as ``file|layername=…`` below the output directory
     images_made : what the images are called that it writes, where it does: the report's ``images.*.output``; in a model
         the next step takes them; ``are_maps`` where they have map coordinates, so that a map shows them
@@ -228,6 +234,7 @@ class Algorithm:
     options: type
     module: str = ""
     examples: tuple[str, ...] = ()
+    main: tuple[str, ...] = ()
     layers: tuple[str, ...] = ()
     images_made: str = ""
     are_maps: bool = False
@@ -260,7 +267,7 @@ class Algorithm:
                 images += (found := deliveries.resolve_images(value, context.log))
                 options = {**options, param.key: found}
             elif value and param.kind is Kind.POINTS and type(value) is str:
-                options = {**options, param.key: deliveries.resolve_points(value)}
+                options = {**options, param.key: deliveries.resolve_points(value, LAYER_OF_RESULT.get(param.key, ""))}
         made: Any = fill_options(self.options, options)
         # Only with an output directory is there a file to tell of inputs
         named = self.files_by_option(options) if options.get("output_dir") else None

@@ -124,7 +124,7 @@ def test_command_line_and_errors(block, tmp_path, capsys):
     command = ["gcps-from-reference", *given["images"], "--reference", given["reference"], "--dem", given["dem"]]
     command += ["--reference-points", "40", "--output-dir", given["output_dir"]]
     assert main(command) == 0
-    assert "matches agree to" in capsys.readouterr().out
+    assert "matches agree to" in capsys.readouterr().err
     with pytest.raises(InputError, match="no coordinate reference system"):
         run("gcps-from-reference", **options(block, reference=given["images"][0], output_dir=str(tmp_path / "a")))
     with pytest.raises(InputError, match="`dem`"):

@@ -86,7 +86,7 @@ def test_the_table_is_printed(orthority, tmp_path, capsys):
         "--compare",
     ]
     assert main(words) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith("shift ") and line.split()[-1] == "0.130" for line in lines)
     assert any(line.startswith("affine ") and line.split()[-1] == "0.519" for line in lines)
 

@@ -71,7 +71,7 @@ def words(scene: Path, output: Path, points: str = "image_points.csv") -> list[s
 
 def test_sound_block_is_ok(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["adjust", *words(scene, tmp_path / "out")]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
+    last = capsys.readouterr().err.splitlines()[-1]
     verdict = json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]
     assert verdict["level"] == "ok" and verdict["reasons"] == []
     assert last == f"{verdict['sentence']}. Verdict: ok"
@@ -99,8 +99,8 @@ def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     if algorithm == "refine-rpc":
         given += ["--model", "shift"]
     assert main([algorithm, *given]) == 3
-    out = capsys.readouterr().out.splitlines()
-    assert out[-1].endswith("Verdict: unusable")
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1].endswith("Verdict: unusable")
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["verdict"]["level"] == "unusable"
     assert all(image["output"] is None for image in report["images"].values())
@@ -147,7 +147,7 @@ def test_unusable_result_leaves_no_rpc_of_an_earlier_run(scene: Path, tmp_path: 
 
 def test_reasons_say_what_to_do_on_terminal_and_page(scene: Path, tmp_path: Path, capsys):
     assert main(["adjust", *words(scene, tmp_path / "out", "swapped.csv")]) == 3
-    out = capsys.readouterr().out
+    out = capsys.readouterr().err
     page = (tmp_path / "out" / "report.html").read_text()
     reasons = json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]["reasons"]
     assert reasons[0]["level"] == "unusable"

@@ -32,6 +32,7 @@ class RELIABILITY:
     """Which residuals tell of their own observation."""
 
     least_redundancy: float = threshold(1e-3, "", "a residual with less says nothing of its observation")
+    farthest_m: float = threshold(1e5, "m", "a larger error or standard deviation is not determined")
 
 
 LEAST_SIGMA_M = 1e-6  # of a position: what is known without error has a CE90 all the same
@@ -103,12 +104,13 @@ def predict_accuracy(
 ) -> dict[str, float | None]:
     """Return the RMSE, CE90 and LE90 to expect at points with covariances ``(k, 3, 3)`` of position and survey.
 
-    Coordinates that were not surveyed (an infinite variance) or not determined (NaN) are not compared. Points count by
-    their ``weight (k,)``, all alike without.
+    Coordinates that were not surveyed (an infinite variance) or not determined (NaN, or beyond
+    ``RELIABILITY.farthest_m``) are not compared. Points count by their ``weight (k,)``, all alike without.
     """
     covariance = covariance_m2 + survey_m2
     variance = covariance.diagonal(axis1=1, axis2=2)
-    compared = np.isfinite(variance)
+    with np.errstate(invalid="ignore"):
+        compared = variance < RELIABILITY.farthest_m**2
     share = compared * (np.ones(len(variance)) if weight is None else weight)[:, None]
     plan, height = np.flatnonzero(compared[:, :2].all(axis=1)), np.flatnonzero(compared[:, 2])
     with np.errstate(invalid="ignore"):
@@ -145,10 +147,10 @@ def compute_semi_axes(covariance_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def errors_90(east_m: float | None, north_m: float | None, height_m: float | None) -> dict[str, float | None]:
-    """Return ``ce90_m`` and ``le90_m`` of RMSEs or standard deviations; None without finite ones."""
+    """Return ``ce90_m`` and ``le90_m`` of RMSEs or standard deviations; None where they are not determined."""
     circle = None if east_m is None or north_m is None else CIRCLE_90 * float(np.hypot(east_m, north_m))
     line = None if height_m is None else LINE_90 * height_m
     return {
-        "ce90_m": None if circle is None or not np.isfinite(circle) else circle,
-        "le90_m": None if line is None or not np.isfinite(line) else line,
+        name: None if value is None or not value < RELIABILITY.farthest_m else value
+        for name, value in (("ce90_m", circle), ("le90_m", line))
     }

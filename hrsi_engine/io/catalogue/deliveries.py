@@ -47,10 +47,12 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
     return tuple(found)
 
 
-def resolve_points(name: str) -> str:
-    """Return the file of points that a name stands for; the folder of a result stands for its GeoPackage."""
+def resolve_points(name: str, layer: str = "") -> str:
+    """Return the points that a name stands for; the folder of a result stands for (a ``layer`` of) its GeoPackage."""
     layers = os.path.join(name, "block.gpkg")
-    return layers if os.path.isdir(name) and os.path.isfile(layers) else name
+    if not (os.path.isdir(name) and os.path.isfile(layers)):
+        return name
+    return f"{layers}|layername={layer}" if layer else layers
 
 
 def _read_list(path: str) -> list[str]:

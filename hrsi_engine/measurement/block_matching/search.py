@@ -71,8 +71,8 @@ class TieSearch:
         self.usable = [index for index, image in enumerate(images) if image.raster is not None]
         if len(self.usable) < 2:
             raise InputError(
-                "tie points are found in the pixels of two images or more: give image files, or measured points "
-                "(`tie_points`, or `tracks` of evaluate)"
+                "tie points are found in the pixels of two images or more: one image with GCPs is refined by "
+                "refine-rpc; of a block give image files, or measured points (`tie_points`, or `tracks` of evaluate)"
             )
         self._scheduler, self._keeper = scheduler, keeper
         self.earlier = frozenset(earlier)  #: ids of images that were matched with one another before

@@ -212,8 +212,10 @@ def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, A
 def _describe_prediction(report: Mapping[str, Any]) -> str:
     """Return the predicted accuracy of the largest part of the block as text."""
     part = next(iter(report["parts"]), None)
-    if part is None or part["ce90_m"] is None:
+    if part is None:
         return ""
+    if part["ce90_m"] is None:
+        return "CE90 is not determined by the observations"
     told = ", ".join(f"{name} {format_figure(part[k])} m" for name, k in ACCURACIES.items() if part[k] is not None)
     of_gcps = " (by leave-one-out of the GCPs)" if part["leave_one_out"] > 1.0 else ""
     return f"predicted {told}{of_gcps}"

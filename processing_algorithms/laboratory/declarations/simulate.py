@@ -135,6 +135,7 @@ ALGORITHM = Algorithm(
     examples=(
         "hrsi simulate --images 2 --size 160 --gcps 8 --checks 4 --ties 20 --ortho --output-dir block",
     ),
+    main=("images", "size", "along", "sensor", "gcps", "checks", "ties", "ortho"),
     layers=(
         "truth.gpkg|layername=true_ground_points",
         "truth.gpkg|layername=true_image_points",
