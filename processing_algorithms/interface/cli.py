@@ -8,7 +8,7 @@ import shlex
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
 from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, help_page, json_usage, registry_help, split_log
-from .declare import Algorithm, Context, fill_options, is_unusable, spell_arguments, unusable_text
+from .declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
 from .terminal import RunLog, TerminalProgress, require_own_file, terminal_of
@@ -130,7 +130,7 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         print(_help_page([first], registry), end="")
     elif {HELP_ALL, JSON_USAGE} & set(rest):
         algorithm = find_algorithm(registry, first, COMMANDS)
-        print(help_page(algorithm, whole=True) if HELP_ALL in rest else _usage_text(algorithm), end="")
+        print(help_page(algorithm, whole=True) if HELP_ALL in rest else _format_json(json_usage(algorithm)), end="")
     else:
         return _run_algorithm(find_algorithm(registry, first, COMMANDS), rest)
     return 0
@@ -145,10 +145,10 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     return help_page(find_algorithm(registry, words[0], COMMANDS))
 
 
-def _usage_text(algorithm: Algorithm) -> str:
+def _format_json(value: Mapping[str, Any]) -> str:
     from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
 
-    return f"{json_text(json_usage(algorithm), indent=2)}\n"
+    return f"{json_text(value, indent=2)}\n"
 
 
 def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource = TYPED) -> int:
@@ -218,15 +218,17 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
         for text in filter(None, map(str.strip, summary.splitlines())):
             log.write("RESULT", text)
     if line.json:
-        from ...hrsi_engine.foundation.json_values import json_text  # loads NumPy, which help does without
-
-        print(json_text(report, indent=2))
+        print(_format_json(report), end="")
     elif line.dry_run or not options.get("output_dir"):  # the lines are what was asked for
         print(summary)
     elif not line.quiet:
         print("\n".join(text for text in summary.strip("\n").splitlines() if text not in told), file=sys.stderr)
-        sys.stderr.flush()
         print("\n".join(list_outputs(report, options["output_dir"], begun)))
+    return _judge_report(report, line, spelt, log)
+
+
+def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str], log: RunLog | None) -> int:
+    """Return the exit code that a report asks for, and tell why where it is not 0."""
     if unsolved := report.get("unsolved"):
         code, reason = SolveError.exit_code, str(unsolved)
     elif is_unusable(report):

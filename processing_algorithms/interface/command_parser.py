@@ -27,7 +27,13 @@ COMMANDS = {
 SHORT = {"output_dir": ["-o"], "quiet": ["-q"], "format": ["-f"]}  #: options with a letter, as GDAL and POSIX have them
 MOST_SHOWN = 12  #: options that ``--help`` shows, with images, output directory and quiet
 #: Headings of help pages.
-IMAGES, MAIN, OUTPUT, ADVANCED, COMMON = "images", "options", "output", "advanced options", "common options"
+IMAGES_TITLE, MAIN_TITLE, OUTPUT_TITLE, ADVANCED_TITLE, COMMON = (
+    "images",
+    "options",
+    "output",
+    "advanced options",
+    "common options",
+)
 COMMON_KEYS = {param.key for param in COMMON_PARAMS}  #: of options that every algorithm has
 _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 
@@ -96,15 +102,22 @@ def help_page(algorithm: Algorithm, whole: bool = False) -> str:
     """Return the page of ``--help``: examples, then the options that most runs need; ``whole``: all, in groups."""
     listed: dict[str, Sequence[Param]] = {**sections(algorithm.params)}
     quiet = [param for param in LINE_PARAMS if param.key == "quiet"]
-    images, output = listed.get(IMAGES, ()), [*listed.get(OUTPUT, ()), *quiet]
+    images, output = listed.get(IMAGES_TITLE, ()), [*listed.get(OUTPUT_TITLE, ()), *quiet]
     groups = listed
     if not whole:
         others = [
-            param for title, params in listed.items() if title not in (IMAGES, OUTPUT, COMMON) for param in params
+            param
+            for title, params in listed.items()
+            if title not in (IMAGES_TITLE, OUTPUT_TITLE, COMMON)
+            for param in params
         ]
         chosen = [param for name in algorithm.main for param in others if param.name == name]
         shown = chosen or sorted((one for one in others if not one.advanced), key=lambda one: not one.required)
-        groups = {IMAGES: images, MAIN: shown[: MOST_SHOWN - len(images) - len(output)], OUTPUT: output}
+        groups = {
+            IMAGES_TITLE: images,
+            MAIN_TITLE: shown[: MOST_SHOWN - len(images) - len(output)],
+            OUTPUT_TITLE: output,
+        }
     page = algorithm_parser(algorithm, {title: params for title, params in groups.items() if params}).format_help()
     number = len(algorithm.params) + len(LINE_PARAMS)
     more = f"all {number} options: hrsi {algorithm.name} --help-all" if not whole else "for programs: --json-usage"
@@ -210,12 +223,12 @@ def _format_examples(algorithm: Algorithm) -> str:
 def sections(params: Iterable[Param]) -> dict[str, list[Param]]:
     """Return the options under the headings of the help page: those of a dataclass under its title; at the end those
     that every algorithm has."""
-    listed: dict[str, list[Param]] = {IMAGES: [], MAIN: [], OUTPUT: []}
+    listed: dict[str, list[Param]] = {IMAGES_TITLE: [], MAIN_TITLE: [], OUTPUT_TITLE: []}
     common: list[Param] = []
     outputs = {output.name for output in OUTPUT_PARAMS}  # a folder may be optional
     for param in params:
-        group = param.group[:1].lower() + param.group[1:] or (ADVANCED if param.advanced else MAIN)
-        heading = IMAGES if param.kind in POSITIONAL_KINDS else OUTPUT if param.name in outputs else group
+        group = param.group[:1].lower() + param.group[1:] or (ADVANCED_TITLE if param.advanced else MAIN_TITLE)
+        heading = IMAGES_TITLE if param.kind in POSITIONAL_KINDS else OUTPUT_TITLE if param.name in outputs else group
         (common if param.key in COMMON_KEYS else listed.setdefault(heading, [])).append(param)
     return {title: members for title, members in listed.items() if members} | {COMMON: [*common, *LINE_PARAMS]}
 
