@@ -1,4 +1,6 @@
-"""CSV with a header line: comma, semicolon or tab; UTF-8 (with or without BOM), UTF-16 or Latin-1.
+"""CSV and plain text: columns parted by comma, semicolon, tab or blanks; UTF-8 (with or without BOM), UTF-16 or Latin-1.
+
+The first line names the columns. Where none does, they are told by their contents (`plain_text`).
 
 Decimal commas are understood where the separator is not the comma. The file is read in chunks of rows, and only
 the fields that are known are kept, so that millions of image points need little more memory than their columns. NumPy's
@@ -23,19 +25,25 @@ from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
 from ..rpc_files.content import read_head
 from ..safety.replacing import replacing
+from .plain_text import COLUMNS, read_plain_text
 from .table import MAY_BE_INFINITE, NUMBER_FIELDS, PointReader, PointTable, match_fields, parse_numbers, strip_texts
 
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
 _NUMPY_ROWS = 50_000  # at once by NumPy's reader
 
 
-def read(path: str, _layer: str = "", renamed: Mapping[str, str] | None = None) -> PointTable:
+def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -> PointTable:
     """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
 
-    ``renamed`` are fields (lower case) that a program calls otherwise.
+    ``layer`` may name the columns (``columns=id,lon,lat,height``); ``renamed`` are fields (lower case) that a program
+    calls otherwise.
     """
     try:
-        return _read_table(path, _find_encoding(path), renamed or {})
+        encoding = _find_encoding(path)
+        if layer.startswith(COLUMNS):
+            with _open_text(path, encoding) as file:
+                return read_plain_text(path, file, layer.removeprefix(COLUMNS).split(","))
+        return _read_table(path, encoding, renamed or {})
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
@@ -45,10 +53,8 @@ def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTa
     names = [name.strip() for name in next(rows, [])]
     found = match_fields([renamed.get(name.lower(), name) for name in names])
     if not found:
-        raise InputError(
-            f"{path}: the first line names none of the fields of points (id, lon, lat, height, image, sample, line): "
-            f"add a header line, with separators ',', ';' or tab"
-        )
+        with _open_text(path, encoding) as file:
+            return read_plain_text(path, file)
     row_name = partial(_row_name, path, encoding)
     separator = _find_separator(path, encoding)
     plain = _columns_by_numpy(path, encoding, separator, len(names), found)

@@ -18,6 +18,7 @@ from . import csv_text, gcp_files, match_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
+from .plain_text import COLUMNS
 from .positions import Reference, Surface, ground_positions, has_positions
 from .table import PointReader, PointTable, match_fields
 
@@ -136,6 +137,8 @@ def split_spec(spec: str) -> tuple[str, str]:
     Of matches that point at keypoints of another file, that file is what has the place of the layer.
     """
     options = _parse_options(spec)
+    if "columns" in options:
+        return str(spec).split("|")[0], COLUMNS + options["columns"]
     number = f"#{options['layerid']}" if "layerid" in options else ""
     return str(spec).split("|")[0], options.get("features", options.get("layername", number))
 
@@ -145,10 +148,11 @@ def _parse_options(spec: str) -> dict[str, str]:
     options = {}
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
-        if key.lower() not in ("layername", "layerid", "geometrytype", "image", "features") or not value:
+        known = ("layername", "layerid", "geometrytype", "image", "features", "columns")
+        if key.lower() not in known or not value:
             raise InputError(
-                f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID or "
-                "MATCHES.h5|features=FILE"
+                f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID, "
+                "FILE|columns=NAME,NAME,… or MATCHES.h5|features=FILE"
             )
         options[key.lower()] = value
     return options
