@@ -1,4 +1,4 @@
-"""CSV and plain text: columns parted by comma, semicolon, tab or blanks; UTF-8 (with or without BOM), UTF-16 or Latin-1.
+"""CSV and plain text: columns between commas, semicolons, tabs or blanks; UTF-8 (BOM or not), UTF-16 or Latin-1.
 
 The first line names the columns. Where none does, they are told by their contents (`plain_text`).
 
