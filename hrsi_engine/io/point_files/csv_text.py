@@ -25,7 +25,7 @@ from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
 from ..rpc_files.content import read_head
 from ..safety.replacing import replacing
-from .plain_text import COLUMNS, read_plain_text
+from .plain_text import NAMED_COLUMNS, read_plain_text
 from .table import MAY_BE_INFINITE, NUMBER_FIELDS, PointReader, PointTable, match_fields, parse_numbers, strip_texts
 
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
@@ -40,9 +40,9 @@ def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -
     """
     try:
         encoding = _find_encoding(path)
-        if layer.startswith(COLUMNS):
+        if layer.startswith(NAMED_COLUMNS):
             with _open_text(path, encoding) as file:
-                return read_plain_text(path, file, layer.removeprefix(COLUMNS).split(","))
+                return read_plain_text(path, file, layer.removeprefix(NAMED_COLUMNS).split(","))
         return _read_table(path, encoding, renamed or {})
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None

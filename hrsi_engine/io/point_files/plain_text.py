@@ -16,7 +16,7 @@ from ..opening.budgets import FILE_BUDGETS, require_size
 from ..opening.numbers import parse_finite
 from .table import FIELDS, MAY_BE_INFINITE, NUMBER_FIELDS, PointTable, match_fields, parse_numbers, strip_texts
 
-COLUMNS = "columns="  #: begins the names of the columns of a file
+NAMED_COLUMNS = "columns="  #: begins the names of the columns of a file
 ADVICE = (
     "add a header line, or name the columns: FILE|columns=id,lon,lat,height (or id,x,y,height; id,image,sample,line)"
 )
