@@ -206,40 +206,28 @@ def _fit_planes(
     tried = np.zeros((*y.shape, terms.shape[2]))
     tried[:, :, 0] = y
     if three is not None:
-        tried = np.concatenate([tried, _lay_planes_through(terms, y, three)], axis=1)
+        # Planes (p, t, 3) through three parallaxes each, by Cramer's rule; level ones of three on a line
+        pair = np.arange(len(y))[:, None, None]
+        (first, second, third), y_of_three = np.moveaxis(terms[pair, three], 2, 0), y[pair, three]
+        cyclic = ((second, third), (third, first), (first, second))
+        minors = np.stack([_multiply_as_vectors(*pair) for pair in cyclic], axis=-2)
+        area = (minors[..., 0, :] * first).sum(axis=-1)
+        spread = np.abs(area) > LEAST_AREA
+        through = (minors * y_of_three[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
+        through[~spread] = 0.0
+        through[~spread, 0] = y_of_three[~spread, 0]
+        tried = np.concatenate([tried, through], axis=1)
     plane = tried[np.arange(len(y)), nearest(terms, y, sigma, tried, kept)]
     flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
-        weight = _weigh_nearest(y - (terms @ plane[:, :, None])[:, :, 0], sigma, kept)
+        # Parallaxes farther than number kept of a pair weigh nothing
+        apart = np.abs(y - (terms @ plane[:, :, None])[:, :, 0]) / sigma
+        limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
+        weight = np.where(apart <= limit, 1.0 / sigma**2, 0.0)
         normal = (terms * weight[..., None]).swapaxes(1, 2) @ terms
         normal[:, range(len(flat)), range(len(flat))] += flat * weight.sum(axis=1)[:, None]
         plane = np.linalg.solve(normal, ((terms * weight[..., None]).swapaxes(1, 2) @ y[..., None]))[..., 0]
     return plane
-
-
-def _lay_planes_through(terms: np.ndarray, y: np.ndarray, three: np.ndarray) -> np.ndarray:
-    """Return the planes ``(p, t, 3)`` through three parallaxes each, by Cramer's rule; level ones of three on a line.
-
-    Three are on a line where one was drawn twice, or stands twice in the sample of a small image pair.
-    """
-    pair = np.arange(len(y))[:, None, None]
-    (first, second, third), y_of_three = np.moveaxis(terms[pair, three], 2, 0), y[pair, three]
-    minors = np.stack([
-        _multiply_as_vectors(second, third), _multiply_as_vectors(third, first), _multiply_as_vectors(first, second),
-    ], axis=-2)  # fmt: skip
-    area = (minors[..., 0, :] * first).sum(axis=-1)
-    spread = np.abs(area) > LEAST_AREA
-    through = (minors * y_of_three[..., None]).sum(axis=-2) / np.where(spread, area, 1.0)[..., None]
-    through[~spread] = 0.0
-    through[~spread, 0] = y_of_three[~spread, 0]
-    return through
-
-
-def _weigh_nearest(residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return the weights of parallaxes ``(p, s)``, zero of those that are farther than number ``kept`` of a pair."""
-    apart = np.abs(residual) / sigma
-    limit = np.take_along_axis(np.sort(apart, axis=1), kept[:, None], axis=1)
-    return np.where(apart <= limit, 1.0 / sigma**2, 0.0)
 
 
 def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -152,25 +152,9 @@ def fit_pairs(observations: Observations, fit: TrackFit) -> list[PairFit]:
     across = np.einsum("nk,nk->n", normal, np.concatenate([fit.fit_px[first], fit.fit_px[second]], axis=1))
     lines = np.linalg.norm(normal.reshape(-1, 2, 2), axis=2)  # n is (n1, n2): n1 is normal to the line in image 1
     epipolar = across[:, None] / np.maximum(lines, 1e-12)
-    left = _remove_trends(observations.places[first], across, begin, group)
-    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
-    return [
-        PairFit(
-            *divmod(int(key[part.start]), count), observations.point[first[part]], across[part], left[part],
-            epipolar[part],
-        )
-        for part in parts
-    ]  # fmt: skip
-
-
-def _remove_trends(position: np.ndarray, across: np.ndarray, begin: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return values ``(n,)`` without the affine trend of each group over positions ``(n, 2)``.
-
-    Groups ``group (n,)`` begin at the rows ``begin``; small ones lose their mean. Values that stand out from the trend
-    have no say in it.
-    """
+    # Without the affine trend of each group over the positions
     size = np.diff(begin, append=len(across))
-    terms = np.column_stack([np.ones(len(across)), position])
+    terms = np.column_stack([np.ones(len(across)), observations.places[first]])
     terms[:, 1:] *= (size >= PREDICTION.least_of_trend)[group, None]
 
     def find_medians(values: np.ndarray) -> np.ndarray:
@@ -185,7 +169,14 @@ def _remove_trends(position: np.ndarray, across: np.ndarray, begin: np.ndarray, 
         right = np.add.reduceat(kept * across[:, None], begin)
         trend = (np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right[:, :, None])[:, :, 0]
         left = across - np.einsum("nt,nt->n", terms, trend[group])
-    return left
+    parts = [slice(here, there) for here, there in pairwise([*begin.tolist(), len(key)])]
+    return [
+        PairFit(
+            *divmod(int(key[part.start]), count), observations.point[first[part]], across[part], left[part],
+            epipolar[part],
+        )
+        for part in parts
+    ]  # fmt: skip
 
 
 def find_wrong_tracks(observations: Observations, sets: Sequence[Sequence[PairFit]], reject: float) -> np.ndarray:

@@ -95,7 +95,11 @@ class Follower:
             self._pattern, self._blocks, self._system = pattern, wider, choose_camera_system(pattern)
         prior, values = self._loop.prior_weight, self._last.state.values
         blocks, right = self._blocks, self._last.normals.right - np.where(np.isinf(prior), 0.0, prior) * values
-        for part, sign in ((self._form_normals_before(is_edited), -1.0), (self._form_normals(now), 1.0)):
+        # What the edited points put into the equations before
+        same = self._taken_out is not None and np.array_equal(self._taken_out[0], is_edited)
+        if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
+            self._taken_out = is_edited, self._pattern, self._form_normals(self._select_before(is_edited))
+        for part, sign in ((self._taken_out[2], -1.0), (self._form_normals(now), 1.0)):
             if part is not None:
                 blocks, right = blocks + sign * part.blocks, right + sign * part.right
         try:
@@ -170,13 +174,6 @@ class Follower:
         equations = NormalEquations(share.observations, self._problem.camera, self._pattern, threads=1)
         state = State(self._last.state.values, share.ground)
         return equations.form_normals(state, share.weighting.image, share.weighting.points, share.weighting.contributes)
-
-    def _form_normals_before(self, edited: np.ndarray) -> Normals | None:
-        """Return what the points ``edited (m,)`` put into the equations before; the last answer is kept."""
-        same = self._taken_out is not None and np.array_equal(self._taken_out[0], edited)
-        if not same or self._taken_out is None or self._taken_out[1] is not self._pattern:
-            self._taken_out = edited, self._pattern, self._form_normals(self._select_before(edited))
-        return self._taken_out[2]
 
     # ---- positions -------------------------------------------------------------------------------------------------
 

@@ -139,7 +139,20 @@ class GaussNewton:
         def step(at: Solution, damping: float) -> Step[Solution]:
             passed = len(self.history) - first
             advance(progress, 1.0 - 0.6**passed, f"adjustment, iteration {len(self.history) + 1}")
-            return self._take_step(at, damping)
+            right = at.normals.right - self._finite_prior * at.state.values
+            by_values = self.system.solve_nearby(at.normals.blocks, self.prior_weight, damping, right)
+            self.solves += 1
+            by_ground = self.equations.compute_point_steps(at.state, at.weight, at.normals, by_values)
+            ahead = self._form_solution(
+                State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
+            )
+            braked = 0.5 * self.system.compute_damping_cost(by_values)
+            # what the points would bring with the cameras as they are
+            of_points = np.einsum("mi,mij,mj->m", at.normals.point_right, at.normals.inverse, at.normals.point_right)
+            by_points = float(of_points @ at.weighting.contributes)
+            promised = 0.5 * (float(np.sum(right * by_values)) + by_points) + braked
+            self.history.append(Iteration(at.cost, promised, damping))
+            return Step(ahead, promised, braked)
 
         # The first pass brings the cameras near: before it, residuals are the vendor's bias and judge nothing.
         reweighting = robustly is not least_squares or bool(self.held)
@@ -186,20 +199,3 @@ class GaussNewton:
         surveyed = int(weighting.points.observed[weighting.contributes].sum())
         unknowns = 3 * int(weighting.contributes.sum()) + int((self._finite_prior > 0.0).sum())
         return float(max(2 * rows + surveyed - unknowns, 1))
-
-    def _take_step(self, at: Solution, damping: float) -> Step[Solution]:
-        """Return the next state and the decrease of the cost that the equations promise for it."""
-        right = at.normals.right - self._finite_prior * at.state.values
-        by_values = self.system.solve_nearby(at.normals.blocks, self.prior_weight, damping, right)
-        self.solves += 1
-        by_ground = self.equations.compute_point_steps(at.state, at.weight, at.normals, by_values)
-        ahead = self._form_solution(
-            State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
-        )
-        braked = 0.5 * self.system.compute_damping_cost(by_values)
-        # what the points would bring with the cameras as they are
-        of_points = np.einsum("mi,mij,mj->m", at.normals.point_right, at.normals.inverse, at.normals.point_right)
-        by_points = float(of_points @ at.weighting.contributes)
-        promised = 0.5 * (float(np.sum(right * by_values)) + by_points) + braked
-        self.history.append(Iteration(at.cost, promised, damping))
-        return Step(ahead, promised, braked)

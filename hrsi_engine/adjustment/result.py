@@ -451,7 +451,13 @@ class Adjustment:
         with np.errstate(invalid="ignore"):
             mixed = (covariance[:, row, column] != 0.0).any(axis=1)
             scale = np.where(mixed[:, None], correlated, [horizontal, horizontal, height])
-            scale = np.where(self._has_sigmas_of_gcps(covariance), scale, 1.0)
+            # Only where stated variances lie within those of the GCPs
+            gcps = np.flatnonzero(self.block.points.role == Role.GCP)
+            stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
+            low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - SURVEYS_ALIKE.alike)
+            high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + SURVEYS_ALIKE.alike)
+            variance = covariance.diagonal(axis1=1, axis2=2)
+            scale = np.where((variance >= low) & (variance <= high), scale, 1.0)
             return np.asarray(covariance * scale[:, :, None] * scale[:, None, :])
 
     def covariance_to_surveys_m2(self, points: np.ndarray) -> np.ndarray:
@@ -476,15 +482,6 @@ class Adjustment:
         seen, own = self.shared_shifts_m[points], self.block.points.operation_shifts_m(points)
         seen[:, :, : own.shape[2]] -= own
         return np.asarray(covariance + seen @ seen.swapaxes(1, 2))
-
-    def _has_sigmas_of_gcps(self, covariance: np.ndarray) -> np.ndarray:
-        """Return where stated variances ``(k, 3)`` lie within those of the GCPs."""
-        gcps = np.flatnonzero(self.block.points.role == Role.GCP)
-        stated = self.block.points.survey_covariance_m2(gcps).diagonal(axis1=1, axis2=2)
-        low = np.min(stated, axis=0, initial=np.inf, where=np.isfinite(stated)) * (1.0 - SURVEYS_ALIKE.alike)
-        high = np.max(stated, axis=0, initial=0.0, where=np.isfinite(stated)) * (1.0 + SURVEYS_ALIKE.alike)
-        variance = covariance.diagonal(axis1=1, axis2=2)
-        return np.asarray((variance >= low) & (variance <= high))
 
     @cached_property
     def took_part(self) -> np.ndarray:

@@ -87,7 +87,14 @@ def assemble(
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
     measurements = _drop_repetitions(measurements, ids, warnings)
-    _require_finite(measurements, ids, images)
+    rows = measurements
+    bad = ~(finite_rows(rows.xy) & (rows.sigma_px > 0.0))
+    if bad.any():
+        first = np.flatnonzero(bad)[0]
+        raise InputError(
+            f"point {ids[rows.point[first]]!s} on image {images[rows.image[first]].id} has sample, line "
+            f"{rows.xy[first].tolist()} and sigma {rows.sigma_px[first]}: numbers are needed, and a sigma above 0"
+        )
     unmeasured = replace(unmeasured, role=_assign_roles(unmeasured, None, None))
     return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)
 
@@ -217,16 +224,6 @@ def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) 
         f"{repeated.sum()} image points are given twice and used once: {list_ids(ids[rows.point[repeated]])}"
     )
     return rows.select(~repeated)
-
-
-def _require_finite(rows: Measurements, ids: np.ndarray, images: Sequence[Image]) -> None:
-    bad = ~(finite_rows(rows.xy) & (rows.sigma_px > 0.0))
-    if bad.any():
-        first = np.flatnonzero(bad)[0]
-        raise InputError(
-            f"point {ids[rows.point[first]]!s} on image {images[rows.image[first]].id} has sample, line "
-            f"{rows.xy[first].tolist()} and sigma {rows.sigma_px[first]}: numbers are needed, and a sigma above 0"
-        )
 
 
 _APART = "\x01"  # between ids while all are spelt in one go; it is no blank, and no sane id holds it

@@ -131,7 +131,21 @@ def fit_rpc(
     terms = monomials((lonlat_difference / scale[:3]).T).T
     target = (image - off[3:]) / scale[3:]
     root_weights = np.ones(len(ground)) if weights is None else np.sqrt(weights / np.mean(weights))
-    numerator, denominator, warnings = _choose_terms(ground)
+    # The terms to estimate in numerator and denominator
+    count = len(ground)
+    warnings: list[str] = []
+    _, numerators, denominators = next(row for row in TERMS_BY_POINTS if count >= row[0])
+    if denominators < 20:
+        warnings.append(
+            f"{count} correspondences carry only {numerators} terms without denominator: 45 carry a full RPC"
+        )
+    numerator, denominator = np.arange(numerators), np.arange(1, denominators)
+    if np.ptp(ground[:, 2]) <= FIT.flat_m:
+        warnings.append(
+            f"all heights lie within {FIT.flat_m:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
+            "height and holds there only"
+        )
+        numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
     singular = np.linalg.svd(terms[:, :3], compute_uv=False)
     if singular[-1] < 1e-6 * singular[0]:
         raise SolveError("the correspondences lie on a line or at one place: give points over the whole image")
@@ -317,25 +331,6 @@ def _compute_differences(rpc: RPC, ground: np.ndarray, image: np.ndarray) -> tup
 
 
 # ---- preparation -----------------------------------------------------------------------------------------------
-
-
-def _choose_terms(ground: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the indices of the terms to estimate in numerator and denominator, and warnings."""
-    count = len(ground)
-    warnings = []
-    _, numerators, denominators = next(row for row in TERMS_BY_POINTS if count >= row[0])
-    if denominators < 20:
-        warnings.append(
-            f"{count} correspondences carry only {numerators} terms without denominator: 45 carry a full RPC"
-        )
-    numerator, denominator = np.arange(numerators), np.arange(1, denominators)
-    if np.ptp(ground[:, 2]) <= FIT.flat_m:
-        warnings.append(
-            f"all heights lie within {FIT.flat_m:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
-            "height and holds there only"
-        )
-        numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
-    return numerator, denominator, tuple(warnings)
 
 
 # ---- iteratively reweighted least squares ----------------------------------------------------------------------

@@ -84,7 +84,20 @@ class Solver:
 
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each point's ray was found; at most `CHUNK` points."""
-        lonlat, error = self._iterate_by_chord(target, height, work)
+        # Newton's iteration with the inverse polynomial's derivatives
+        lonlat, slopes = self._predict(target, height, work)
+        terms = work.terms(height.size)
+        terms[1:3], terms[3] = lonlat, height
+        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
+            ratios, _ = work.ratios(self._polynomials, terms)
+            miss = np.subtract(target, ratios, out=ratios)
+            error = np.abs(miss * self._scale_px).max(axis=0)
+            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
+            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
+                break
+            terms[1:3] += slopes[:2] * miss[0]
+            terms[1:3] += slopes[2:] * miss[1]
+        lonlat = terms[1:3].copy()
         far = np.flatnonzero(~(error <= EVALUATION.closure_px))
         error[far] = np.inf  # the iteration starts where the chord's ended, and measures again
         self._iterate_by_newton(lonlat, error, far, target, height, limit=np.inf, iterations=EVALUATION.most_iterations)
@@ -110,24 +123,6 @@ class Solver:
             affine = self._affine
             lonlat[:, outside] = affine[:, :1] + affine[:, 1:3] @ target[:, outside] + affine[:, 3:] * height[outside]
         return lonlat, slopes
-
-    def _iterate_by_chord(
-        self, target: np.ndarray, height: np.ndarray, work: Workspace
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Newton's iteration with the inverse polynomial's derivatives; return lon, lat and the image error in px."""
-        lonlat, slopes = self._predict(target, height, work)
-        terms = work.terms(height.size)
-        terms[1:3], terms[3] = lonlat, height
-        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
-            ratios, _ = work.ratios(self._polynomials, terms)
-            miss = np.subtract(target, ratios, out=ratios)
-            error = np.abs(miss * self._scale_px).max(axis=0)
-            still_open = height.size - np.count_nonzero(error <= EVALUATION.closure_px)
-            if evaluation == EVALUATION.chord_evaluations or still_open <= EVALUATION.few_open * height.size:
-                break
-            terms[1:3] += slopes[:2] * miss[0]
-            terms[1:3] += slopes[2:] * miss[1]
-        return terms[1:3].copy(), error
 
     def _iterate_by_newton(
         self, lonlat: np.ndarray, error: np.ndarray, places: np.ndarray, target: np.ndarray, height: np.ndarray,

@@ -91,7 +91,21 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     made = dataclass(repr=False, eq=False, kw_only=kw_only)(cls)
     for method in (_OptionsBase.__repr__, _OptionsBase.__eq__, _OptionsBase.__hash__, _OptionsBase.__setattr__):
         setattr(made, method.__name__, method)
-    made.__doc__ = _describe_fields(made)
+    # The docstring with the section Parameters that the fields tell
+    doc = inspect.cleandoc(made.__doc__ or "")
+    heading = "Parameters\n----------\n"
+    opening, _, rest = doc.partition(heading)
+    own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
+    entries: list[str] = []
+    for part in fields(made):
+        said, inner = option_of(part), inner_options_of(part)
+        if said is not None:
+            entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
+        elif inner is not None:
+            entries.append(_describe_field(part, (inner.__doc__ or "").partition("\n")[0]))
+        else:
+            entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
+    made.__doc__ = f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
     return made
 
 
@@ -115,24 +129,6 @@ class _OptionsBase:
         if name in self.__dict__:
             raise FrozenInstanceError(f"{name} of {type(self).__name__} is set already: use dataclasses.replace")
         object.__setattr__(self, name, value)
-
-
-def _describe_fields(options: type) -> str:
-    """Return the docstring of a class with the section Parameters that its fields tell."""
-    doc = inspect.cleandoc(options.__doc__ or "")
-    heading = "Parameters\n----------\n"
-    opening, _, rest = doc.partition(heading)
-    own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
-    entries: list[str] = []
-    for part in fields(options):
-        said, inner = option_of(part), inner_options_of(part)
-        if said is not None:
-            entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))
-        elif inner is not None:
-            entries.append(_describe_field(part, (inner.__doc__ or "").partition("\n")[0]))
-        else:
-            entries += [text for names, text in own.items() if part.name in names.split(", ") and text not in entries]
-    return f"{opening.rstrip()}\n\n{heading}{chr(10).join(entries)}\n"
 
 
 def _describe_field(part: Field[Any], text: str) -> str:

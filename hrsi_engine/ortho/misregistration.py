@@ -178,17 +178,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     template = first(column - side, row - side, 2 * side, 2 * side)
     if not template[1].all():
         return _make_failure(WindowOutcome.NODATA)
-    return shift_between(template, second(column - reach, row - reach, 2 * reach, 2 * reach), options)
-
-
-def _make_failure(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
-    return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
-
-
-def shift_between(
-    template: tuple[np.ndarray, np.ndarray], area: tuple[np.ndarray, np.ndarray], options: MisregistrationOptions
-) -> Shift:
-    """Return the shift of a window: pixels and mask of it (with `SHIFT.border_px`), and of the area it is sought in."""
+    area = second(column - reach, row - reach, 2 * reach, 2 * reach)
     both = template[0], np.where(area[1], area[0], np.mean(area[0]))
     grey, place = (blur(np.asarray(pixels, dtype=np.float32), SHIFT.smoothing_px) for pixels in both)
     core = grey[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px]
@@ -204,13 +194,8 @@ def shift_between(
     side = grey.shape[0]
     if not area[1][row : row + side, column : column + side].all():
         return _make_failure(WindowOutcome.NODATA, best)
-    return _refine_shift(grey, place[row : row + side, column : column + side], np.array([column, row]), best, options)
-
-
-def _refine_shift(
-    grey: np.ndarray, near: np.ndarray, whole: np.ndarray, best: float, options: MisregistrationOptions
-) -> Shift:
-    """Return the shift by least squares from the best whole pixel on; both windows have a border."""
+    # Least squares from the best whole pixel on; both windows have a border
+    near = place[row : row + side, column : column + side]
     T, T_x, T_y = _interpolate_window(_filter_spline(grey), np.zeros(2))
     coefficients = _filter_spline(near)
     line = np.exp(-0.5 * (((np.arange(len(T)) - (len(T) - 1) / 2.0) / (len(T) / 2.0)) / SHIFT.weight_sigma) ** 2)
@@ -244,7 +229,11 @@ def _refine_shift(
     sigma = float(np.sqrt(max(Q[0, 0], Q[1, 1])))
     if sigma > options.max_sigma_px:
         return _make_failure(WindowOutcome.UNSTEADY, best)
-    return Shift(whole - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
+    return Shift(np.array([column, row]) - options.search_px + d, best, sigma, WindowOutcome.MATCHED)
+
+
+def _make_failure(outcome: WindowOutcome, correlation: float = np.nan) -> Shift:
+    return Shift(np.full(2, np.nan), correlation, np.nan, outcome)
 
 
 def _filter_spline(grey: np.ndarray) -> np.ndarray:

@@ -79,7 +79,17 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     if len(known):
         _, near = KDTree(xy[known]).query(xy[known], k=np.arange(1, min(POINT_SURFACE.neighbours + 1, len(known)) + 1))
         variance[known] = sigma[known] ** 2 - (sigma[known][near] ** 2).min(axis=1)
-    keep = _find_plausible(xy, ground[:, 2], variance)
+    # Points that do not stand alone: near the median of their neighbours, or at the height of some of them
+    height = ground[:, 2]
+    count = min(POINT_SURFACE.neighbours + 1, len(xy))
+    _, index = KDTree(xy).query(xy, k=count)
+    middle = np.median(height[index], axis=1)
+    away = np.abs(height - middle)
+    spread = robust_sigma(height[index] - middle[:, None], axis=1)
+    typical = max(float(robust_sigma(away)), POINT_SURFACE.least_scatter_m)
+    alike = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
+    near = away <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
+    keep = near | (alike.sum(axis=1) > POINT_SURFACE.companions)
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     points = _Points(ground[keep, :2] * scale, ground[keep, 2], variance[keep])
     # The surface on a grid of degrees; ``scale (2,)`` is metres per degree
@@ -92,23 +102,23 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()
     x, y = low[0] + cell_m * np.arange(columns), high[1] - cell_m * np.arange(rows)
-    heights = _compute_heights(points, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns)
+    # Fitted between the points; outside, the nearest point's height
+    nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    heights = np.empty(len(nodes))
+    try:
+        hull = Delaunay(points.xy[ConvexHull(points.xy).vertices])
+    except QhullError:
+        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
+    for start in range(0, len(nodes), POINT_SURFACE.batch):
+        part = slice(start, start + POINT_SURFACE.batch)
+        inside = hull.find_simplex(nodes[part]) >= 0
+        found = points.height[points.tree.query(nodes[part])[1]]
+        found[inside] = _fit_planes(points, nodes[part][inside])
+        heights[part] = found
+    heights = heights.reshape(rows, columns)
     step = cell_m / scale
     grid_nodes = GridSurface.from_array(heights, (x[0] / scale[0], y[0] / scale[1]), (step[0], -step[1]))
     return grid_nodes, int(np.sum(~keep))
-
-
-def _find_plausible(xy: np.ndarray, height: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return which points do not stand alone: near the median of their neighbours, or at the height of some of them."""
-    count = min(POINT_SURFACE.neighbours + 1, len(xy))
-    _, index = KDTree(xy).query(xy, k=count)
-    middle = np.median(height[index], axis=1)
-    away = np.abs(height - middle)
-    spread = robust_sigma(height[index] - middle[:, None], axis=1)
-    typical = max(float(robust_sigma(away)), POINT_SURFACE.least_scatter_m)
-    alike = np.abs(height[index] - height[:, None]) <= POINT_SURFACE.blunder * typical
-    near = away <= POINT_SURFACE.blunder * np.sqrt(np.maximum(spread, typical) ** 2 + variance)
-    return np.asarray(near | (alike.sum(axis=1) > POINT_SURFACE.companions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,22 +144,6 @@ class _Points:
     @property
     def spacing_m(self) -> float:
         return float(np.sqrt(np.prod(np.maximum(np.ptp(self.xy, axis=0), 1.0)) / len(self.xy)))
-
-
-def _compute_heights(points: _Points, nodes: np.ndarray) -> np.ndarray:
-    """Return heights ``(m,)`` at nodes ``(m, 2)``: fitted between the points, the nearest point's outside."""
-    heights = np.empty(len(nodes))
-    try:
-        hull = Delaunay(points.xy[ConvexHull(points.xy).vertices])
-    except QhullError:
-        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
-    for start in range(0, len(nodes), POINT_SURFACE.batch):
-        part = slice(start, start + POINT_SURFACE.batch)
-        inside = hull.find_simplex(nodes[part]) >= 0
-        found = points.height[points.tree.query(nodes[part])[1]]
-        found[inside] = _fit_planes(points, nodes[part][inside])
-        heights[part] = found
-    return heights
 
 
 def _fit_planes(points: _Points, nodes: np.ndarray) -> np.ndarray:

@@ -297,21 +297,7 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
     noise = np.sqrt(np.bincount(place, control.noise_m**2) / count)
     expected = np.maximum(noise, CONTROL_FIT.least_noise_px * gsd)
     least = np.maximum(GROUP.least_gap_sigmas * expected, GROUP.least_gap_px * gsd)
-    two = _find_two_clusters(vector, expected, float(least.max()))
-    if two is not None:
-        smaller, gap = two
-        return _describe_disagreement(given, points, vector, smaller, gap, group=True)
-    middle = np.median(vector, axis=0)
-    away = np.abs(vector - middle).max(axis=1)
-    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
-    off = (away > GROUP.gap_ratio * spread) & (away > least)
-    if not off.any() or off.sum() > len(points) / 2:
-        return None
-    return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
-
-
-def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float) -> tuple[np.ndarray, float] | None:
-    """Return the smaller of two clusters of points (mask), and the gap between them over their spread."""
+    # The smaller of two clusters of points, and the gap between them over their spread
     best: tuple[np.ndarray, float] | None = None
     angles = np.pi * np.arange(GROUP.directions) / GROUP.directions
     directions = np.vstack(
@@ -324,7 +310,7 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
         step = np.diff(along[order])
         step[[0, -1]] = 0.0  # a cluster has at least two points
         cut = int(np.argmax(step))
-        if step[cut] < least_m:
+        if step[cut] < float(least.max()):
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
         # The standard deviation within a cluster, doubled for two or three points, whose range says little
@@ -335,7 +321,15 @@ def _find_two_clusters(vector: np.ndarray, expected: np.ndarray, least_m: float)
             smaller = np.zeros(count, dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
-    return best
+    if best is not None:
+        return _describe_disagreement(given, points, vector, *best, group=True)
+    middle = np.median(vector, axis=0)
+    away = np.abs(vector - middle).max(axis=1)
+    spread = np.maximum(np.median(np.hypot(*(vector - middle)[:, :2].T)) / MEDIAN_LENGTH, expected)
+    off = (away > GROUP.gap_ratio * spread) & (away > least)
+    if not off.any() or off.sum() > len(points) / 2:
+        return None
+    return _describe_disagreement(given, points, vector, off, float((away / spread)[off].min()), group=False)
 
 
 def _describe_disagreement(

@@ -128,17 +128,30 @@ class SurfaceMatcher:
         self.own_m2 = np.zeros(len(points)) if variance_m2 is None else variance_m2[sample]
         self.height = points[:, 2]
         if in_cell > SURFACE_MATCHING.in_cell:
-            self.height = _smooth_heights(self.place_m, place_m, ground[:, 2], self.cell_m)
+            # Heights as a surface of such cells shows them
+            height = ground[:, 2]
+            known = np.flatnonzero(np.isfinite(place_m).all(axis=1) & np.isfinite(height))
+            usable = np.isfinite(self.place_m).all(axis=1)
+            near = KDTree(place_m[known]).query_ball_point(
+                np.where(usable[:, None], self.place_m, 0.0), 1.5 * self.cell_m, np.inf
+            )
+            count = np.array([len(one) for one in near])
+            of, to = np.repeat(np.arange(len(near)), count), known[np.concatenate([*near, []]).astype(np.int64)]
+            away = np.abs(u := (place_m[to] - self.place_m[of]) / self.cell_m)
+            weight = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2).prod(axis=1)
+            A = np.column_stack([np.ones(len(u)), u])
+            sums = [[np.bincount(of, weight * a * b, len(near)) for b in (*A.T, height[to])] for a in A.T]
+            N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
+            fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
+            lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
+            self.height = np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
         at, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
         self._at, self._per_m = at, np.stack([east - at, north - at], axis=2) / _STEP_M.max()
-        self._part = self._divide_ground()
-
-    def _divide_ground(self) -> np.ndarray:
-        """Return the part of the ground ``(n,)`` that each point lies in."""
+        # The part of the ground that each point lies in
         away = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
         of_points = float(np.sqrt(SURFACE_MATCHING.part_points * np.prod(away.max(axis=0)) / len(away)))
         side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
-        return np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
+        self._part = np.unique(np.floor(away / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
     def search(self, search_m: float) -> SurfaceMatch | None:
         """Return the best displacement within ``search_m`` along each axis, and the next best beside it."""
@@ -167,7 +180,9 @@ class SurfaceMatcher:
         d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), SURFACE_MATCHING.redescending
         is_near = False  # first about the robust middle, then about the estimate, whose variance is smaller
         for _ in range(SURFACE_MATCHING.most_iterations):
-            around = self._heights_around(d[:2])
+            # Heights (9, n) at the displaced points, then a cell east, west, north, south of them, then two
+            sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+            around = self._heights(d[:2] + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
             miss = around[0] - self.height - d[2]
             slope, wide = (np.column_stack([h[1] - h[2], h[3] - h[4]]) / (2.0 * k * self.cell_m)
                            for k, h in ((1, around[:5]), (2, around[[0, 5, 6, 7, 8]])))  # fmt: skip
@@ -186,7 +201,15 @@ class SurfaceMatcher:
             wide_A = np.column_stack([-np.where(np.isfinite(wide[known]), wide[known], 0.0), A[:, 2]])
             B, wide_B, r = np.split(_whiten(np.column_stack([A, wide_A, q]), weight, self._part[known]), [3, 6], axis=1)
             N, r = B.T @ (weight[:, None] * B), r[:, 0]
-            M = self._differentiate_score(B.T @ (weight[:, None] * wide_B), weight.sum(), scale)
+            # Derivative of the estimating equations by the displacement, symmetric and positive
+            M = B.T @ (weight[:, None] * wide_B)
+            M = 0.5 * (M + M.T)
+            of_mean = np.outer(M[:2, 2], M[:2, 2]) / M[2, 2]
+            values, axes = np.linalg.eigh(M[:2, :2] - of_mean)
+            noise = SURFACE_MATCHING.noise_alike * (min(self.noise_m, scale) / (2.0 * self.cell_m)) ** 2 * weight.sum()
+            M[:2, :2] = (
+                axes * np.maximum(values - noise, SURFACE_MATCHING.least_relief * np.abs(values))
+            ) @ axes.T + of_mean
             # with the noise in N steps are too short, and never too long, as they would be where M knows too little
             step = np.linalg.solve(N + ridge, B.T @ (weight * r))
             size = float(np.hypot(*step[:2]))
@@ -206,27 +229,6 @@ class SurfaceMatcher:
         """Return the surface's heights ``(k, n)`` at points displaced by each of ``offsets_m (k, 2)``."""
         places = self._at[rows] + np.einsum("nij,kj->kni", self._per_m[rows], offsets_m)
         return self.surface.heights(places.reshape(-1, 2)).reshape(places.shape[:2])
-
-    def _heights_around(self, offset_m: np.ndarray) -> np.ndarray:
-        """Return heights ``(9, n)`` at displaced points, then a cell east, west, north, south of them, then two."""
-        sides = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        return self._heights(offset_m + self.cell_m * np.vstack([np.zeros(2), sides, 2.0 * sides]))
-
-    def _differentiate_score(self, M: np.ndarray, weight: float, scale: float) -> np.ndarray:
-        """Return the derivative ``(3, 3)`` of the estimating equations by the displacement, symmetric and positive.
-
-        The noise of the surface is in its slopes, too, and would count as relief in ``A' P A``. In the product ``M``
-        with slopes over two cells, whose noise is another, most of it does not (instrumental variables); what noise
-        over some cells has in common is taken off.
-        """
-        M = 0.5 * (M + M.T)
-        of_mean = np.outer(M[:2, 2], M[:2, 2]) / M[2, 2]
-        values, axes = np.linalg.eigh(M[:2, :2] - of_mean)
-        noise = SURFACE_MATCHING.noise_alike * (min(self.noise_m, scale) / (2.0 * self.cell_m)) ** 2 * weight
-        M[:2, :2] = (
-            axes * np.maximum(values - noise, SURFACE_MATCHING.least_relief * np.abs(values))
-        ) @ axes.T + of_mean
-        return M
 
     def _search_grid(self, search_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return offsets ``(k, 2)`` in plan, score and displacement in height of each; NaN: unknown."""
@@ -273,28 +275,6 @@ def _weigh_facets(around: np.ndarray, scale: float) -> np.ndarray:
         ratio = bend / (np.abs(around[high] - around[low]) + SURFACE_MATCHING.even_sigmas * scale)
         weight *= np.clip(1.0 - (ratio / SURFACE_MATCHING.uneven) ** 2, 0.0, 1.0) ** 2
     return weight
-
-
-def _smooth_heights(place_m: np.ndarray, all_m: np.ndarray, height: np.ndarray, cell_m: float) -> np.ndarray:
-    """Return heights ``(k,)`` at ``place_m (k, 2)`` as a surface of such cells shows them, from those at ``all_m``.
-
-    A cell is the mean of what is in it, and heights between cells are interpolated: a weighted mean of the ground with
-    the quadratic B-spline as weights, on the average over all positions of the cells. A plane is fitted with them,
-    since points are not spread evenly.
-    """
-    known = np.flatnonzero(np.isfinite(all_m).all(axis=1) & np.isfinite(height))
-    usable = np.isfinite(place_m).all(axis=1)
-    near = KDTree(all_m[known]).query_ball_point(np.where(usable[:, None], place_m, 0.0), 1.5 * cell_m, np.inf)
-    count = np.array([len(one) for one in near])
-    of, to = np.repeat(np.arange(len(near)), count), known[np.concatenate([*near, []]).astype(np.int64)]
-    away = np.abs(u := (all_m[to] - place_m[of]) / cell_m)
-    weight = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2).prod(axis=1)
-    A = np.column_stack([np.ones(len(u)), u])
-    sums = [[np.bincount(of, weight * a * b, len(near)) for b in (*A.T, height[to])] for a in A.T]
-    N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
-    fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
-    lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
-    return np.where(usable & (count >= SURFACE_MATCHING.fewest_near) & ~lopsided, fit, np.nan)
 
 
 def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

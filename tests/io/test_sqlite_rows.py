@@ -14,7 +14,6 @@ from hrsi.hrsi_engine.io.geopackage import sqlite_rows
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.geopackage.typed_rows import PickedColumn, StackedColumn, Words, is_any, make_shared_words
 
-pytest.importorskip("numba")
 COUNT = 120_000  # rows: several chunks
 
 
@@ -44,27 +43,25 @@ def content(path: Path) -> dict[str, list[tuple]]:
 
 
 def test_both_ways_write_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    written, used = {}, []
+    used: list[str] = []
     insert = sqlite_rows.Pages.insert
-    monkeypatch.setattr(sqlite_rows.Pages, "insert", lambda *given: (used.append(way), insert(*given)))
-    for way in ("0", "1"):
-        monkeypatch.setenv("HRSI_COMPILED", way)
-        write_geopackage(str(tmp_path / f"{way}.gpkg"), [layer()])
-        written[way] = content(tmp_path / f"{way}.gpkg")
-    assert written["0"] == written["1"]
-    assert set(used) == {"1"}
+    with monkeypatch.context() as patch:
+        patch.setattr(sqlite_rows.Pages, "insert", lambda *given: (used.append("pages"), insert(*given)))
+        write_geopackage(str(tmp_path / "pages.gpkg"), [layer()])
+    assert used
+    monkeypatch.setattr(sqlite_rows, "can_have_pages", lambda *given: False)
+    write_geopackage(str(tmp_path / "sqlite.gpkg"), [layer()])
+    assert content(tmp_path / "pages.gpkg") == content(tmp_path / "sqlite.gpkg")
 
 
 @pytest.mark.parametrize("count", [1, 30, 600])
 def test_small_tables_are_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """A page, a page with some others below it, and an index with one."""
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     write_geopackage(str(tmp_path / "points.gpkg"), [layer(count)])
     assert len(content(tmp_path / "points.gpkg")["points"]) == count
 
 
 def test_keys_go_on_where_rows_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     write_geopackage(str(tmp_path / "points.gpkg"), [layer(5000)])
     with sqlite3.connect(tmp_path / "points.gpkg") as database:
         assert dict(database.execute("SELECT name, seq FROM sqlite_sequence"))["points"] == 5000
@@ -84,7 +81,6 @@ def test_the_page_of_locks_is_left_out(tmp_path: Path, monkeypatch: pytest.Monke
         pytest.skip("no SQLite of that name")
     if library.sqlite3_test_control(pending_byte, 0) != 2**30:
         pytest.skip("this SQLite has no controls for tests")
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     monkeypatch.setattr(sqlite_rows, "_LOCKED_BYTE", place)
     before = library.sqlite3_test_control(pending_byte, place)
     try:
@@ -99,7 +95,6 @@ def test_the_page_of_locks_is_left_out(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_rows_too_long_for_a_page_are_written_by_sqlite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     texts = np.array(["x" * 5000, "y"])
     write_geopackage(str(tmp_path / "long.gpkg"), [Layer("long", "None", 4326, (), {"text": texts})])
     with sqlite3.connect(tmp_path / "long.gpkg") as database:
@@ -107,7 +102,6 @@ def test_rows_too_long_for_a_page_are_written_by_sqlite(tmp_path: Path, monkeypa
 
 
 def test_points_without_a_position_among_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     place = np.random.default_rng(4).uniform(0.0, 1.0, (1000, 2))
     place[::7] = np.nan
     write_geopackage(str(tmp_path / "p.gpkg"), [Layer("points", "Point", 4326, place, {"id": np.arange(1000)})])
@@ -118,7 +112,6 @@ def test_points_without_a_position_among_many(tmp_path: Path, monkeypatch: pytes
 
 def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     resource = pytest.importorskip("resource")
-    monkeypatch.setenv("HRSI_COMPILED", "1")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, before[1]))  # writing on fails as on a full disk
     try:
@@ -151,12 +144,13 @@ def test_stacked_columns_are_their_parts_one_behind_the_other() -> None:
     np.testing.assert_array_equal(np.hypot(2.0 - stacked, stacked), np.hypot(2.0 - whole, whole))
 
 
-@pytest.mark.parametrize("way", ["0", "1"])
+@pytest.mark.parametrize("as_pages", [True, False])
 def test_shared_and_stacked_columns_are_written_row_by_row(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_pages: bool
 ) -> None:
     """More rows than are written at once, with the border between parts inside of such a piece."""
-    monkeypatch.setenv("HRSI_COMPILED", way)
+    if not as_pages:
+        monkeypatch.setattr(sqlite_rows, "can_have_pages", lambda *given: False)
     random = np.random.default_rng(2)
     places, index = random.uniform(0.0, 1.0, (100, 3)), random.integers(0, 100, 60_000)
     first, nothing = random.normal(size=30), np.broadcast_to(np.nan, 60_000)

@@ -19,7 +19,7 @@ WITH_PACKAGE = {
     },
     "numba": {
         "adjustment.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
-        "foundation.compiled_code", "io.geopackage.compiled_pages",
+        "foundation.compiled_code",
         "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",
     },

@@ -259,25 +259,19 @@ class _SuspectSearch:
             factor = self.estimate_variance_factor(group, everything)
             lowest, least = np.inf, -1
             for gcp in sorted(group, key=lambda gcp: surprise[gcp]):  # by the last one's, so that few are told in full
-                surprise[gcp] = self._test_gcp(group, gcp, factor, lowest)
+                # The largest -log probability of what may be wrong with the GCP, the rest of the group left out
+                rest, most = self._leave_out_others(group, gcp), 0.0
+                for one in _list_explanations(rest, gcp):
+                    most = max(most, factor.compute_surprise(*rest.test_subset(one.out)))
+                    if most > lowest:
+                        break
+                surprise[gcp] = most
                 if (surprise[gcp], gcp) < (lowest, least) or least < 0:
                     lowest, least = surprise[gcp], gcp
             if lowest > self.limit:
                 break
             group = tuple(gcp for gcp in group if gcp != least)
         return group
-
-    def _test_gcp(self, group: tuple[int, ...], gcp: int, factor: VarianceFactor, enough: float) -> float:
-        """Return the largest -log probability of what may be wrong with a GCP, the rest of the group left out.
-
-        Once it is above ``enough`` it is told as it is, whatever else may be wrong.
-        """
-        rest, most = self._leave_out_others(group, gcp), 0.0
-        for one in _list_explanations(rest, gcp):
-            most = max(most, factor.compute_surprise(*rest.test_subset(one.out)))
-            if most > enough:
-                break
-        return most
 
     def _leave_out_others(self, group: tuple[int, ...], gcp: int) -> Discrepancies:
         """Return the discrepancies of a GCP with the others of its group left out."""

@@ -120,7 +120,20 @@ def judge_ties(
     groups: list[tuple[np.ndarray, PointRays]] = []
     if not len(suspicious):
         return decision, failed
-    trends = fit_residual_trends(observations, solution.normals.residual, used)
+    # What the residuals of each image have in common: coefficients (images, 6, 2) of `_list_terms`
+    trends = np.zeros((len(observations.images), 6, 2))
+    for index, rows in enumerate(observations.by_image):
+        rows = rows[used[rows]]
+        rows = rows[:: 1 + len(rows) // TREND.sample]
+        if len(rows) < TREND.least:
+            continue
+        terms, weight = _list_terms(observations, rows), np.ones(len(rows))
+        for _ in range(TREND.steps):
+            weighted = terms * weight[:, None]
+            normal = terms.T @ weighted + TREND.levelling * len(rows) * np.eye(6)
+            trends[index] = np.linalg.solve(normal, weighted.T @ solution.normals.residual[rows])
+            apart = np.linalg.norm(solution.normals.residual[rows] - terms @ trends[index], axis=1)
+            weight = huber(apart / max(float(np.median(apart)), 1e-9))
     for length in np.unique(rays):
         points = suspicious[rays == length]
         rows, linear = equations.linearise_points(solution.state, points)
@@ -146,28 +159,6 @@ def judge_ties(
     for rows, group in groups:
         decision[rows], failed[rows] = group.judge(sigmas, limit, wrong, size)
     return decision, failed
-
-
-def fit_residual_trends(observations: Observations, residual: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return what the residuals of each image have in common, coefficients ``(images, 6, 2)`` of `_list_terms`.
-
-    A model that does not follow what a camera does leaves residuals that its neighbours share: no blunders. They are
-    fitted robustly to the ``used (n,)`` measurements, a sample of them where there are many.
-    """
-    trends = np.zeros((len(observations.images), 6, 2))
-    for index, rows in enumerate(observations.by_image):
-        rows = rows[used[rows]]
-        rows = rows[:: 1 + len(rows) // TREND.sample]
-        if len(rows) < TREND.least:
-            continue
-        terms, weight = _list_terms(observations, rows), np.ones(len(rows))
-        for _ in range(TREND.steps):
-            weighted = terms * weight[:, None]
-            normal = terms.T @ weighted + TREND.levelling * len(rows) * np.eye(6)
-            trends[index] = np.linalg.solve(normal, weighted.T @ residual[rows])
-            apart = np.linalg.norm(residual[rows] - terms @ trends[index], axis=1)
-            weight = huber(apart / max(float(np.median(apart)), 1e-9))
-    return trends
 
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:

@@ -196,7 +196,15 @@ class HeightObservations:
                 one.sigma_factor = estimate_sigma_factor(one)
             one.weigh_by_fit(np.ones(count, dtype=bool))
             judged.append(one)
-        surveys = self._compare_surveys(priors, ground, cofactors)
+        # What the surveyed heights that take part say of the block's height, against the rays alone
+        points = self.surveyed[priors.observed[self.surveyed, 2]]
+        points = points[:: -(-len(points) // HEIGHTS.most_gcps) or 1]
+        q, w = cofactors[points, 2, 2], priors.weight[points, 2]
+        by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
+        miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
+        if len(points) > 2:  # stated sigmas of surveys are guesses: what they scatter by counts
+            variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
+        surveys = OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
         off = compare_groups(
             judged, self.memory, [surveys, *([] if self.by_rpcs is None else [self.by_rpcs.compare_with(ground)])]
         )
@@ -218,17 +226,6 @@ class HeightObservations:
                 beyond_m2 = max(one.source.weighed_m**2 - 1.0 / one.weight, 0.0)
                 variance += np.minimum(of_cameras * one.weight, 1.0) ** 2 * beyond_m2
         return variance
-
-    def _compare_surveys(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> OtherOffsets:
-        """Return what the surveyed heights that take part say of the block's height, against the rays alone."""
-        points = self.surveyed[priors.observed[self.surveyed, 2]]
-        points = points[:: -(-len(points) // HEIGHTS.most_gcps) or 1]
-        q, w = cofactors[points, 2, 2], priors.weight[points, 2]
-        by_rays = np.maximum(1.0 - q * w, HEIGHTS.least_by_rays)
-        miss, variance = (priors.target[points, 2] - ground[points, 2]) / by_rays, q / by_rays + 1.0 / w
-        if len(points) > 2:  # stated sigmas of surveys are guesses: what they scatter by counts
-            variance = variance * max(float(robust_sigma((miss - np.median(miss)) / np.sqrt(variance))), 1.0) ** 2
-        return OtherOffsets(miss, variance, CommonError(HEIGHTS.least_common_m, False))
 
     def summarise_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, precise: np.ndarray

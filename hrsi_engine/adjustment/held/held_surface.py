@@ -146,17 +146,12 @@ class SurfacePlan:
         """Return the priors with the plan as the surface sees it; as `HeightObservations.add_to_priors`."""
         if self.why_open:
             return priors
-        return self._observe(priors, ground, self._match_again(*self._place_by_rays(priors, ground, cofactors)))
-
-    def _place_by_rays(
-        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points ``(k, 3)`` as the rays alone put them, and the variances ``(k,)`` of their heights."""
+        # The points as the rays alone put them, and the variances of their heights
         at, Q = ground[self.points], cofactors[self.points]
         W = (1.0 - HEIGHTS.least_by_rays) * priors.build_weight_matrices(self.points)
         by_rays = np.linalg.inv(np.linalg.inv(Q) - W)
         pulled = np.einsum("kij,kjl,kl->ki", by_rays, W, priors.compute_misclosures_m(at, self.points))
-        return move_ground(at, -pulled), by_rays[:, 2, 2]
+        return self._observe(priors, ground, self._match_again(*(move_ground(at, -pulled), by_rays[:, 2, 2])))
 
     def _match_again(self, by_rays: np.ndarray, variance_m2: np.ndarray) -> np.ndarray:
         """Return the displacement ``(3,)`` that is left; it is estimated anew where the block has moved."""

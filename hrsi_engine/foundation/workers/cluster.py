@@ -73,27 +73,6 @@ class OnWorker:
             ) from None
 
 
-def _wait_for(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return what a call returns; raise TimeoutError where it takes longer, and leave it behind.
-
-    A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by Dask's
-    client without end, whatever its own timeout.
-    """
-    answer: Future[Any] = Future()
-
-    def run() -> None:
-        try:
-            answer.set_result(call())
-        except BaseException as error:  # raised below, in the thread that waits
-            answer.set_exception(error)
-
-    threading.Thread(target=run, daemon=True).start()
-    wait([answer], seconds)
-    if not answer.done():
-        raise TimeoutError(f"no answer in {seconds:g} s")
-    return answer.result()
-
-
 def _connect(address: str, certificates: Certificates) -> Any:
     """Return a client of the scheduler at an address; raise `InputError` where it cannot be reached."""
     from distributed import Client, Security
@@ -118,7 +97,21 @@ def _connect(address: str, certificates: Certificates) -> Any:
             }
             known = {name: file for name, file in given.items() if file is not None}
             security = Security(require_encryption=True, **known)
-        return _wait_for(GIVE_UP_S, lambda: Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
+        # A scheduler that closes a connection at the wrong moment (it does not trust the certificate) is waited for by
+        # Dask's client without end, whatever its own timeout
+        answer: Future[Any] = Future()
+
+        def run() -> None:
+            try:
+                answer.set_result(Client(address, timeout=CONNECT_S, set_as_default=False, security=security))
+            except BaseException as error:  # raised below, in the thread that waits
+                answer.set_exception(error)
+
+        threading.Thread(target=run, daemon=True).start()
+        wait([answer], GIVE_UP_S)
+        if not answer.done():
+            raise TimeoutError(f"no answer in {GIVE_UP_S:g} s")
+        return answer.result()
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"`scheduler` {address}: no Dask scheduler answers there ({reason}): {advice}") from None

@@ -130,19 +130,19 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                     future.release()
 
         return run
-    return _run_on_threads(thread_count(threads))
-
-
-def _run_on_threads(count: int) -> Scheduler:
-    """Return a scheduler of threads; a run that is given up waits for the parts in work only.
-
-    Parts start in the order in which a depth-first walk from the wanted ones meets them, so that few results wait for
-    others; those that nothing needs any more are let go.
-    """
+    count = thread_count(threads)
 
     def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        order = _sort_tasks(graph, wanted)
-        place = {key: number for number, key in enumerate(order)}
+        # Each task after those that it needs
+        place, waiting = dict[str, int](), list(reversed(wanted))
+        while waiting:
+            key = waiting.pop()
+            behind = [need for need in graph[key][1:] if need not in place]
+            if key not in place and behind:
+                waiting += [key, *reversed(behind)]
+            elif key not in place:
+                place[key] = len(place)
+        order = list(place)
         users: dict[str, list[str]] = {key: [] for key in order}
         for key in order:
             for need in set(graph[key][1:]):
@@ -178,22 +178,6 @@ def _run_on_threads(count: int) -> Scheduler:
                             del results[need]
 
     return run
-
-
-def _sort_tasks(graph: Graph, wanted: Sequence[str]) -> list[str]:
-    """Return the tasks of the wanted ones, each after those it needs."""
-    order: dict[str, None] = {}
-    waiting = list(reversed(wanted))
-    while waiting:
-        key = waiting.pop()
-        missing = [need for need in graph[key][1:] if need not in order]
-        if key in order:
-            continue
-        if missing:
-            waiting += [key, *reversed(missing)]
-        else:
-            order[key] = None
-    return list(order)
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

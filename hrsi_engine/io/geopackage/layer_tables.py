@@ -122,22 +122,6 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
         return
     layers = in_one_place(layers)
     styles = default_styles(layers)
-    _make_missing_layers(path, layers)
-    try:
-        with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as database:
-            database.execute("BEGIN IMMEDIATE")
-            for layer in layers:
-                _replace_rows(database, layer)
-            # Replace the default styles of the layers; those that the user stored under names of their own stay
-            for name in styles:
-                database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
-            insert_styles(database, layers, styles)
-            database.execute("COMMIT")
-    except sqlite3.Error as error:
-        raise OutputError(f"{path}: cannot be written ({error}): close other programs that write into it") from None
-
-
-def _make_missing_layers(path: str, layers: Sequence[Layer]) -> None:
     dataset = None
     with gdal_messages() as messages:
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR | gdal.OF_UPDATE, allowed_drivers=["GPKG"])
@@ -154,6 +138,18 @@ def _make_missing_layers(path: str, layers: Sequence[Layer]) -> None:
         reason = messages[-1] if messages else "no GeoPackage"
         raise OutputError(f"{path}: cannot be written ({reason}): check the file, or save to another one")
     del dataset
+    try:
+        with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as database:
+            database.execute("BEGIN IMMEDIATE")
+            for layer in layers:
+                _replace_rows(database, layer)
+            # Replace the default styles of the layers; those that the user stored under names of their own stay
+            for name in styles:
+                database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
+            insert_styles(database, layers, styles)
+            database.execute("COMMIT")
+    except sqlite3.Error as error:
+        raise OutputError(f"{path}: cannot be written ({error}): close other programs that write into it") from None
 
 
 def _replace_rows(database: sqlite3.Connection, layer: Layer) -> None:

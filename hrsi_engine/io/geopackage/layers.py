@@ -142,14 +142,27 @@ def write_geopackage(
         )
     with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
         with config_option("OGR_CURRENT_DATE", run_date()):
-            _create_tables(path, temporary, layers, bool(styles), lineage or {})
+            # OGR makes an empty GeoPackage with all layers
+            dataset = None
+            with gdal_messages() as messages:
+                dataset = ogr.GetDriverByName("GPKG").CreateDataSource(temporary, options=["VERSION=1.2"])
+                if dataset is not None:
+                    for layer in layers:
+                        create_layer(dataset, layer, lineage or {})
+                    if styles:
+                        create_style_table(dataset)
+            if dataset is None or messages:
+                dataset = None  # closed here, where GDAL's complaints are not heard
+                reason = messages[-1] if messages else "unknown reason"
+                raise OutputError(f"{path}: cannot be written ({reason}): check the folder")
+            del dataset
         try:
             with contextlib.closing(sqlite3.connect(temporary, isolation_level=None)) as database:
                 for pragma in WITHOUT_SAFETY:
                     database.execute(pragma)
                 done = 0
                 for layer in layers:
-                    rows = rows_of_new_file(temporary, database, len(layer), _columns(layer))
+                    rows = rows_of_new_file(temporary, database, _columns(layer))
                     with contextlib.closing(rows):
                         for _ in insert_rows(database, layer, rows):
                             done += _CHUNK_ROWS
@@ -186,25 +199,6 @@ def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
                 given = np.column_stack([place[:, 0] + 360.0 * part, place[:, 1:]])
             moved[number] = replace(layers[number], coordinates=given)
     return moved
-
-
-def _create_tables(
-    path: str, temporary: str, layers: Sequence[Layer], with_styles: bool, lineage: Mapping[str, str]
-) -> None:
-    """Have OGR make an empty GeoPackage with all layers."""
-    dataset = None
-    with gdal_messages() as messages:
-        dataset = ogr.GetDriverByName("GPKG").CreateDataSource(temporary, options=["VERSION=1.2"])
-        if dataset is not None:
-            for layer in layers:
-                create_layer(dataset, layer, lineage)
-            if with_styles:
-                create_style_table(dataset)
-    if dataset is None or messages:
-        dataset = None  # closed here, where GDAL's complaints are not heard
-        reason = messages[-1] if messages else "unknown reason"
-        raise OutputError(f"{path}: cannot be written ({reason}): check the folder")
-    del dataset
 
 
 def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str] | None = None) -> None:

@@ -1,10 +1,15 @@
 """Rows into SQLite, from columns: through Python's interface (`PythonRows`), or as pages of the file (`Pages`).
 
 Python's ``executemany`` needs an object for every value, and SQLite spends some microseconds on a row, most of it on
-finding again and again that it belongs behind the one before. Where numba is there, and nobody else has the file, a
-compiled loop (`compiled_pages`) writes the pages that SQLite would make from the arrays: ten times as fast, and without
-the objects' memory. They are put behind the file's own, and the page where an empty table begins becomes the root of
-its tree. The file's format is described at https://www.sqlite.org/fileformat2.html and is promised to stay as it is.
+finding again and again that it belongs behind the one before. Where nobody else has the file, `Pages` makes from the
+arrays the pages that SQLite would make: three to four times as fast, and without the objects' memory. They are put
+behind the file's own, and the page where an empty table begins becomes the root of its tree.
+
+A table is a tree of pages. A leaf page has cells, one a row: the length of its record and its key, then the record: the
+length of its head, a serial type for each value, and the values. A branch page has a cell for each page below it but
+the last: its number and the largest key in it. Cells stand at the end of a page, their places at its beginning; numbers
+are big-endian, lengths and keys varints of seven bits a byte. The format is promised to stay as it is:
+https://www.sqlite.org/fileformat2.html, sections 1.6 (pages) and 2.1 (records).
 
 The R-tree of an empty layer is filled at once, all nodes packed: a hundred times faster than row by row. The rectangles
 are sorted into tiles (sort-tile-recursive packing, Leutenegger et al. 1997) and written as the nodes of SQLite's
@@ -16,22 +21,16 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from ...foundation import compiled_code
-from ...foundation.thresholds import threshold, thresholds
 from ..opening.databases import insert_text, sql_text
-from .typed_rows import BYTES_CELL, INTEGER_CELL, NUMBER_CELL, TEXT_CELL, Column, StackedColumn, Words
-
-
-@thresholds
-class ROW_WRITING:
-    """When rows are written by the compiled loop."""
-
-    compiled_rows: int = threshold(20_000, "rows", "fewer are written before the compiled loop is loaded", "measured")
+from .typed_rows import Column, StackedColumn, Words
 
 
 class PythonRows:
@@ -68,11 +67,9 @@ class PythonRows:
 WITHOUT_SAFETY = ("PRAGMA synchronous = OFF", "PRAGMA journal_mode = OFF")
 
 
-def rows_of_new_file(path: str, database: sqlite3.Connection, count: int, columns: Sequence[Column]) -> Inserter:
-    """Return the faster way to insert ``count`` rows into the empty tables of a new file: page writer or `sqlite3`."""
-    if compiled_code.is_wanted(count >= ROW_WRITING.compiled_rows) and can_have_pages(path, columns):
-        return Pages(path, database)
-    return PythonRows(database)
+def rows_of_new_file(path: str, database: sqlite3.Connection, columns: Sequence[Column]) -> Inserter:
+    """Return the faster way to insert rows into the empty tables of a new file: page writer or `sqlite3`."""
+    return Pages(path, database) if can_have_pages(path, columns) else PythonRows(database)
 
 
 _HEAD = 100  # bytes of the file's head
@@ -80,8 +77,13 @@ _CHANGES, _PAGES, _VALID_FOR = 24, 28, 92  # where it tells the number of change
 #: What the head must say: plain journal, no bytes reserved; newest schema; no page map; UTF-8.
 _PLAIN = {18: b"\1\1\0", 44: b"\0\0\0\4", 52: b"\0\0\0\0", 56: b"\0\0\0\1"}
 _LOCKED_BYTE = 2**30  # the page that has it is not used
-_BUFFER_PAGES = 512
 _MARGIN = 35  # bytes of a page that a row may not have without pages of its own
+_LEAF, _BRANCH = 13, 5  # kinds of pages
+_LEAF_HEAD, _BRANCH_HEAD, _PLACE = 8, 12, 2  # bytes at the beginning of a page, and of a cell's place
+_LARGEST_CHILD = 15  # bytes of a branch's cell with its place: 2 + 4 for the page's number + 9 for the key
+_NULL, _REAL, _ZERO, _BYTES, _TEXT = 0, 7, 8, 12, 13  # serial types; integers 1 to 6, and 1 is that of zero + 1
+_INTEGER_LIMITS = 2 ** np.array([7, 15, 23, 31, 47])  # of the serial types 1 to 5; 6 has 8 bytes
+_NUMBER_BYTES = np.array([0, 1, 2, 3, 4, 6, 8, 8, 0, 0])  # of each serial type
 
 
 class Pages:
@@ -102,27 +104,20 @@ class Pages:
         self._size = _page_size(head)
         self._changes, pages = struct.unpack_from(">II", head, _CHANGES)
         self._next, self._locked = pages + 1, _LOCKED_BYTE // self._size + 1
-        self._pages = np.zeros((_BUFFER_PAGES, self._size), dtype=np.uint8)
-        self._last_keys = np.empty(_BUFFER_PAGES, dtype=np.int64)
 
     def insert(self, table: str, names: Sequence[str], columns: Sequence[Column]) -> None:
         """As `PythonRows.insert`; columns in the table's order, keys first."""
-        from .compiled_pages import add_rows
-
         if table != self._table:
             self._end_table()
-            self._table, self._children, self._state = table, [], np.array([0, 0, self._size, 0])
-            self._pages[0] = 0
-        cells = Cells(columns, self._texts)
-        done, rows = 0, cells.words.shape[1]
-        while done < rows:
-            done = add_rows(
-                self._pages, self._state, self._last_keys, done, cells.kinds, cells.words,
-                cells.words.view(np.float64), cells.lengths, cells.content,
-            )  # fmt: skip
-            if self._state[0] == len(self._pages):
-                self._children.append((self._write(self._pages), self._last_keys.copy()))
-                self._pages[0], self._state[0] = 0, 0
+            self._table, self._last = table, (np.zeros((1, self._size), dtype=np.uint8), [0])
+            _write_heads(self._last[0], _LEAF, np.zeros(1, dtype=np.int64), np.array([self._size]))
+            self._children = list[tuple[np.ndarray, list[int]]]()
+        if not len(columns[0]):
+            return
+        if self._last[1] != [0]:  # the pages before are not the table's only ones
+            self._children.append((self._write(self._last[0]), self._last[1]))
+        keys = np.asarray(columns[0]).astype(np.int64)
+        self._last = _fill_leaves(keys, [_encode(column, self._texts) for column in columns[1:]], self._size)
 
     def commit(self) -> None:
         """As `PythonRows.commit`."""
@@ -144,26 +139,24 @@ class Pages:
 
     def _end_table(self) -> None:
         """Write the last leaves of the table and the branches above them, the uppermost where the table begins."""
-        from .compiled_pages import BRANCH_HEAD, CHILD, LONGEST_VARINT, PLACE, end_page, fill_branches
-
         if not self._table:
             return
-        end_page(self._pages, self._state, self._last_keys)
-        pages, last_keys = self._pages[: self._state[0] + 1], self._last_keys[: self._state[0] + 1]
+        pages, keys = self._last
+        self._filled[self._table] = keys[-1]
         if self._children or len(pages) > 1:
-            self._children.append((self._write(pages), last_keys))
-            children, last_keys = (np.concatenate(parts) for parts in zip(*self._children, strict=True))
-            most = (self._size - BRANCH_HEAD) // (PLACE + CHILD + LONGEST_VARINT)
+            self._children.append((self._write(pages), keys))
+            children = [int(child) for numbers, _ in self._children for child in numbers]
+            keys = [key for _, of_part in self._children for key in of_part]
+            most = (self._size - _BRANCH_HEAD) // _LARGEST_CHILD
             while True:
                 count = -(-len(children) // most)
-                bounds = np.arange(count + 1) * len(children) // count  # all are about equally full
-                pages = np.zeros((count, self._size), dtype=np.uint8)
-                fill_branches(pages, bounds, children, last_keys)
+                bounds = [number * len(children) // count for number in range(count + 1)]  # about equally full
+                parts = [slice(*ends) for ends in pairwise(bounds)]
+                pages = np.stack([_make_branch(children[part], keys[part], self._size) for part in parts])
                 if count == 1:
                     break
-                children, last_keys = self._write(pages), last_keys[bounds[1:] - 1]
+                children, keys = self._write(pages).tolist(), [keys[part][-1] for part in parts]
         self._put(self._roots[self._table], pages)
-        self._filled[self._table] = int(self._state[3])
 
     def _write(self, pages: np.ndarray) -> np.ndarray:
         """Write pages behind the file's others; return their numbers."""
@@ -200,52 +193,122 @@ def _page_size(head: bytes) -> int:
     return 65536 if size == 1 else size
 
 
-class Cells:
-    """Columns as the compiled loop takes them.
+class _Values(NamedTuple):
+    """A column as it stands in records.
 
-    kinds : (c,) which of `NUMBER_CELL`, `INTEGER_CELL`, `TEXT_CELL`, `BYTES_CELL`
-    words : (c, n) 8 bytes each: the number, or the place of the bytes in ``content``
-    lengths : (c, n) of the bytes, negative where there is nothing; content : (b,) all bytes
+    serial : (n,) serial types; size : (n,) bytes of the values
+    place : (n,) where they begin in ``content``, (b,) bytes
     """
 
-    def __init__(self, columns: Sequence[Column], texts: Texts) -> None:
-        rows, begin, parts = len(columns[0]), 0, [np.empty(0, dtype=np.uint8)]
-        self.kinds = np.empty(len(columns), dtype=np.int8)
-        self.words = np.empty((len(columns), rows), dtype=np.int64)
-        self.lengths = np.zeros((len(columns), rows), dtype=np.int32)
-        for number, given in enumerate(columns):
-            column = np.asarray(given) if isinstance(given, StackedColumn) else given
-            kind, words, lengths = column.dtype.kind, self.words[number], self.lengths[number]
-            if kind == "f":
-                self.kinds[number] = NUMBER_CELL
-                words.view(np.float64)[:] = column
-                continue
-            if kind in "biu":
-                self.kinds[number] = INTEGER_CELL
-                words[:] = column
-                continue
-            if isinstance(column, Words):
-                self.kinds[number] = TEXT_CELL
-                content, long = texts.encode(column.values)
-                words[:], lengths[:] = column.index, long[column.index]
-                words *= content.itemsize
-            elif kind == "U":
-                self.kinds[number] = TEXT_CELL
-                content, lengths[:] = _utf8(column)
-                words[:] = content.itemsize * np.arange(rows)
-            elif kind == "V":
-                self.kinds[number] = BYTES_CELL
-                content, lengths[:] = np.ascontiguousarray(column), column.itemsize
-                words[:] = column.itemsize * np.arange(rows)
-            else:  # objects: bytes or nothing
-                self.kinds[number] = BYTES_CELL
-                lengths[:] = [-1 if value is None else len(value) for value in column.tolist()]
-                content = np.frombuffer(b"".join(one for one in column.tolist() if one is not None), dtype=np.uint8)
-                words[:] = np.cumsum(np.maximum(lengths, 0)) - lengths
-            words += begin
-            parts.append(content.view(np.uint8))
-            begin += content.nbytes
-        self.content = np.concatenate(parts)
+    serial: np.ndarray
+    size: np.ndarray
+    place: np.ndarray
+    content: np.ndarray
+
+
+def _encode(given: Column, texts: Texts) -> _Values:
+    column = np.asarray(given) if isinstance(given, StackedColumn) else given
+    kind, rows = column.dtype.kind, np.arange(len(column))
+    if kind in "biuf":
+        values = np.asarray(column)
+        if kind == "f":
+            reals = values.astype(np.float64)
+            whole = (np.abs(reals) < 2.0**47) & (reals == np.floor(reals))  # SQLite keeps these as integers, too
+            words, serial = reals.view(np.int64), np.where(np.isnan(reals), _NULL, _REAL)
+            if whole.any():
+                words[whole] = reals[whole].astype(np.int64)
+                serial[whole] = _find_integer_types(words[whole])
+        else:
+            words = values.astype(np.int64)
+            serial = _find_integer_types(words)
+        size = _NUMBER_BYTES[serial]
+        return _Values(serial, size, 8 * (rows + 1) - size, words.astype(">i8").view(np.uint8))
+    if isinstance(column, Words):
+        content, long = texts.encode(column.values)
+        size, place = long[column.index], content.itemsize * column.index.astype(np.int64)
+    elif kind == "U":
+        content, size = _utf8(column)
+        place = content.itemsize * rows
+    elif kind == "V":
+        content, size = np.ascontiguousarray(column), np.full(len(rows), column.itemsize)
+        place = column.itemsize * rows
+    else:  # objects: bytes or nothing
+        size = np.array([-1 if value is None else len(value) for value in column.tolist()])
+        content = np.frombuffer(b"".join(one for one in column.tolist() if one is not None), dtype=np.uint8)
+        place = np.cumsum(np.maximum(size, 0)) - size
+    kind_of = _TEXT if kind == "U" else _BYTES
+    return _Values(np.where(size < 0, _NULL, kind_of + 2 * size), np.maximum(size, 0), place, content.view(np.uint8))
+
+
+def _find_integer_types(values: np.ndarray) -> np.ndarray:
+    """Return the serial types of integers: those of the fewest bytes."""
+    serial = 1 + np.searchsorted(_INTEGER_LIMITS, np.where(values < 0, ~values, values), side="right")
+    return np.where((values == 0) | (values == 1), _ZERO + values, serial)
+
+
+def _fill_leaves(keys: np.ndarray, columns: Sequence[_Values], size: int) -> tuple[np.ndarray, list[int]]:
+    """Return leaf pages ``(p, size)`` with rows of ascending keys ``(n,)``, and the largest key of each page."""
+    nothing = np.zeros(len(keys), dtype=np.int64)  # the key stands in the cell, and as NULL in the record
+    head = 2 + sum(_count_varint_bytes(values.serial) for values in columns)
+    head += head > 127  # it counts itself
+    record = head + sum(values.size for values in columns)
+    cell = _count_varint_bytes(record) + _count_varint_bytes(keys) + record
+    # Page by page as many rows as find room
+    filled, ends = np.cumsum(cell + _PLACE).tolist(), [0]
+    while ends[-1] < len(keys):
+        ends.append(bisect_right(filled, (filled[ends[-1] - 1] if ends[-1] else 0) + size - _LEAF_HEAD))
+    first, count = np.array(ends[:-1]), np.diff(ends)
+    page, begin = np.repeat(np.arange(len(first)), count), np.cumsum(cell) - cell
+    start = size - np.add.reduceat(cell, first)  # where the cells of each page begin, one behind the other
+    place = begin + (start - begin[first])[page]
+    pages = np.zeros((len(first), size), dtype=np.uint8)
+    _write_heads(pages, _LEAF, count, start)
+    pages.view(">u2")[page, _LEAF_HEAD // _PLACE + np.arange(len(keys)) - first[page]] = place
+    flat, at = pages.reshape(-1), place + size * page
+    for numbers in (record, keys, head, nothing, *(values.serial for values in columns)):
+        at = at + _write_varints(flat, at, numbers)
+    for values in columns:
+        for length in np.flatnonzero(np.bincount(values.size)).tolist():  # there are few
+            rows, byte = np.flatnonzero(values.size == length)[:, None], np.arange(length)
+            flat[at[rows] + byte] = values.content[values.place[rows] + byte]
+        at = at + values.size
+    return pages, keys[np.array(ends[1:]) - 1].tolist()
+
+
+def _make_branch(children: Sequence[int], keys: Sequence[int], size: int) -> np.ndarray:
+    """Return a branch page ``(size,)`` above pages of these numbers, whose largest keys are ``keys``."""
+    page, key, child = np.zeros((1, size), dtype=np.uint8), np.array(keys[:-1], dtype=np.int64), np.array(children)
+    cell = 4 + _count_varint_bytes(key)
+    place = size - np.cumsum(cell)
+    _write_heads(page, _BRANCH, np.array([len(key)]), np.array([place[-1] if len(key) else size]))
+    page[0, _LEAF_HEAD:_BRANCH_HEAD] = child[-1:].astype(">u4").view(np.uint8)
+    page.view(">u2")[0, _BRANCH_HEAD // _PLACE + np.arange(len(key))] = place
+    page[0, place[:, None] + np.arange(4)] = child[:-1].astype(">u4").view(np.uint8).reshape(-1, 4)
+    _write_varints(page[0], place + 4, key)
+    return page[0]
+
+
+def _write_heads(pages: np.ndarray, kind: int, count: np.ndarray, start: np.ndarray) -> None:
+    """Write the heads of pages ``(p, size)``: kind, numbers of cells ``(p,)`` and where these begin ``(p,)``."""
+    pages[:, 0] = kind
+    for at, values in ((3, count), (5, start)):
+        pages[:, at], pages[:, at + 1] = (values >> 8) & 255, values & 255
+
+
+def _count_varint_bytes(values: np.ndarray) -> np.ndarray:
+    """Return how many bytes numbers below 2**35 have as varints; keys are numbers of rows."""
+    return 1 + np.searchsorted(2 ** np.array([7, 14, 21, 28]), values, side="right")
+
+
+def _write_varints(flat: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Write numbers ``(n,)`` as varints to places of a buffer; return their numbers of bytes."""
+    count = _count_varint_bytes(values)
+    for length in range(1, int(count.max(initial=0)) + 1):
+        rows = np.flatnonzero(count == length)
+        for byte in range(length):
+            more = 128 if byte < length - 1 else 0
+            flat[at[rows] + byte] = (values[rows] >> 7 * (length - 1 - byte)) & 127 | more
+    return count
 
 
 class Texts:

@@ -131,7 +131,6 @@ IntegerColumn = Annotated[Column, int]
 FlagColumn = Annotated[Column, bool]
 #: Letters of NumPy's dtypes that a column of each kind may have.
 DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
-NUMBER_CELL, INTEGER_CELL, TEXT_CELL, BYTES_CELL = range(4)  #: kinds of columns where rows are written as pages
 #: How units are written in titles.
 UNIT_SIGNS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
 

@@ -178,7 +178,24 @@ def warp_chunk(
             done = gdal.Warp(target, image, options=_warp_options(source, warp, whole))
         if not done:
             raise OutputError(f"{source.path}: GDAL cannot warp it ({messages[-1] if messages else 'unknown reason'})")
-        return _read_pixels(source, target, warp, whole)
+        count = len(source.bands)
+        values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
+        valid = values[count] != 0 if _with_alpha(source, warp, whole) else None
+        values = values[:count]
+        if warp.nodata is None:
+            return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
+        if (whole or valid is not None) and not np.isnan(warp.nodata):
+            # Move grey values that equal nodata by one step, of pixels that are valid
+            same = values == warp.nodata
+            if valid is not None:
+                same &= valid
+            if same.any():
+                dtype = values.dtype  # by the smallest step that it has
+                if np.issubdtype(dtype, np.integer):
+                    values[same] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
+                else:
+                    values[same] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
+        return Pixels(values, None)
     finally:
         gdal.Unlink(table)
 
@@ -240,24 +257,3 @@ def _warp_options(source: OrthoSource, warp: Warp, whole: bool) -> gdal.GDALWarp
         srcNodata=" ".join(repr(value) for value in nodata) if len(nodata) == len(source.bands) else None,
         dstNodata=None if with_alpha or whole else repr(warp.nodata), srcAlpha=source.masked, dstAlpha=with_alpha,
     )  # fmt: skip
-
-
-def _read_pixels(source: OrthoSource, target: gdal.Dataset, warp: Warp, whole: bool) -> Pixels:
-    count = len(source.bands)
-    values = target.ReadAsArray().reshape(-1, target.RasterYSize, target.RasterXSize)
-    valid = values[count] != 0 if _with_alpha(source, warp, whole) else None
-    values = values[:count]
-    if warp.nodata is None:
-        return Pixels(values, np.ones(values.shape[1:], dtype=bool) if valid is None else valid)
-    if (whole or valid is not None) and not np.isnan(warp.nodata):
-        # Move grey values that equal nodata by one step, of pixels that are valid
-        same = values == warp.nodata
-        if valid is not None:
-            same &= valid
-        if same.any():
-            dtype = values.dtype  # by the smallest step that it has
-            if np.issubdtype(dtype, np.integer):
-                values[same] = warp.nodata - 1 if warp.nodata == np.iinfo(dtype).max else warp.nodata + 1
-            else:
-                values[same] = np.nextafter(dtype.type(warp.nodata), dtype.type(np.inf))
-    return Pixels(values, None)

@@ -65,7 +65,13 @@ def hold_lock(path: str, patience_s: float = REPLACING.lock_patience_s) -> Itera
     finally:
         with holding_signals():
             if lock is not None:
-                _release_lock(lock, path)
+                # Remove the file and release the lock, in the order that the system allows
+                if sys.platform == "win32":  # open files cannot be removed there
+                    os.close(lock)
+                with contextlib.suppress(OSError):
+                    os.remove(path)
+                if sys.platform != "win32":
+                    os.close(lock)
 
 
 def require_writable(folder: str) -> None:
@@ -146,16 +152,6 @@ def _take_lock(path: str, patience_s: float) -> int | None:
                 "`output_dir`"
             ) from None
         os.close(descriptor)  # its owner removed the file meanwhile: that lock keeps nobody out
-
-
-def _release_lock(descriptor: int, path: str) -> None:
-    """Remove a lock's file and release the lock, in the order that the system allows."""
-    if sys.platform == "win32":  # open files cannot be removed there
-        os.close(descriptor)
-    with contextlib.suppress(OSError):
-        os.remove(path)
-    if sys.platform != "win32":
-        os.close(descriptor)
 
 
 if sys.platform == "win32":

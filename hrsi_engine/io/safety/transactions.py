@@ -17,7 +17,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
@@ -187,26 +187,21 @@ def _finish(journal: str) -> list[str]:
     with hold_lock(f"{journal}.lock"):
         if not os.path.exists(journal):  # another run has finished it, and may have changed the files since
             return []
-        steps = _own_steps(journal, left["steps"])
+        # Steps in the journal's own folder and in those with a signpost to it
+        home = os.path.dirname(journal)
+
+        def is_own(path: str) -> bool:  # new files of a folder lie in a hidden one inside
+            folder = os.path.dirname(path)
+            return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
+
+        told = [
+            (str(what), str(old), str(new)) for what, old, new in (step for step in left["steps"] if len(step) == 3)
+        ]
+        steps = [(what, old, new) for what, old, new in told if all(is_own(path) for path in (old, new) if path)]
         signposts = [str(file) for file in left["signposts"]]
         _carry_out(journal, steps, [file for file in signposts if _leads_to(os.path.dirname(file), journal, file)])
     count = len({new for _, _, new in steps if new})
     return [f"{os.path.dirname(journal)}: an earlier run was stopped while it put {count} files in place; finished now"]
-
-
-def _own_steps(journal: str, steps: Iterable[Sequence[object]]) -> list[tuple[str, str, str]]:
-    """Return the steps in the journal's own folder and in those with a signpost to it.
-
-    A journal that came with somebody's files must not touch others; and where a signpost is gone, all was done.
-    """
-    home = os.path.dirname(journal)
-
-    def is_own(path: str) -> bool:  # new files of a folder lie in a hidden one inside
-        folder = os.path.dirname(path)
-        return any(place == home or _leads_to(place, journal) for place in (folder, os.path.dirname(folder)))
-
-    told = [(str(what), str(old), str(new)) for what, old, new in (step for step in steps if len(step) == 3)]
-    return [(what, old, new) for what, old, new in told if all(is_own(path) for path in (old, new) if path)]
 
 
 def _leads_to(folder: str, journal: str, file: str = "") -> bool:

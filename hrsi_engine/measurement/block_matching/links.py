@@ -86,7 +86,24 @@ class ImageHold(NamedTuple):
 def judge_links(matches: BlockMatches) -> list[ImageLink]:
     """Return all links with the numbers of their closed and open triangles, and whether they are sound."""
     rows = group_by_pair(matches)
-    open_, closed = _sort_triangles(matches, rows)
+    # Triangles of links that stay open and that close; those with too few points are in neither
+    open_: list[tuple[NumberPair, ...]] = []
+    closed: list[tuple[NumberPair, ...]] = []
+    stars: dict[int, list[int]] = {}
+    for first, second in rows:
+        stars.setdefault(first, []).append(second)
+    trees: dict[NumberPair, cKDTree] = {}
+    for centre, partners in stars.items():
+        for j, k in combinations(sorted(partners), 2):
+            third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
+            if third is None:
+                continue
+            closure = _compute_closure(
+                matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees
+            )
+            if closure is not None:
+                triangle = (centre, third[0]), (centre, third[1]), third
+                (closed if closure <= LINKS.closure_px else open_).append(triangle)
     strong = np.array([pair for pair, of_pair in rows.items() if len(of_pair) >= LINKS.weak_matches]).ravel()
     sound = {
         pair: len(of_pair) >= LINKS.weak_matches
@@ -109,30 +126,6 @@ def judge_links(matches: BlockMatches) -> list[ImageLink]:
 def _count_triangles(triangles: Sequence[tuple[NumberPair, ...]]) -> Counter[NumberPair]:
     """Return how many of the triangles each link takes part in."""
     return Counter(pair for triangle in triangles for pair in triangle)
-
-
-def _sort_triangles(
-    matches: BlockMatches, rows: Mapping[NumberPair, np.ndarray]
-) -> tuple[list[tuple[NumberPair, ...]], list[tuple[NumberPair, ...]]]:
-    """Return the triangles of links that stay open and that close; those with too few points are in neither."""
-    open_: list[tuple[NumberPair, ...]] = []
-    closed: list[tuple[NumberPair, ...]] = []
-    stars: dict[int, list[int]] = {}
-    for first, second in rows:
-        stars.setdefault(first, []).append(second)
-    trees: dict[NumberPair, cKDTree] = {}
-    for centre, partners in stars.items():
-        for j, k in combinations(sorted(partners), 2):
-            third = next((pair for pair in ((j, k), (k, j)) if pair in rows), None)
-            if third is None:
-                continue
-            closure = _compute_closure(
-                matches, rows[centre, third[0]], rows[centre, third[1]], third, rows[third], trees
-            )
-            if closure is not None:
-                triangle = (centre, third[0]), (centre, third[1]), third
-                (closed if closure <= LINKS.closure_px else open_).append(triangle)
-    return open_, closed
 
 
 def _compute_closure(

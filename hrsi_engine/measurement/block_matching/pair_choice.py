@@ -121,7 +121,22 @@ class PairChoice:
         self.rounds += 1
         if self.rounds > CHOICE.rounds or self.room <= 0:
             return []
-        wanted = self._choose_trees()
+        # The spanning trees of greatest worth, no pair in two of them
+        left = [pair for pair, probe in self.probes.items()
+                if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
+        chosen: set[NumberPair] = set()
+        for _ in range(self.trees):
+            if not left:
+                break
+            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
+            first, second = np.array(left).T
+            cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
+            forest = minimum_spanning_tree(
+                coo_matrix((cost, (first, second)), shape=(self.images, self.images))
+            ).tocoo()
+            chosen |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
+            left = [pair for pair in left if pair not in chosen]
+        wanted = chosen
         wanted |= self._choose_by_geometry(wanted)
         # Pairs of the images that no probe gives hope: the probe may be wrong
         of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
@@ -150,24 +165,6 @@ class PairChoice:
     def _rate_pair(self, pair: NumberPair) -> float:
         probe = self.probes[pair]
         return probe.agreeing * (CHOICE.narrow_worth if probe.convergence_deg < CHOICE.narrow_deg else 1.0)
-
-    def _choose_trees(self) -> set[NumberPair]:
-        """Return the pairs of the spanning trees of greatest worth, none in two of them."""
-        left = [pair for pair, probe in self.probes.items()
-                if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
-        chosen: set[NumberPair] = set()
-        for _ in range(self.trees):
-            if not left:
-                break
-            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
-            first, second = np.array(left).T
-            cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
-            forest = minimum_spanning_tree(
-                coo_matrix((cost, (first, second)), shape=(self.images, self.images))
-            ).tocoo()
-            chosen |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
-            left = [pair for pair in left if pair not in chosen]
-        return chosen
 
     def _choose_by_geometry(self, wanted: set[NumberPair]) -> set[NumberPair]:
         """Return a pair for each image that has none with an angle, and one for each that is not covered."""

@@ -242,7 +242,12 @@ def match_super_points(
             if found.count > runner_up and found.count >= least[roots[0]] and is_rival(sets, best, found):
                 runner_up = found.count
     status = AMBIGUOUS if runner_up >= SUPER_POINTS.rival_share * best.count else FOUND
-    return SuperPointMatch(status, best, runner_up, compute_log10_nfa(sets, best), evaluated)
+    # log10 of how many hypotheses with as many correspondences chance is expected to make
+    leaves, share = _estimate_chance(sets, best.roots[0])
+    chance = binom.logsf(best.count - 1 - GIVEN, leaves, share)
+    return SuperPointMatch(
+        status, best, runner_up, float(np.log10(_count_hypotheses(sets)) + chance / np.log(10.0)), evaluated
+    )
 
 
 def _find_better(
@@ -285,16 +290,6 @@ def is_rival(sets: RootPairs, best: Hypothesis, other: Hypothesis) -> bool:
         away > 2.0 * sets.tolerance.base_px + SUPER_POINTS.rival_gradient * np.hypot(*offset)
         or turn > SUPER_POINTS.rival_turn_rad
     )
-
-
-def compute_log10_nfa(sets: RootPairs, best: Hypothesis) -> float:
-    """Return log10 of how many hypotheses with as many correspondences chance is expected to make.
-
-    A leaf finds a partner by chance as often as a point of the second set falls into its tolerance.
-    """
-    leaves, share = _estimate_chance(sets, best.roots[0])
-    chance = binom.logsf(best.count - 1 - GIVEN, leaves, share)
-    return float(np.log10(_count_hypotheses(sets)) + chance / np.log(10.0))
 
 
 def compute_significant_counts(sets: RootPairs) -> np.ndarray:

@@ -213,20 +213,8 @@ def _trace_best_paths(
     usual = np.maximum(np.median(outwards.max(axis=2), axis=1), 1e-3)[:, None, None]
     gain = np.maximum(outwards, 0.0) / usual
     gain = 2.0 * gain / (1.0 + gain)  # a very steep edge beside does not draw the path away
-    index = _find_loop(np.ascontiguousarray(np.moveaxis(gain, 1, 0)))
-    # The parabola through the slopes around the path
-    middle = np.clip(index, 1, BLOBS.radii - 2)[..., None]
-    before, at, after = (np.take_along_axis(outwards, middle + k, axis=2)[..., 0] for k in (-1, 0, 1))
-    bend = before - 2.0 * at + after
-    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    return radius[:, None] * BLOBS.nearest_radius * step ** (middle[..., 0] + np.clip(shift, -0.5, 0.5))
-
-
-def _find_loop(gain: np.ndarray) -> np.ndarray:
-    """Return the index on each ray ``(n, rays)`` of the path with the largest sum of ``gain (rays, n, radii)``.
-
-    Two times around: the second round begins where the first one ended, and its result closes.
-    """
+    # Index on each ray (n, rays) of the closed path with the largest sum of gain
+    gain = np.ascontiguousarray(np.moveaxis(gain, 1, 0))
     rays, count, radii = gain.shape
     best = np.zeros((count, radii), np.float32)
     came = np.empty((2 * rays, count, radii), np.int8)
@@ -243,7 +231,13 @@ def _find_loop(gain: np.ndarray) -> np.ndarray:
         path[:, turn] = at
         at = at + came[turn, row, at]
     half = rays // 2
-    return np.concatenate([path[:, rays : rays + half], path[:, half:rays]], axis=1)
+    index = np.concatenate([path[:, rays : rays + half], path[:, half:rays]], axis=1)
+    # The parabola through the slopes around the path
+    middle = np.clip(index, 1, BLOBS.radii - 2)[..., None]
+    before, at, after = (np.take_along_axis(outwards, middle + k, axis=2)[..., 0] for k in (-1, 0, 1))
+    bend = before - 2.0 * at + after
+    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
+    return radius[:, None] * BLOBS.nearest_radius * step ** (middle[..., 0] + np.clip(shift, -0.5, 0.5))
 
 
 def _sample_ring(z: np.ndarray, xy: np.ndarray, radii: np.ndarray, share: float, beyond_px: float) -> np.ndarray:

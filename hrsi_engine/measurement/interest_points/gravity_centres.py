@@ -115,7 +115,14 @@ def find_gravity_centres(
     outlines, sign, support = _merge_outlines(
         outlines.select(closed), -regions.sign[closed].astype(np.float64), window.origin
     )
-    shapes = _fit_simplest_shapes(outlines, slopes, sign)
+    # The shapes of each of `SHAPES`, with the rows of the outlines that it is the first to explain
+    open_rows = np.arange(len(sign))
+    shapes = {}
+    for kind, fit in SHAPES.items():
+        tried = open_rows if kind != "region" else open_rows[sign[open_rows] != EVEN]
+        shape = fit(outlines.select(tried), slopes, sign[tried])
+        shapes[kind] = shape.select(shape.good), tried[shape.good]
+        open_rows = np.setdiff1d(open_rows, tried[shape.good])
     found = [
         _score_shapes(kind, shape, sign[rows], support[rows], slopes, statistics, options)
         for kind, (shape, rows) in shapes.items()
@@ -159,23 +166,6 @@ def _merge_outlines(
     return outlines.select(chosen), sign[chosen], support
 
 
-def _fit_simplest_shapes(
-    outlines: Outlines, slopes: SlopeImage, sign: np.ndarray
-) -> dict[str, tuple[Shapes, np.ndarray]]:
-    """Return the shapes of each of `SHAPES` with the rows of the outlines that it is the first to explain.
-
-    Even regions have no polygons: without a grey level nothing but a regular shape tells an object from its texture.
-    """
-    open_rows = np.arange(len(sign))
-    shapes = {}
-    for kind, fit in SHAPES.items():
-        tried = open_rows if kind != "region" else open_rows[sign[open_rows] != EVEN]
-        shape = fit(outlines.select(tried), slopes, sign[tried])
-        shapes[kind] = shape.select(shape.good), tried[shape.good]
-        open_rows = np.setdiff1d(open_rows, tried[shape.good])
-    return shapes
-
-
 # ---- assessment ------------------------------------------------------------------------------------------------
 
 
@@ -201,7 +191,17 @@ def _score_shapes(
     keep = (shapes.size_px[:, 1] >= options.smallest_px) & (shapes.size_px[:, 0] <= options.largest_px)
     keep &= (relative >= options.contrast) & ((sign == EVEN) | (sign * contrast < 0.0))
     limit = CENTRE.centroid_agreement[0] + CENTRE.centroid_agreement[1] * np.sqrt(np.prod(shapes.size_px, axis=1))
-    away = compute_grey_centroids(shapes, slopes.grey, inside, outside) - shapes.xy
+    # Grey-weighted centroids (n, 2) over the shapes' boxes, turned as they are
+    step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
+    along, aside = (a.ravel() for a in np.meshgrid(step, step))
+    box = shapes.size_px + 2.0 * CENTRE.box_margin_px
+    along, aside = box[:, :1] * along, box[:, 1:] * aside
+    cos, sin = np.cos(shapes.azimuth_rad)[:, None], np.sin(shapes.azimuth_rad)[:, None]
+    x, y = shapes.xy[:, :1] + cos * along - sin * aside, shapes.xy[:, 1:] + sin * along + cos * aside
+    difference = np.where(inside == outside, np.inf, inside - outside)
+    weight = np.clip((interpolate_bilinear(slopes.grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    away = np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1) - shapes.xy
     keep &= (sign == EVEN) | (np.hypot(away[:, 0], away[:, 1]) < limit)
     # 0 … 1: how much a centre stands out, how well the outline keeps to its shape and tells the centre
     sigma = np.sqrt(np.trace(shapes.covariance_px2, axis1=1, axis2=2) / 2.0)
@@ -217,23 +217,6 @@ def _score_shapes(
         shapes.xy[index], shapes.size_px[index], contrast[index], score[index], support[index],
         np.full(len(index), kind), index,
     )  # fmt: skip
-
-
-def compute_grey_centroids(shapes: Shapes, grey: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:
-    """Return the grey-weighted centroids ``(n, 2)`` over the shapes' boxes, turned as they are.
-
-    Weights rise from 0 at the grey value of the surroundings to 1 at that of the inside.
-    """
-    step = np.linspace(-0.5, 0.5, CENTRE.centroid_samples)
-    along, aside = (a.ravel() for a in np.meshgrid(step, step))
-    box = shapes.size_px + 2.0 * CENTRE.box_margin_px
-    along, aside = box[:, :1] * along, box[:, 1:] * aside
-    cos, sin = np.cos(shapes.azimuth_rad)[:, None], np.sin(shapes.azimuth_rad)[:, None]
-    x, y = shapes.xy[:, :1] + cos * along - sin * aside, shapes.xy[:, 1:] + sin * along + cos * aside
-    difference = np.where(inside == outside, np.inf, inside - outside)
-    weight = np.clip((interpolate_bilinear(grey, x, y) - outside[:, None]) / difference[:, None], 0.0, 1.0)
-    total = np.maximum(weight.sum(axis=1), 1e-9)
-    return np.stack([(weight * x).sum(axis=1) / total, (weight * y).sum(axis=1) / total], axis=1)
 
 
 # ---- one centre an object --------------------------------------------------------------------------------------

@@ -137,15 +137,8 @@ def _select_compact(
         np.concatenate(chosen), np.r_[0, np.cumsum(count[keep])], np.full(len(chosen), scale),
         np.full(len(chosen), sign),
     )  # fmt: skip
-    good = _is_compact(regions, REGION.even_inset_px if sign == EVEN else 0.0)
-    if not usable.all():
-        free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
-        good &= np.logical_and.reduceat(free, regions.bounds[:-1])
-    return regions.select(good)
-
-
-def _is_compact(regions: LevelRegions, within_px: float) -> np.ndarray:
-    """Return the mask of compact regions; ``within_px`` is what is missing all around before they are slender."""
+    # Regions that erosion leaves something of are not slender
+    within_px = REGION.even_inset_px if sign == EVEN else 0.0
     starts, count = regions.bounds[:-1], np.diff(regions.bounds)
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -159,7 +152,11 @@ def _is_compact(regions: LevelRegions, within_px: float) -> np.ndarray:
     root = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
     longer, shorter = np.sqrt(half_trace + root), np.sqrt(np.maximum(half_trace - root, 1e-9))
     slender = (2.0 * longer + within_px) / (2.0 * shorter + within_px)
-    return (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (slender < REGION.largest_elongation)
+    good = (count >= REGION.compactness * 4.0 * np.pi * np.sqrt(determinant)) & (slender < REGION.largest_elongation)
+    if not usable.all():
+        free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
+        good &= np.logical_and.reduceat(free, regions.bounds[:-1])
+    return regions.select(good)
 
 
 class MserLimits(NamedTuple):
@@ -190,34 +187,9 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
     inside = np.ascontiguousarray(image[1:-1, 1:-1])
     if not inside.size:
         return []
-    tree = _build_tree(inside)
-    pixels, begin = _sort_pixels_by_region(tree)
-    found = []
-    for region in np.flatnonzero(_is_stable(tree, limits)).tolist():
-        place = pixels[begin[region] : begin[region] + tree.area[region]]
-        row, column = np.divmod(place, inside.shape[1])
-        found.append(np.column_stack([column + 1, row + 1]).astype(np.int32))
-    return found
-
-
-class _ComponentTree(NamedTuple):
-    """All regions of an image, those at brighter levels first.
-
-    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself where none;
-    entered : (pixels,) the first region that holds each pixel
-    """
-
-    depth: np.ndarray
-    area: np.ndarray
-    parent: np.ndarray
-    main: np.ndarray
-    entered: np.ndarray
-
-
-def _build_tree(image: np.ndarray) -> _ComponentTree:
-    """Return the tree of an image of at most 256 levels: level by level, its pixels join the regions beside them."""
-    depth = (image.max() - image).ravel()
-    pixel = np.arange(image.size).reshape(image.shape)  # pairs of pixels that share a side
+    # Level by level, the pixels join the regions beside them
+    depth = (inside.max() - inside).ravel()
+    pixel = np.arange(inside.size).reshape(inside.shape)  # pairs of pixels that share a side
     first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
     second = np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
     later = depth[first] < depth[second]  # two neighbours are joined when the darker one enters
@@ -257,7 +229,28 @@ def _build_tree(image: np.ndarray) -> _ComponentTree:
         by_area = np.argsort(area[old], kind="stable")  # the largest part comes last and stays
         main[into[by_area]] = old[by_area]
         count += made
-    return _ComponentTree(level_of[:count], area[:count], parent[:count], main[:count], entered)
+    tree = _ComponentTree(level_of[:count], area[:count], parent[:count], main[:count], entered)
+    pixels, begin = _sort_pixels_by_region(tree)
+    found = []
+    for region in np.flatnonzero(_is_stable(tree, limits)).tolist():
+        place = pixels[begin[region] : begin[region] + tree.area[region]]
+        row, column = np.divmod(place, inside.shape[1])
+        found.append(np.column_stack([column + 1, row + 1]).astype(np.int32))
+    return found
+
+
+class _ComponentTree(NamedTuple):
+    """All regions of an image, those at brighter levels first.
+
+    depth : (n,) levels below the brightest; area : (n,) pixels; parent, main : (n,) the region itself where none;
+    entered : (pixels,) the first region that holds each pixel
+    """
+
+    depth: np.ndarray
+    area: np.ndarray
+    parent: np.ndarray
+    main: np.ndarray
+    entered: np.ndarray
 
 
 def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:

@@ -156,7 +156,42 @@ def find_edges_along(
 
 def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points around the regions and outward normals ``(k, 2)``, in pixels of their scale; counts ``(n,)``."""
-    points, counts = _resample_contours(_trace_contours(regions))
+    # Middles of each region's outermost pixels, in order
+    starts = regions.bounds[:-1]
+    low = np.minimum.reduceat(regions.pixels, starts) - 1
+    width, height = (np.maximum.reduceat(regions.pixels, starts) - low + 2).T
+    region = np.repeat(np.arange(len(starts)), np.diff(regions.bounds))
+    column, row = (regions.pixels - low[region]).T
+    place = row * width[region] + column
+    masks = []
+    for first, last, lines, samples in zip(starts, regions.bounds[1:], height, width, strict=True):
+        mask = np.zeros(lines * samples, dtype=bool)
+        mask[place[first:last]] = True
+        mask = mask.reshape(lines, samples)
+        if last - first >= OUTLINE_SAMPLING.opened_pixels and (core := filters.apply_opening(mask, 3)).any():
+            # The largest part after an opening, which cuts thin bridges to the surroundings
+            parts, count = ndimage.label(core, np.ones((3, 3)))
+            mask = core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
+        masks.append(mask)
+    # Points about 1 px apart along the closed contours, their numbers multiples of 4
+    contours = [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
+    lengths = np.array([len(contour) for contour in contours])
+    starts = np.r_[0, np.cumsum(lengths)[:-1]]
+    every = np.concatenate(contours).astype(np.float64)
+    following = np.arange(len(every)) + 1
+    following[starts + lengths - 1] = starts
+    step = every[following] - every
+    way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
+    around = way[starts + lengths] - way[starts]
+    counts = (
+        4 * np.clip(np.rint(around / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
+    ).astype(np.int64)
+    region = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
+    wanted = way[starts][region] + around[region] * number / counts[region]
+    segment = np.searchsorted(way, wanted, side="right") - 1
+    share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
+    points = every[segment] + share[:, None] * step[segment]
     starts = np.r_[0, np.cumsum(counts)[:-1]]
     for count in np.unique(counts).tolist():  # smoothed by a Gaussian, in the frequency domain
         rows = starts[counts == count][:, None] + np.arange(count)
@@ -175,27 +210,6 @@ def _trace_pixel_outlines(regions: LevelRegions) -> tuple[np.ndarray, np.ndarray
     # the contour runs through pixel middles, the edge lies half a pixel outside, that of an even region farther
     outside = np.where(regions.sign == EVEN, REGION.even_inset_px, 0.5)[region]
     return points + outside[:, None] * normal, normal, counts
-
-
-def _trace_contours(regions: LevelRegions) -> list[np.ndarray]:
-    """Return the middles of each region's outermost pixels in order, ``(k, 2)``."""
-    starts = regions.bounds[:-1]
-    low = np.minimum.reduceat(regions.pixels, starts) - 1
-    width, height = (np.maximum.reduceat(regions.pixels, starts) - low + 2).T
-    region = np.repeat(np.arange(len(starts)), np.diff(regions.bounds))
-    column, row = (regions.pixels - low[region]).T
-    place = row * width[region] + column
-    masks = []
-    for first, last, lines, samples in zip(starts, regions.bounds[1:], height, width, strict=True):
-        mask = np.zeros(lines * samples, dtype=bool)
-        mask[place[first:last]] = True
-        mask = mask.reshape(lines, samples)
-        if last - first >= OUTLINE_SAMPLING.opened_pixels and (core := filters.apply_opening(mask, 3)).any():
-            # The largest part after an opening, which cuts thin bridges to the surroundings
-            parts, count = ndimage.label(core, np.ones((3, 3)))
-            mask = core if count == 1 else parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
-        masks.append(mask)
-    return [contour + corner for contour, corner in zip(trace_contours(masks), low, strict=True)]
 
 
 #: Steps (column, row) to the 8 neighbours, clockwise on the screen from the right one.
@@ -235,27 +249,6 @@ def trace_contours(masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     region, place = region[order], place[order] - begin[region[order]]
     row, column = np.divmod(place, width[region])
     return np.split(np.column_stack([column, row]), np.cumsum(np.bincount(region, minlength=len(masks)))[:-1])
-
-
-def _resample_contours(contours: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return points about 1 px apart along closed contours, and their numbers: multiples of 4 in the limits."""
-    lengths = np.array([len(contour) for contour in contours])
-    starts = np.r_[0, np.cumsum(lengths)[:-1]]
-    every = np.concatenate(contours).astype(np.float64)
-    following = np.arange(len(every)) + 1
-    following[starts + lengths - 1] = starts
-    step = every[following] - every
-    way = np.r_[0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1]))]  # over all contours, one after the other
-    around = way[starts + lengths] - way[starts]
-    counts = (
-        4 * np.clip(np.rint(around / 4.0), OUTLINE_SAMPLING.fewest_points / 4, OUTLINE_SAMPLING.most_points / 4)
-    ).astype(np.int64)
-    region = np.repeat(np.arange(len(counts)), counts)
-    number = np.arange(len(region)) - np.repeat(np.r_[0, np.cumsum(counts)[:-1]], counts)
-    wanted = way[starts][region] + around[region] * number / counts[region]
-    segment = np.searchsorted(way, wanted, side="right") - 1
-    share = (wanted - way[segment]) / np.maximum(way[segment + 1] - way[segment], 1e-9)
-    return every[segment] + share[:, None] * step[segment], counts
 
 
 def interpolate_bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -187,7 +187,17 @@ def fit_rectangles(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> 
     xy = np.broadcast_to(outlines.xy[good][:, None], (*sides.shape, 2))
     lines = _fit_sides(xy, (sides & outlines.found[good][:, None]).astype(np.float64), SHAPE.robust_px[:2])
     for _ in range(2):
-        points, normals, usable = _place_on_sides(lines)
+        # Points on the sides and outward normals, and whether all sides are usable
+        c = lines.corners
+        starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k lies between corners k - 1 and k
+        length = np.linalg.norm(ends - starts, axis=-1)
+        margin = np.clip(np.maximum(SHAPE.corner_share, SHAPE.corner_px / np.maximum(length, 1e-6)), 0.0, 0.4)
+        t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
+        points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
+        normal = np.concatenate([lines.normal, lines.normal], axis=1)
+        outwards = np.sum((0.5 * (starts + ends) - c.mean(axis=1)[:, None]) * normal, axis=-1)
+        normal = normal * np.where(outwards < 0.0, -1.0, 1.0)[..., None]
+        normals, usable = np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
         shape = points.shape[:3]
         flat = len(points), 4 * SHAPE.side_points, 2
         edges, found = _measure_edges(slopes, points.reshape(flat), normals.reshape(flat), sign[good])
@@ -235,20 +245,6 @@ def _fit_sides(xy: np.ndarray, found: np.ndarray, robust_px: tuple[float, ...]) 
     return _Sides(normal, offset, residual, weight, corners, good)
 
 
-def _place_on_sides(lines: _Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points on the sides and outward normals ``(n, 4, points, 2)``, and whether all sides are usable."""
-    c = lines.corners
-    starts, ends = c[:, [3, 0, 1, 2]], c[:, [0, 1, 2, 3]]  # side k lies between corners k - 1 and k
-    length = np.linalg.norm(ends - starts, axis=-1)
-    margin = np.clip(np.maximum(SHAPE.corner_share, SHAPE.corner_px / np.maximum(length, 1e-6)), 0.0, 0.4)
-    t = margin[..., None] + (1.0 - 2.0 * margin[..., None]) * np.linspace(0.0, 1.0, SHAPE.side_points)
-    points = starts[:, :, None] + t[..., None] * (ends - starts)[:, :, None]
-    normal = np.concatenate([lines.normal, lines.normal], axis=1)
-    outwards = np.sum((0.5 * (starts + ends) - c.mean(axis=1)[:, None]) * normal, axis=-1)
-    normal = normal * np.where(outwards < 0.0, -1.0, 1.0)[..., None]
-    return points, np.broadcast_to(normal[:, :, None], points.shape), (length > 3.0).all(axis=1)
-
-
 def _make_rectangles(lines: _Sides, edges: np.ndarray, found: np.ndarray) -> Shapes:
     on_side = found & (np.abs(lines.residual) < SHAPE.on_shape_px)
     counted = np.maximum(on_side.sum(axis=2), 1.0)
@@ -291,7 +287,19 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
     after = np.where(column + 1 < count[:, None], column + 1, 0)
     before = np.where(column > 0, column - 1, np.maximum(count - 1, 0)[:, None])
     following, preceding = (np.take_along_axis(xy, index[..., None], axis=1) for index in (after, before))
-    area, centroid, moments = compute_polygon_moments(xy, following, used)
+    # Areas (n,), centroids (n, 2) and central second moments over the area (n, 2, 2), by Green's theorem
+    origin = np.sum(used[..., None] * xy, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
+    x, y = np.moveaxis(np.where(used[..., None], xy - origin[:, None], 0.0), -1, 0)
+    x1, y1 = np.moveaxis(np.where(used[..., None], following - origin[:, None], 0.0), -1, 0)
+    cross = x * y1 - x1 * y
+    area = cross.sum(axis=1) / 2.0
+    safe = np.where(np.abs(area) > 1e-6, area, 1.0)
+    centre = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=1) / (6.0 * safe[:, None])
+    xx = ((x * x + x * x1 + x1 * x1) * cross).sum(axis=1) / (12.0 * safe)
+    yy = ((y * y + y * y1 + y1 * y1) * cross).sum(axis=1) / (12.0 * safe)
+    mixed = ((x * y1 + 2.0 * x * y + 2.0 * x1 * y1 + x1 * y) * cross).sum(axis=1) / (24.0 * safe)
+    moments = np.stack([xx, mixed, mixed, yy], axis=1).reshape(-1, 2, 2) - centre[:, :, None] * centre[:, None, :]
+    area, centroid = np.abs(area), centre + origin
     values, axes = np.linalg.eigh(moments)
     size = 4.0 * np.sqrt(np.maximum(values[:, ::-1], 1e-12))
     rough = np.sum((xy - (following + preceding) / 2.0) * normal, axis=-1)
@@ -306,27 +314,6 @@ def fit_polygons(outlines: Outlines, slopes: SlopeImage, sign: np.ndarray) -> Sh
         good[row] = area[row] >= SHAPE.solidity * hull.volume  # of two dimensions: the area
     covariance = _add_sigma_floor(variance[:, None, None] * np.eye(2))
     return Shapes(good, centroid, covariance, size, azimuth, rmse, closed, outlines.xy, outlines.found)
-
-
-def compute_polygon_moments(
-    xy: np.ndarray, following: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return areas (n,), centroids (n, 2) and central second moments over the area (n, 2, 2) of polygons' insides.
-
-    Green's formulas; ``following (n, m, 2)`` is each corner's successor, ``used (n, m)`` masks padding.
-    """
-    origin = np.sum(used[..., None] * xy, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
-    x, y = np.moveaxis(np.where(used[..., None], xy - origin[:, None], 0.0), -1, 0)
-    x1, y1 = np.moveaxis(np.where(used[..., None], following - origin[:, None], 0.0), -1, 0)
-    cross = x * y1 - x1 * y
-    area = cross.sum(axis=1) / 2.0
-    safe = np.where(np.abs(area) > 1e-6, area, 1.0)
-    centre = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=1) / (6.0 * safe[:, None])
-    xx = ((x * x + x * x1 + x1 * x1) * cross).sum(axis=1) / (12.0 * safe)
-    yy = ((y * y + y * y1 + y1 * y1) * cross).sum(axis=1) / (12.0 * safe)
-    mixed = ((x * y1 + 2.0 * x * y + 2.0 * x1 * y1 + x1 * y) * cross).sum(axis=1) / (24.0 * safe)
-    moments = np.stack([xx, mixed, mixed, yy], axis=1).reshape(-1, 2, 2) - centre[:, :, None] * centre[:, None, :]
-    return np.abs(area), centre + origin, moments
 
 
 ShapeFit = Callable[[Outlines, SlopeImage, np.ndarray], Shapes]

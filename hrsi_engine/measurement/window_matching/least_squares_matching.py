@@ -104,7 +104,18 @@ def _match_batch(
     weight = options.make_weights().ravel()
     line = np.arange(-options.half, options.half + 1, dtype=np.float64)
     offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    A = _make_designs(first, centre, offset, weight)
+    # Design matrices of the templates, transposed (n, 8, pixels); affine terms count in half windows
+    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
+    place = rows * first.grey.shape[1] + columns
+    dx, dy = (offset / offset.max()).T
+    A = np.empty((len(centre), TERMS, len(offset)))
+    gx, gy = A[:, 0], A[:, 1]
+    gx[:], gy[:] = (slope.ravel().take(place) for slope in first.slopes)
+    for term, values in enumerate((gx * dx, gx * dy, gy * dx, gy * dy), start=2):
+        A[:, term] = values
+    grey = first.grey.ravel().take(place).astype(np.float64)
+    A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
+    A[:, 7] = 1.0
     weighted = A * weight
     N = weighted @ A.transpose(0, 2, 1)
     diagonal = np.sqrt(np.einsum("nii->ni", N))
@@ -142,22 +153,6 @@ def _match_batch(
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
     covariance[matched] = affine[matched] @ by_template @ affine[matched].transpose(0, 2, 1)
-
-
-def _make_designs(first: MatchImage, centre: np.ndarray, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the design matrices of templates, transposed ``(n, 8, pixels)``; affine terms count in half windows."""
-    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
-    place = rows * first.grey.shape[1] + columns
-    dx, dy = (offset / offset.max()).T
-    A = np.empty((len(centre), TERMS, len(offset)))
-    gx, gy = A[:, 0], A[:, 1]
-    gx[:], gy[:] = (slope.ravel().take(place) for slope in first.slopes)
-    for term, values in enumerate((gx * dx, gx * dy, gy * dx, gy * dy), start=2):
-        A[:, term] = values
-    grey = first.grey.ravel().take(place).astype(np.float64)
-    A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
-    A[:, 7] = 1.0
-    return A
 
 
 def _interpolate_spline(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
