@@ -87,13 +87,13 @@ def assemble(
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)
     measurements = _drop_repetitions(measurements, ids, warnings)
-    rows = measurements
-    bad = ~(finite_rows(rows.xy) & (rows.sigma_px > 0.0))
+    bad = ~(finite_rows(measurements.xy) & (measurements.sigma_px > 0.0))
     if bad.any():
-        first = np.flatnonzero(bad)[0]
+        row = np.flatnonzero(bad)[0]
         raise InputError(
-            f"point {ids[rows.point[first]]!s} on image {images[rows.image[first]].id} has sample, line "
-            f"{rows.xy[first].tolist()} and sigma {rows.sigma_px[first]}: numbers are needed, and a sigma above 0"
+            f"point {ids[measurements.point[row]]!s} on image {images[measurements.image[row]].id} has sample, line "
+            f"{measurements.xy[row].tolist()} and sigma {measurements.sigma_px[row]}: numbers are needed, and a sigma "
+            "above 0"
         )
     unmeasured = replace(unmeasured, role=_assign_roles(unmeasured, None, None))
     return Block(tuple(images), points, measurements, tuple(warnings), unmeasured)

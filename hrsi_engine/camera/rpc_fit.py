@@ -157,7 +157,7 @@ def fit_rpc(
         long_scale=scale[0], lat_scale=scale[1], height_scale=scale[2], samp_scale=scale[3], line_scale=scale[4],
         samp_num=sample[0], samp_den=sample[1], line_num=line[0], line_den=line[1],
     )  # fmt: skip
-    return RpcFit(rpc, *_compute_differences(rpc, ground, image), warnings, ridge)
+    return RpcFit(rpc, *_compute_differences(rpc, ground, image), tuple(warnings), ridge)
 
 
 def refit_rpc(

@@ -97,7 +97,7 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     opening, _, rest = doc.partition(heading)
     own = {entry.partition(" :")[0]: entry for entry in re.split(r"\n(?=\S)", rest.strip()) if entry}
     entries: list[str] = []
-    for part in fields(made):
+    for part in fields(made):  # type: ignore[arg-type]
         said, inner = option_of(part), inner_options_of(part)
         if said is not None:
             entries.append(_describe_field(part, f"{said.help}{f' ({said.unit})' if said.unit else ''}."))

@@ -185,7 +185,7 @@ def _match_window(first: Read, second: Read, centre: Sequence[int], options: Mis
     if not core.std(dtype=np.float64) > 1e-6 * max(1.0, abs(float(core.mean(dtype=np.float64)))):  # 1e30 squared
         return _make_failure(WindowOutcome.FLAT)
     score = correlate_template(core, place[SHIFT.border_px : -SHIFT.border_px, SHIFT.border_px : -SHIFT.border_px])
-    row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+    row, column = divmod(int(np.argmax(score)), score.shape[1])
     best = float(score[row, column])
     if best < options.min_correlation:
         return _make_failure(WindowOutcome.UNLIKE, best)

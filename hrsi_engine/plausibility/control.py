@@ -303,7 +303,6 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
     directions = np.vstack(
         [np.column_stack([np.cos(angles), np.sin(angles), np.zeros(GROUP.directions)]), [[0.0, 0.0, 1.0]]]
     )
-    count = len(vector)
     for direction in directions:
         along = vector @ direction
         order = np.argsort(along)
@@ -318,7 +317,7 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
         within = max(*spreads, float(np.median(expected)))
         gap = float(step[cut] / within)
         if gap > GROUP.gap_ratio and (best is None or gap > best[1]):
-            smaller = np.zeros(count, dtype=bool)
+            smaller = np.zeros(len(vector), dtype=bool)
             smaller[low if len(low) <= len(high) else high] = True
             best = smaller, gap
     if best is not None:

@@ -119,7 +119,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     """
     if address:
 
-        def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+        def run_by_dask(graph: Graph, wanted: Sequence[str], done: Done) -> None:
             with open_client(address, certificates) as client:
                 from distributed import as_completed
 
@@ -129,10 +129,10 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                     done(str(future.key), future.result())
                     future.release()
 
-        return run
+        return run_by_dask
     count = thread_count(threads)
 
-    def run(graph: Graph, wanted: Sequence[str], done: Done) -> None:
+    def run_by_threads(graph: Graph, wanted: Sequence[str], done: Done) -> None:
         # Each task after those that it needs
         place, waiting = dict[str, int](), list(reversed(wanted))
         while waiting:
@@ -177,7 +177,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                         if not users[need]:
                             del results[need]
 
-    return run
+    return run_by_threads
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

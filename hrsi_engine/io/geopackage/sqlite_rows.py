@@ -249,9 +249,9 @@ def _find_integer_types(values: np.ndarray) -> np.ndarray:
 def _fill_leaves(keys: np.ndarray, columns: Sequence[_Values], size: int) -> tuple[np.ndarray, list[int]]:
     """Return leaf pages ``(p, size)`` with rows of ascending keys ``(n,)``, and the largest key of each page."""
     nothing = np.zeros(len(keys), dtype=np.int64)  # the key stands in the cell, and as NULL in the record
-    head = 2 + sum(_count_varint_bytes(values.serial) for values in columns)
+    head = 2 + np.sum([_count_varint_bytes(values.serial) for values in columns], axis=0)
     head += head > 127  # it counts itself
-    record = head + sum(values.size for values in columns)
+    record = np.sum([head, *(values.size for values in columns)], axis=0)
     cell = _count_varint_bytes(record) + _count_varint_bytes(keys) + record
     # Page by page as many rows as find room
     filled, ends = np.cumsum(cell + _PLACE).tolist(), [0]

@@ -124,19 +124,17 @@ class PairChoice:
         # The spanning trees of greatest worth, no pair in two of them
         left = [pair for pair, probe in self.probes.items()
                 if pair not in self.failed and (pair in self.found or probe.agreeing > CHOICE.chance)]  # fmt: skip
-        chosen: set[NumberPair] = set()
+        wanted: set[NumberPair] = set()
         for _ in range(self.trees):
             if not left:
                 break
             worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in left])
             first, second = np.array(left).T
             cost = 2.0 * CHOICE.found_worth - worth  # positive: a cost of 0 would be no edge
-            forest = minimum_spanning_tree(
-                coo_matrix((cost, (first, second)), shape=(self.images, self.images))
-            ).tocoo()
-            chosen |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
-            left = [pair for pair in left if pair not in chosen]
-        wanted = chosen
+            graph = coo_matrix((cost, (first, second)), shape=(self.images, self.images))
+            forest = minimum_spanning_tree(graph).tocoo()
+            wanted |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))
+            left = [pair for pair in left if pair not in wanted]
         wanted |= self._choose_by_geometry(wanted)
         # Pairs of the images that no probe gives hope: the probe may be wrong
         of_image, chosen = self._group_by_image(self.probes), self._group_by_image(wanted)
@@ -144,9 +142,9 @@ class PairChoice:
         for number, pairs in of_image.items():
             if number in chosen or any(pair in self.found for pair in pairs):
                 continue
-            left = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
+            tries = CHOICE.last_tries - sum(pair in self.failed for pair in pairs)
             untried = [pair for pair in pairs if pair not in self.failed]
-            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(left, 0)])
+            more |= set(sorted(untried, key=self._rate_pair)[::-1][: max(tries, 0)])
         wanted |= more
         new = [pair for pair in wanted if pair not in self.found and pair not in self.failed]
         return sorted(new, key=lambda pair: (-self._rate_pair(pair), pair))[: self.room]
