@@ -52,7 +52,21 @@ def describe_parts(
     """
     observations = problem.observations
     known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
-    parallel = known & _find_parallel_rays(problem, solution, precise)
+    # Points with error ellipsoids as long as those of rays that hardly converge. Two rays that converge by an angle g
+    # leave one whose longest semi-axis is 2 / tan g times the shortest; what else holds a point makes it shorter.
+    observations = problem.observations
+    by_rays = solution.normals.inverse.copy()
+    gcps = np.flatnonzero(observations.surveyed)
+    single = observations.count_rays(solution.weight > 0.0) < 2
+    by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
+    longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
+    by_rays = np.nan_to_num(by_rays)
+    # trace³ / determinant is at least the ratio of the squared semi-axes: most points need no eigenvalues
+    volume = np.einsum("mi,mi->m", by_rays[:, 0], np.cross(by_rays[:, 1], by_rays[:, 2]))
+    parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
+    squares = np.linalg.eigvalsh(by_rays[parallel])
+    parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
+    parallel &= known
     finest = np.array([image.camera_pixel == 1.0 for image in observations.images])
     on_finest = observations.count_rays((solution.weight > 0.0) & finest[observations.image]) > 1
     first_image, located = observations.image[observations.first[:-1]], observations.located
@@ -114,27 +128,6 @@ def _remove_surveys(solution: Solution, cofactors: np.ndarray, gcps: np.ndarray,
     normal = np.linalg.inv(np.where(known[:, None, None], cofactors, np.eye(3))) - survey
     normal[:, range(3), range(3)] += FREE_POINT_SIGMA_M**-2
     return np.asarray(np.where(known[:, None, None], np.linalg.inv(normal), np.nan))
-
-
-def _find_parallel_rays(problem: Problem, solution: Solution, precise: Precision) -> np.ndarray:
-    """Return which points ``(m,)`` have error ellipsoids as long as those of rays that hardly converge.
-
-    Two rays that converge by an angle g leave an ellipsoid whose longest semi-axis is 2 / tan g times the shortest.
-    What else holds a point, a DEM or a laser height, makes it shorter.
-    """
-    observations = problem.observations
-    by_rays = solution.normals.inverse.copy()
-    gcps = np.flatnonzero(observations.surveyed)
-    single = observations.count_rays(solution.weight > 0.0) < 2
-    by_rays[gcps] = _remove_surveys(solution, by_rays[gcps], gcps, single[gcps])
-    longest = 2.0 / np.tan(np.radians(RAY_GEOMETRY.weak_angle_deg))
-    by_rays = np.nan_to_num(by_rays)
-    # trace³ / determinant is at least the ratio of the squared semi-axes: most points need no eigenvalues
-    volume = np.einsum("mi,mi->m", by_rays[:, 0], np.cross(by_rays[:, 1], by_rays[:, 2]))
-    parallel = ~single & (np.trace(by_rays, axis1=1, axis2=2) ** 3 > longest**2 * volume)
-    squares = np.linalg.eigvalsh(by_rays[parallel])
-    parallel[parallel] = squares[:, 2] > longest**2 * squares[:, 0]
-    return np.asarray(parallel)
 
 
 def compare_few_gcps(problem: Problem, solution: Solution, part: Part) -> GcpsApart | None:

@@ -80,7 +80,22 @@ def align_images(
         weighting = Weighting(weight * factor, priors, usable)
         found = loop.iterate(state, weighting, "none", IMAGE_ALIGNMENT.settled, silent)
         if scale == IMAGE_ALIGNMENT.finest:
-            return _fit_values(few, model, prior_weight, found.state)
+            # Values that correct the image points as shifts do, but for their priors
+            p = len(model.parameters)
+            normal, right = np.zeros((few.cameras, p, p)), np.zeros((few.cameras, p))
+            for index, rows in enumerate(few.by_image):
+                camera, of_prior = few.camera_of_image[index], 1.0 / few.sigma_px[rows, None] ** 2
+                linearise = model.equations(few.images[index], few.xy[rows])
+                by_values = linearise(np.zeros(p), found.state.ground[few.point[rows]]).by_values
+                normal[camera] += np.einsum("ncp,ncq->pq", by_values, of_prior[:, :, None] * by_values)
+                shift_px = found.state.values[camera] / few.images[index].camera_pixel
+                right[camera] += np.einsum("ncp,nc->p", by_values, of_prior * shift_px)
+            held = np.isinf(prior_weight)
+            normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
+            normal[held] = 0.0
+            normal.swapaxes(1, 2)[held] = 0.0
+            normal[:, range(p), range(p)] += held | (normal.diagonal(axis1=1, axis2=2) == 0.0)
+            return np.asarray(np.linalg.solve(normal, np.where(held, 0.0, right)[:, :, None])[:, :, 0])
         sigmas = np.linalg.norm(found.normals.residual, axis=1) * np.sqrt(weight)
         coarse = float(np.quantile(sigmas[agreeing], IMAGE_ALIGNMENT.coarse_share)) if np.isinf(scale) else scale
         scale = max(IMAGE_ALIGNMENT.finer * coarse, IMAGE_ALIGNMENT.finest)
@@ -96,27 +111,6 @@ def bound_heights(observations: Observations, ground: np.ndarray) -> PointPriors
     sigma = np.maximum(reach, IMAGE_ALIGNMENT.least_height_m)[observations.image[observations.first[:-1]]]
     priors.weight[:, 2] = np.where(priors.observed[:, 2], priors.weight[:, 2], 1.0 / sigma**2)
     return priors
-
-
-def _fit_values(
-    observations: Observations, model: RefinementModel, prior_weight: np.ndarray, shifted: State
-) -> np.ndarray:
-    """Return the values ``(cameras, p)`` that correct the image points as shifts do, but for their priors."""
-    p = len(model.parameters)
-    normal, right = np.zeros((observations.cameras, p, p)), np.zeros((observations.cameras, p))
-    for index, rows in enumerate(observations.by_image):
-        camera, weight = observations.camera_of_image[index], 1.0 / observations.sigma_px[rows, None] ** 2
-        linearise = model.equations(observations.images[index], observations.xy[rows])
-        by_values = linearise(np.zeros(p), shifted.ground[observations.point[rows]]).by_values
-        normal[camera] += np.einsum("ncp,ncq->pq", by_values, weight[:, :, None] * by_values)
-        shift_px = shifted.values[camera] / observations.images[index].camera_pixel
-        right[camera] += np.einsum("ncp,nc->p", by_values, weight * shift_px)
-    held = np.isinf(prior_weight)
-    normal += np.where(held, 0.0, prior_weight)[:, :, None] * np.eye(p)
-    normal[held] = 0.0
-    normal.swapaxes(1, 2)[held] = 0.0
-    normal[:, range(p), range(p)] += held | (normal.diagonal(axis1=1, axis2=2) == 0.0)
-    return np.asarray(np.linalg.solve(normal, np.where(held, 0.0, right)[:, :, None])[:, :, 0])
 
 
 def _choose_points(observations: Observations) -> np.ndarray:

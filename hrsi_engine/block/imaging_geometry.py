@@ -328,7 +328,15 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
             "check that image size and RPC belong together"
         )
     if converged.any():
-        warnings += _check_denominators(image.rpc, ground[converged])
+        # The denominators in the image's volume against those in the middle of the RPC's ground domain
+        for name, denominators in zip(("sample", "line"), image.rpc.denominators(ground[converged]), strict=True):
+            lowest = float(np.min(denominators / np.median(denominators)))
+            if lowest <= 0.0:
+                warnings.append(
+                    f"the {name} denominator becomes zero within the image: the RPC is damaged; get it again"
+                )
+            elif lowest < GEOMETRY.least_denominator:
+                warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
         _, by_ground = rpc.project_with_metric_jacobian(ground[converged][converged.sum() // 2][None])
         if np.linalg.det(by_ground[0, :, :2]) > 0.0:
             warnings.append(
@@ -351,18 +359,6 @@ def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]
             f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) leaves the heights the RPC is made for "
             f"({low:.0f} to {high:.0f} m): it extrapolates; check the height datum"
         )
-    return warnings
-
-
-def _check_denominators(rpc: RPC, ground: np.ndarray) -> list[str]:
-    """Compare the denominators in the image's volume with those in the middle of the RPC's ground domain."""
-    warnings = []
-    for name, denominators in zip(("sample", "line"), rpc.denominators(ground), strict=True):
-        lowest = float(np.min(denominators / np.median(denominators)))
-        if lowest <= 0.0:
-            warnings.append(f"the {name} denominator becomes zero within the image: the RPC is damaged; get it again")
-        elif lowest < GEOMETRY.least_denominator:
-            warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
     return warnings
 
 

@@ -209,23 +209,20 @@ class SparseFactor:
             reached = np.unique(np.concatenate([neighbours, *(child.border for child in front.children)]))
             later = reached[self._order[reached] > number].astype(np.int64)
             front.border = later[np.argsort(self._order[later], kind="stable")]
-            self._place_entries(front, index)
-
-    def _place_entries(self, front: Front, index: sparse.csr_matrix) -> None:
-        """Find where the front's blocks stand in it, and the borders of its children."""
-        cameras = np.concatenate([front.own, front.border])
-        order = np.argsort(cameras)
-        rows = index[front.own]
-        column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
-        row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
-        here = (cameras[column] == rows.indices) & (column >= row)  # each once, and turned into the lower triangle
-        number = rows.data[here]
-        front.entries = FrontEntries(
-            column[here], row[here], np.abs(number) - 1, (number > 0) & (column[here] > row[here])
-        )
-        for child in front.children:
-            child.place = self._number_unknowns(order[np.searchsorted(cameras[order], child.border)])
-            child.runs = find_runs(child.place)
+            # Where the front's blocks stand in it, and the borders of its children
+            cameras = np.concatenate([front.own, front.border])
+            order = np.argsort(cameras)
+            rows = index[front.own]
+            column = order[np.minimum(np.searchsorted(cameras[order], rows.indices), len(cameras) - 1)]
+            row = np.repeat(np.arange(len(front.own)), np.diff(rows.indptr))
+            here = (cameras[column] == rows.indices) & (column >= row)  # each once, and turned into the lower triangle
+            entry = rows.data[here]
+            front.entries = FrontEntries(
+                column[here], row[here], np.abs(entry) - 1, (entry > 0) & (column[here] > row[here])
+            )
+            for child in front.children:
+                child.place = self._number_unknowns(order[np.searchsorted(cameras[order], child.border)])
+                child.runs = find_runs(child.place)
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
