@@ -133,15 +133,7 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     count = thread_count(threads)
 
     def run_by_threads(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        # Each task after those that it needs
-        place, waiting = dict[str, int](), list(reversed(wanted))
-        while waiting:
-            key = waiting.pop()
-            behind = [need for need in graph[key][1:] if need not in place]
-            if key not in place and behind:
-                waiting += [key, *reversed(behind)]
-            elif key not in place:
-                place[key] = len(place)
+        place = _number_tasks(graph, wanted)
         order = list(place)
         users: dict[str, list[str]] = {key: [] for key in order}
         for key in order:
@@ -178,6 +170,19 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
                             del results[need]
 
     return run_by_threads
+
+
+def _number_tasks(graph: Graph, wanted: Sequence[str]) -> dict[str, int]:
+    """Return the tasks of the wanted ones in an order in which each stands after those it needs, with its number."""
+    place, waiting = dict[str, int](), list(reversed(wanted))
+    while waiting:
+        key = waiting.pop()
+        behind = [need for need in graph[key][1:] if need not in place]
+        if key not in place and behind:
+            waiting += [key, *reversed(behind)]
+        elif key not in place:
+            place[key] = len(place)
+    return place
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------
