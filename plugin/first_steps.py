@@ -37,12 +37,12 @@ STEPS = (
         "Show me the point",
     ),
     (
-        "3. Adjust: the cameras of all images are refined at once. The verdict says whether the result can be used.",
+        "3. Adjust: the cameras of all images are refined at once. The verdict shows whether the result can be used.",
         "Adjust",
     ),
     (
-        "4. See what is left over: the block is saved, and residual arrows come on the map, red where a point does "
-        "not fit.",
+        "4. Look at the residuals: the block is saved, and residual arrows are shown on the map, in red where a point "
+        "does not fit.",
         "Show the arrows",
     ),
 )
@@ -154,7 +154,12 @@ class FirstSteps(QDialog):
             extent.scale(1.3)
             self._canvas.setExtent(extent)
             self._canvas.refresh()
-        self.note.setText(tr("That was all. The panel's New… begins a block of your own; the toolbox has the rest."))
+        self.note.setText(
+            tr(
+                "This was the last step. Use New… in the panel for your own block, and the toolbox for all other "
+                "algorithms."
+            )
+        )
 
 
 def is_tour_wanted() -> bool:

@@ -39,9 +39,9 @@ class CropJob(NamedTuple):
 def run(options: CropOptions, context: Context) -> Report:
     """Find each image's window and its RPC first, then write all of them together."""
     if options.window and options.extent:
-        raise InputError("`window` and `extent` both say what is cut: give one of them")
+        raise InputError("`window` and `extent` both define the area: give one of them")
     if not (options.window or options.extent or options.factor):
-        raise InputError("nothing says what to make: give `window`, `extent` or `factor`")
+        raise InputError("the result is not defined: give `window`, `extent` or `factor`")
     check_folder(options.folder, context)
     images, surface = open_images(options.images, context), open_terrain(options.terrain)
     warnings: list[str] = []

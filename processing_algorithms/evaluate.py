@@ -271,7 +271,7 @@ def _read_points(
         near = find_points_near(block, used, options.apart_px) & np.isin(block.points.role, [Role.TIE, Role.HELD_OUT])
         block = block.with_measurements(~near[block.measurements.point])
         judges.warnings.append(
-            f"{near.sum()} tracks lie within {options.apart_px:g} px of points that were used: left out"
+            f"{near.sum()} tracks are within {options.apart_px:g} px of points that were used: they are not evaluated"
         )
     judges.leave_out_makers(block, makers, options.apart_px)
     few = judges.left_out and judges.tracks < RPC_SETS.few_predictions
@@ -286,16 +286,16 @@ def _read_points(
     for name, maker in makers.items():
         if maker.used is None:
             judges.warnings.append(
-                f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are not "
-                "there: whether these tracks made them is not known, and no set is said to fit best"
+                f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are "
+                "missing: it is not known whether that run used these tracks, so no set is named as the best"
             )
     if judges.left_out:
-        told = f"{judges.left_out} tracks made RPCs {' or '.join(makers)}"
+        told = f"{judges.left_out} tracks were used for RPCs {' or '.join(makers)}"
         judges.warnings.append(
-            f"{told} and do not judge them; {judges.tracks} others do, {judges.held_out} of which were held out when "
-            "they were made" if judges.tracks else
-            f"all {told}: how well these fit them says little, and no set is said to fit best; give other tracks, or "
-            "images with pixels"
+            f"{told} and are not evaluated; {judges.tracks} others are, {judges.held_out} of them held out in that "
+            "adjustment" if judges.tracks else
+            f"all {told}: their residuals are no independent measure, so no set is named as the best; give other "
+            "tracks, or images with pixels"
         )  # fmt: skip
     return judges
 

@@ -25,7 +25,7 @@ class FIT_CHECK:
     check_every: int = threshold(5, "points", "one point of so many is kept for the check")
     fewest_points: int = threshold(15, "points", "points below which none is kept for the check")
     bad_fit_px: float = threshold(
-        1.0, "px", "RMSE that is warned of: of a sensor that an RPC can stand for, hundredths are left"
+        1.0, "px", "RMSE from which a warning is given: for a sensor that an RPC can represent, it is some hundredths"
     )
 
 

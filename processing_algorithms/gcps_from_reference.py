@@ -93,8 +93,8 @@ def summarise(report: Report) -> str:
         if image["refusal"]:
             continue
         lines.append(
-            f"{name}: {image['used']} of {image['matched']} matches agree to {image['spread_px']:.2f} px; its RPC is "
-            f"off by {image['bias_sample_px']:+.1f} {image['bias_line_px']:+.1f} px "
-            f"({image['east_m']:+.1f} m east, {image['north_m']:+.1f} m north)"
+            f"{name}: {image['used']} of {image['matched']} matches agree to {image['spread_px']:.2f} px; error of its "
+            f"RPC {image['bias_sample_px']:+.1f} {image['bias_line_px']:+.1f} px ({image['east_m']:+.1f} m east, "
+            f"{image['north_m']:+.1f} m north)"
         )
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

@@ -101,7 +101,9 @@ def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Imag
     places = (os.path.join(folder, os.path.basename(output)), output, os.path.join(told.get("directory", ""), output))
     found = next((place for place in places if os.path.isfile(place)), None) if output else None
     if found is None:
-        raise InputError(f"{folder}: holds no refined RPC of {image.id}: adjust the block again and let it be written")
+        raise InputError(
+            f"{folder}: contains no refined RPC of {image.id}: adjust the block again and let it be written"
+        )
     return replace(image, rpc=read_rpc(found).rpc)
 
 
@@ -111,7 +113,7 @@ def _find_surface(points: GroundPoints | None, options: HandOverOptions) -> Heig
     if dem is not None:
         return dem
     if points is None:
-        raise InputError(f"{options.result}: has no adjusted points to tell the terrain by: give `dem`")
+        raise InputError(f"{options.result}: has no adjusted points for a terrain model: give `dem`")
     return surface_of_points(points.ground, points.sigma_m[:, 1])[0]
 
 

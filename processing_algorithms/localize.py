@@ -27,7 +27,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     if options.points:
         points = read_image_positions(options.points, ids)
     elif len(images) > 1:
-        raise InputError("lines on standard input do not say which image they belong to: give one image")
+        raise InputError("lines on standard input belong to one image: give one image")
     else:  # the text behind the coordinates is the id
         numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
         names = np.full(len(rest), ids[0])
@@ -74,7 +74,7 @@ def _localize_points(
         beside += [image.id] if len(rows) and not is_on_image(image, points.image[rows]).any() else []
     lost = {kind: np.count_nonzero(status == kind) for kind in Status if kind != Status.FOUND}
     warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
-    warnings += [f"all points of {list_ids(beside)} lie beside the image: check sample and line"] if beside else []
+    warnings += [f"all points of {list_ids(beside)} are outside the image: check sample and line"] if beside else []
     columns = {
         "id": points.ids, "image": points.image_ids, "sample": points.image[:, 0], "line": points.image[:, 1],
         "lon": ground[:, 0], "lat": ground[:, 1], "height": ground[:, 2],

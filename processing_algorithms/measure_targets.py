@@ -113,7 +113,7 @@ def _approximate_points(
             raise InputError(f"{file} names the image {unknown[0]!r}, which is not given: add it, or remove its points")
         return tables.image, warnings
     if tables.ground is None:
-        raise InputError(f"{file} holds no points: add some")
+        raise InputError(f"{file} contains no points: add some")
     return _project_points(images, file, tables.ground.ids, tables.ground.ground, warnings), warnings
 
 

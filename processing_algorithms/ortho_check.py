@@ -198,9 +198,9 @@ def match_pairs(
         holes = int((outcomes == WindowOutcome.NODATA).sum())
         raise SolveError(
             f"{files}: no window could be matched{others}: " + (
-                f"{holes} of {len(outcomes)} windows hold pixels without data, as where the DEM has gaps; make the "
+                f"{holes} of {len(outcomes)} windows contain nodata pixels, for example at gaps of the DEM; make the "
                 "orthoimages with the option fill-gaps of orthorectify, or lower `window`" if 2 * holes > len(outcomes)
-                else "the orthoimages show different things, or their shifts differ by more than `search` from place "
+                else "the orthoimages show different contents, or their shifts differ by more than `search` from place "
                 "to place; raise `search`, or lower `min_correlation`"
             )
         )  # fmt: skip

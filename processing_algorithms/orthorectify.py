@@ -41,7 +41,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     entries = make_all(jobs, options, context)
     warnings = [
         *planned.warnings,
-        *(f"{name}: the orthoimage shows nothing: check the image's pixels and its nodata value"
+        *(f"{name}: the orthoimage is empty: check the pixels and the nodata value of the image"
           for name, entry in entries.items() if not entry["shown_pixels"]),
         *(f"{name}: about {entry['unknown_pixels']} pixels of the image lie where the terrain is not known: they are "
           "nodata; `fill_gaps` bridges small gaps of the DEM, another DEM large ones"
@@ -101,7 +101,7 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], i
     except (InputError, KeyError, TypeError):
         is_foreign = os.path.exists(folder / "report.json")
     if is_foreign:
-        raise InputError(f"{folder} already holds another result: add `overwrite` or choose another directory")
+        raise InputError(f"{folder} already contains another result: add `overwrite` or choose another directory")
 
 
 def _is_finished(job: OrthoJob) -> bool:
@@ -140,8 +140,8 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                 )  # fmt: skip
             except Cancelled:
                 raise Cancelled(
-                    f"cancelled; {number} of {len(jobs)} orthoimages are finished: the same command goes on with the "
-                    "rest"
+                    f"cancelled; {number} of {len(jobs)} orthoimages are finished: run the same command again to "
+                    "continue"
                 ) from None
             entries[job.image.id] = _image_entry(job, "made", figures, time.monotonic() - begin)
     return entries

@@ -43,8 +43,9 @@ def run(options: StripOptions, context: Context) -> Report:
     if grid_file:
         worst = int(strip.max_px.argmax())
         warnings.append(
-            f"one RPC cannot hold the strip: it is up to {strip.max_px[worst]:.2g} px off in {parts[worst].id}. The "
-            f"grid of the parts' RPCs is in {grid_file}; give fewer parts, or a block the parts themselves"
+            f"one RPC cannot represent the strip: the difference is up to {strip.max_px[worst]:.2g} px in "
+            f"{parts[worst].id}. The grid of the RPCs of the parts is in {grid_file}; join fewer parts, or use the "
+            "parts as images of a block"
         )
     folder = options.folder.output_dir
     if context.dry_run:
@@ -97,8 +98,8 @@ def summarise(report: Report) -> str:
     for entry in report["images"].values():
         lines.append(f"{entry['output']}: {entry['samples']} x {entry['lines']} px")
         lines += [
-            f"{name}: from sample {part['sample']}, line {part['line']}; RPC of the strip up to "
-            f"{part['fit_max_px']:.3g} px off, RMS {part['fit_rms_px']:.2g}"
+            f"{name}: from sample {part['sample']}, line {part['line']}; difference of the "
+            f"strip RPC up to {part['fit_max_px']:.3g} px, RMS {part['fit_rms_px']:.2g}"
             for name, part in entry["parts"].items()
         ]
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

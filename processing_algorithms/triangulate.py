@@ -42,11 +42,11 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     images = open_images(options.images, context)
     earlier = block_inputs.read_earlier(options.growth, images, file)
     if options.reference.reference and earlier.images:
-        raise InputError("`reference` takes no part where images join a block: leave out `reference` or `add_to`")
+        raise InputError("`reference` cannot be combined with `add_to`: remove one of them")
     if automatic and earlier.joint is not None:
         raise InputError(
-            "new images are tied to earlier points, which are not there where cameras are observed: let "
-            "`earlier_cameras` be free, or find `tie_points` first"
+            "new images need tie points to the earlier images, which are not available with observed cameras: set "
+            "`earlier_cameras` to free, or search `tie_points` first"
         )
     images = join_exposures([*earlier.images, *images])
     block_inputs.tell_tiles(images, options.adjustment, context.log)

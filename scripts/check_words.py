@@ -43,20 +43,21 @@ SPELLINGS = {
 VERBS = (
     "accept add adjust affect agree aim allow alternate answer appear apply ask assume avoid bear become begin "
     "belong bring build call carry cause change check choose click clip close come compare complete compute "
-    "conclude confirm connect consider consist contain continue control convert copy correct correspond cost count "
-    "cover create cross cut decide declare decrease define delete deliver depend describe detect determine differ "
-    "disagree discard display distinguish divide do draw drop edit enter estimate evaluate exceed exchange exclude "
-    "exist expect explain extend fail fall feed fill find finish fit fix follow forget form function gain get give "
-    "go grow hand handle happen have help hide ignore import improve include increase indicate install interpolate "
-    "intersect invert join keep know lack lead learn leave lie limit link list load localise look lose make mark "
-    "match matter mean measure meet merge miss move name need note notice number observe occur offer omit open "
-    "order overlap owe pass perform place plan plot point predict prefer prepare press prevent print produce "
-    "project propagate protect provide put quote raise reach read receive recommend reduce refer refine refuse "
-    "register reject relate remain remove rename repair repeat replace report represent require resample restore "
-    "restrict result return reveal rise run save scale search see select send separate serve set shift show shrink "
-    "simplify simulate solve sort specify speed spread standardise start state stay stop store suffice suggest "
-    "supply support survive suspect take test tie tilt transform treat triangulate trust try turn update use "
-    "validate vary verify wait want warn weigh weight widen work write "
+    "conclude confirm connect consider consist constrain contain continue control convert copy correct correspond "
+    "cost count cover create cross cut decide declare decrease define delete deliver depend describe detect "
+    "determine deviate differ disagree discard display distinguish divide do draw drop edit end enter estimate "
+    "evaluate exceed exchange exclude exist expect explain extend fail fall feed fill find finish fit fix follow "
+    "forget form function gain get give go grow hand handle happen have help hide ignore import improve include "
+    "increase indicate install interpolate intersect invert join keep know lack lead learn leave lie limit link "
+    "list load localise look lose make mark match matter mean measure meet merge miss move name need note notice "
+    "number observe obtain occur offer omit open order overlap owe pass perform place plan plot point predict "
+    "prefer prepare press prevent print produce project propagate protect provide put quote raise reach read "
+    "receive recommend reduce refer refine refuse register reject relate remain remove rename reorder repair "
+    "repeat replace report represent reproject require resample restore restrict result return reveal rise run "
+    "save scale search see select send separate serve set shift show shrink simplify simulate solve sort specify "
+    "speed spread standardise start state stay stop store suffice suggest supply support survive suspect take "
+    "test tie tilt transform treat triangulate trust try turn update use validate vary verify wait want warn "
+    "weigh weight widen work write "
 )
 IRREGULAR = (
     "am are be been began begun being brought built came can cannot chose chosen could cut did does done drawn drew "
@@ -68,12 +69,13 @@ ENDINGS = ("", "s", "es", "d", "ed", "ing")
 
 
 class Text(NamedTuple):
-    """A piece of prose: its place, its text, and whether it is a message of the code or a label (cell, heading)."""
+    """A piece of prose: place, text, and whether it is a message of the code, or a label (cell, heading, item)."""
 
     place: str
     text: str
     is_message: bool
     is_label: bool
+    is_item: bool = False
 
 
 def list_verb_forms() -> set[str]:
@@ -110,6 +112,7 @@ def make_pattern(words: dict[str, str]) -> re.Pattern[str]:
 
 def plain(text: str) -> str:
     """Return a text without code, formulas, addresses and marks."""
+    text = re.sub(r"^\*\*[^*]+\.\*\*", "", text)  # a heading within its paragraph
     text = re.sub(r"``.*?``|`[^`]*`", "CODE", text, flags=re.DOTALL)
     text = re.sub(r"\$[^$]*\$", "FORMULA", text)
     text = re.sub(r"!\[[^\]]*\]\([^)]*\)|<https?:[^>]*>|https?://\S+", "", text)
@@ -127,13 +130,15 @@ def find_faults(text: Text, words: dict[str, str], pattern: re.Pattern[str]) -> 
     """Yield the faults of a text, with the place."""
     flat = plain(text.text)
     for found in pattern.finditer(flat):
+        if found[0].lower() in SPELLINGS and not found[0].islower():  # a name: Cloud Optimized GeoTIFF, a class
+            continue
         key = re.sub(r"\s+", " ", re.sub(r"\d[\d.]*", "#", found[0])).lower()
         yield f"{text.place}: '{found[0]}': {words.get(key, '')}".rstrip(": ")
     for sentence in split_sentences(text):
         tokens = re.findall(r"[^\W\d_][\w'-]*", sentence)
         if len(tokens) > MOST_WORDS:
             yield f"{text.place}: {len(tokens)} words: {' '.join(sentence.split())[:60]}…: make it shorter"
-        prose = not (text.is_message or text.is_label) and sentence.rstrip().endswith(".")
+        prose = not (text.is_message or text.is_label or text.is_item) and sentence.rstrip().endswith(".")
         if prose and len(tokens) >= LEAST_WORDS_WITH_VERB and not VERB_FORMS & {token.lower() for token in tokens}:
             yield f"{text.place}: no verb: {' '.join(sentence.split())[:60]}: add one, or to VERBS of this script"
 
@@ -142,7 +147,7 @@ def texts_of_page(place: str, page: str) -> Iterator[Text]:
     """Yield the paragraphs, list items, cells, headings and definitions of a page; not its code and formulas."""
     page = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), page, flags=re.DOTALL)
     lines: list[str] = []  # of the paragraph that is being read
-    start, fence, is_vocabulary, is_glossary = 0, "", False, False
+    start, fence, is_vocabulary, is_glossary, is_item = 0, "", False, False, False
     for number, line in enumerate([*page.splitlines(), ""], 1):
         bare = line.strip()
         if fence:
@@ -152,8 +157,8 @@ def texts_of_page(place: str, page: str) -> Iterator[Text]:
         is_glossary = bare == "```{glossary}" or (is_glossary and bare != "```")
         begins_item = re.match(r"([*+-]|\d+\.|>)\s", bare)
         if lines and (not bare or bare.startswith(("```", "$$", "|", "#")) or begins_item):
-            yield Text(f"{place}:{start}", "\n".join(lines), False, is_glossary)
-            lines = []
+            yield Text(f"{place}:{start}", "\n".join(lines), False, is_glossary, is_item)
+            lines, is_item = [], False
         if bare.startswith(("|", "#")):
             is_vocabulary = bare == VOCABULARY_TITLE if bare.startswith("#") else is_vocabulary
             cells = bare.strip("|").split("|") if bare.startswith("|") else [bare.lstrip("#")]
@@ -167,7 +172,7 @@ def texts_of_page(place: str, page: str) -> Iterator[Text]:
                 else "$$"
             )
         elif bare and not bare.startswith("```"):
-            start = start if lines else number
+            start, is_item = (start, is_item) if lines else (number, bool(begins_item))
             lines.append(re.sub(r"^([*+-]|\d+\.|>)\s+", "", bare))
 
 

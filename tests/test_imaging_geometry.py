@@ -146,8 +146,8 @@ def image_with(**changes: object) -> Image:
         (image_with(height_scale=-500.0), "HEIGHT_SCALE"),
         (image_with(height_off=30000.0), "no land"),
         (image_with(line_scale=0.0), "LINE_SCALE"),
-        (replace(image_with(), size=(60000, 60000)), "times as far"),
-        (replace(image_with(), size=(500, 500)), "crop whose origin"),
+        (replace(image_with(), size=(60000, 60000)), "times as large"),
+        (replace(image_with(), size=(500, 500)), "crop of unknown origin"),
     ],
 )
 def test_what_is_wrong_with_an_rpc_is_said(image: Image, message: str) -> None:

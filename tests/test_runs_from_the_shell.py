@@ -186,7 +186,7 @@ def test_log_gets_whole_lines_of_every_run(work: Path, hrsi) -> None:
     kinds = [line.split()[1] for line in lines]
     assert kinds.count("START") == 3 and kinds.count("END") == 1 and kinds.count("ERROR") == 2
     text = "".join(lines)
-    assert "PROGRESS 100 % done" in text and "already holds a result" in text and "--iteratons" in text
+    assert "PROGRESS 100 % done" in text and "already contains a result" in text and "--iteratons" in text
     assert "Verdict: ok" in text
 
 
@@ -285,7 +285,7 @@ def test_rerun_finds_what_was_moved_with_the_report(work: Path, tmp_path: Path, 
         (["rerun"], "hrsi rerun report.json"),
         (["rerun", "--output-dir", "x"], "hrsi rerun report.json"),
         (["rerun", "nothing.json"], "nothing.json"),
-        (["rerun", "other.json"], "does not say which options"),
+        (["rerun", "other.json"], "does not contain the options"),
         (["rerun", "hidden.json", "--output-dir", "x"], "keeps no passwords: give --gcps again"),
     ],
 )
@@ -302,7 +302,7 @@ def test_rerun_never_replaces_unasked(work: Path, hrsi) -> None:
     assert hrsi(*ADJUST, "--output-dir", "out", "--overwrite").returncode == 0
     before = files_of(work / "out")
     done = hrsi("rerun", "out/report.json")
-    assert done.returncode == 2 and "already holds a result" in done.stderr
+    assert done.returncode == 2 and "already contains a result" in done.stderr
     assert files_of(work / "out") == before
 
 

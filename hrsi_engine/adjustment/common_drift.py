@@ -37,10 +37,13 @@ class COMMON_DRIFT:
     """Which parts of a block have common drifts that nothing shows, and which image points err alike."""
 
     most_cameras: int = threshold(
-        50, "cameras", "of a part; the mean of more drifts is better known than those of the sensors"
+        50, "cameras", "of a part; the mean of more drifts is known better than those of the sensors"
     )
     patch_px: float = threshold(
-        300.0, "px", "distance within which matching errors are alike", "Kahramanmaras, two Pleiades pairs, 2026-11-25"
+        300.0,
+        "px",
+        "distance within which matching errors are correlated",
+        "Kahramanmaras, two Pleiades pairs, 2026-11-25",
     )
     least_mode: float = threshold(1e-4, "", "a common drift that is smaller, relative to the largest, is none")
 

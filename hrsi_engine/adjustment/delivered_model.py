@@ -36,7 +36,7 @@ class DELIVERY:
 
     fewest_gcps: int = threshold(3, "GCPs", "that judge models by leave-one-out")
     most_left: float = threshold(
-        0.05, "", "sum of squares of the drift that a model leaves in ties, over that of their residuals"
+        0.05, "", "sum of squares of the drift that a model leaves in tie points, over that of their residuals"
     )
     risk: float = threshold(0.01, "", "error probability of the chi² test whether the same is a drift at all")
 

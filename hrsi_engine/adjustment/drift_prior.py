@@ -34,19 +34,18 @@ class DRIFT:
     least_redundancy: float = threshold(1.0, "", "of an estimated drift; the size of a prior matters little")
     settled: float = threshold(
         0.05, "",
-        "relative change of the sigma of an image's drift that is not worth another solution; `of_term` "
-        "and its own few values tell it to a quarter at best",
+        "relative change of the sigma of an image's drift that needs no further solution; `of_term` and its few "
+        "values determine it to a quarter at best",
     )  # fmt: skip
     settled_within: float = threshold(0.001, "", "the same between two corrections at one solution")
     corrections: int = threshold(25, "corrections", "most corrections at one solution")
     most_change: float = threshold(5.0, "", "largest factor by which one correction changes a sigma")
-    of_sensor: float = threshold(1.0, "observations", "what the sensor's usual drift counts for in that of the block")
+    of_sensor: float = threshold(1.0, "observations", "weight of the sensor's usual drift in that of the block")
     of_block: float = threshold(
         6.0, "observations",
-        "what the drift of the block counts for in that of a term (inverse chi² prior, Gelman et al. "
-        "2013, section 5.4)",
+        "weight of the drift of the block in that of a term (inverse chi² prior, Gelman et al. 2013, section 5.4)",
     )  # fmt: skip
-    of_term: float = threshold(6.0, "observations", "what the drift of a term counts for in that of an image")
+    of_term: float = threshold(6.0, "observations", "weight of the drift of a term in that of an image")
 
 
 @dataclass(eq=False)

@@ -62,7 +62,7 @@ class JointPrior:
         place = {image.id: index for index, image in enumerate(observations.images)}
         missing = [name for name in known.images if name not in place]
         if missing:
-            raise InputError(f"the block has no image {list_ids(missing)}, of which an earlier adjustment tells")
+            raise InputError(f"the block has no image {list_ids(missing)}, which the earlier adjustment contains")
         camera = np.empty(len(known.values), dtype=np.int64)
         camera[known.camera] = observations.camera_of_image[[place[name] for name in known.images]]
         return cls(known, camera)
@@ -78,8 +78,8 @@ class JointPrior:
         if parameters != self.known.parameters:
             raise InputError(
                 f"the earlier cameras have the parameters {', '.join(self.known.parameters)}, the block's are "
-                f"{', '.join(parameters)}: give `model` and `sigma_drift` as of the earlier adjustment, or let "
-                "`earlier_cameras` be free"
+                f"{', '.join(parameters)}: use `model` and `sigma_drift` of the earlier adjustment, or set "
+                "`earlier_cameras` to free"
             )
 
     def enter_start(self, start: np.ndarray, prior_weight: np.ndarray) -> None:

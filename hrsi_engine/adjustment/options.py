@@ -29,15 +29,16 @@ SURFACE_KINDS = ("dsm", "dtm")
 def surface_search_option() -> Any:
     """Return the field of how far the relief of a surface is looked for."""
     return option(
-        100.0, "Largest displacement in plan in which the relief of a surface is looked for that holds a block without "
-        "GCPs; 0: it holds heights only", name="surface-search", minimum=0.0, unit="m", advanced=True, metavar="M",
+        100.0,
+        "Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the surface "
+        "constrains heights only", name="surface-search", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
 
 
 def surface_kind_option() -> Any:
     """Return the field of what a surface is that of."""
     return option(
-        SURFACE_KINDS[0], "Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm)",
+        SURFACE_KINDS[0], "Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm)",
         choices=SURFACE_KINDS, advanced=True,
     )  # fmt: skip
 
@@ -73,21 +74,24 @@ class AdjustOptions:
     """
 
     model: str = option(
-        "auto", "Correction of each image's RPC; auto and generic choose it by GCPs and tie points", choices=MODEL_NAMES
+        "auto", "Correction model of the RPCs; auto and generic choose it from GCPs and tie points", choices=MODEL_NAMES
     )
     robust: str = option("none", "Weight function against blunders", choices=WEIGHT_NAMES)
     reject_sigma: float = option(
         4.0,
-        "Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0 keeps all",
+        "Reject tie point measurements and GCPs whose test statistic exceeds this value (data snooping); 0 rejects "
+        "none",
         name="reject", minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
     )  # fmt: skip
     check_as_ties: bool = option(
-        False, "Image points of check points take part like tie points (never their survey)", advanced=True
+        False,
+        "Use image points of check points like tie points (their surveyed positions are never used)",
+        advanced=True,
     )
     test_sigmas: bool = option(
         True,
-        "Test the sigmas of the observations by the residuals and estimate them where they fail, and how much the "
-        "images drift; without, all are as given", advanced=True,
+        "Test the sigmas of the observations with the residuals, estimate those that fail, and estimate the attitude "
+        "drift; otherwise all remain as given", advanced=True,
     )  # fmt: skip
     variance_components: bool = option(
         False,
@@ -95,14 +99,17 @@ class AdjustOptions:
         advanced=True,
     )
     variance_groups: str = option(
-        "kind-sensor", "What tells groups of image points apart when their sigmas are estimated",
+        "kind-sensor", "Grouping of image points for the estimation of their sigmas",
         choices=GROUPING_NAMES, advanced=True,
     )  # fmt: skip
     sensor_images: tuple[tuple[str, ...], ...] = option(
-        (), "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of like "
-        "resolution", advanced=True, metavar="A+B,C+D,…",
+        (),
+        "Images of one sensor, whose image points have one sigma; groups joined by +; by default images of "
+        "similar resolution", advanced=True, metavar="A+B,C+D,…",
     )  # fmt: skip
-    cross_validate: bool = option(False, "Predict each GCP by an adjustment without it", advanced=True)
+    cross_validate: bool = option(
+        False, "Predict each GCP from an adjustment without it (leave-one-out)", advanced=True
+    )
     fixed_images: tuple[str, ...] = option(
         (), "Reference images, whose RPCs stay as they are", advanced=True, metavar="A,B,…"
     )
@@ -112,31 +119,36 @@ class AdjustOptions:
     )  # fmt: skip
     dem: HeightSurface | None = None
     sigma_dem_m: float | None = option(
-        None, "Standard deviation of the heights of `dem`, which then hold the tie points; by default they hold none",
+        None,
+        "Standard deviation of the heights of `dem`, which then constrain the tie points; by default they are not "
+        "used for this",
         name="sigma-dem", minimum=1e-6, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     surface_search_m: float = surface_search_option()
     surface_kind: str = surface_kind_option()
     laser: LaserPoints | None = None
     laser_reach_m: float = option(
-        25.0, "How far from a laser point tie points tell the ground's shape, and are held by its height",
+        25.0,
+        "Radius around a laser point within which tie points describe the terrain, and are constrained by its "
+        "height",
         name="laser-reach", minimum=0.1, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     sigma_laser_m: float = option(
-        0.1, "Standard deviation of every laser height beside the one that its file states", name="sigma-laser",
+        0.1, "Additional standard deviation of every laser height, added to that of its file", name="sigma-laser",
         minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     reference: ReferencePlaces | None = None
     sigma_shift_px: float | None = option(
         None,
-        "Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's ERR_BIAS, what is "
-        "published of the sensor, or 7 m on the ground", name="sigma-shift", minimum=1e-9, unit="px", advanced=True,
+        "A priori standard deviation of the shift of each image; by default 100 px with GCPs, else ERR_BIAS of the "
+        "RPC, the published accuracy of the sensor, or 7 m on the ground", name="sigma-shift", minimum=1e-9, unit="px",
+        advanced=True,
         metavar="PX",
     )  # fmt: skip
     sigma_drift: float | None = option(
         None,
-        "Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the model does not "
-        "follow drift, which then is an error, what is believed of the sensor, at least 3e-5; 0: no drift", minimum=0.0,
+        "A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else 1e-4; for "
+        "models without drift the published value of the sensor, at least 3e-5; 0: no drift", minimum=0.0,
         unit="px/px", advanced=True, metavar="X",
     )  # fmt: skip
     earlier: JointCameras | None = None

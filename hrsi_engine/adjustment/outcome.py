@@ -43,7 +43,7 @@ class RESULT_WARNINGS:
     many_heights_left_out: float = threshold(0.02, "", "share of a source's heights that do not fit")
     many_places_left_out: float = threshold(0.1, "", "share of a reference's places that do not fit")
     parallel: float = threshold(0.01, "", "share of a part's points on nearly parallel rays")
-    of_prediction: float = threshold(4.0, "observations", "what predicted errors count for against leave-one-out ones")
+    of_prediction: float = threshold(4.0, "observations", "weight of predicted errors against leave-one-out errors")
     from_prior: float = threshold(0.5, "", "share of a parameter from its prior: above, it is not determined")
 
 
@@ -359,8 +359,8 @@ def _warn_of_weak_parameters(problem: Problem, loop: GaussNewton, prior_share: n
                 key = tuple(name for name, bad in zip(names, which, strict=True) if bad)
                 by_set.setdefault(key, []).append(observations.images[index].id)
     return [
-        f"{', '.join(key)} of image {list_ids(ids)} follow from their priors: the GCPs and tie points do not "
-        "determine them"
+        f"{', '.join(key)} of image {list_ids(ids)} are not determined by the GCPs and tie points, and follow from "
+        "their priors"
         for key, ids in by_set.items()
     ]
 
@@ -416,16 +416,16 @@ def _warn_of_plan(plan: PlanAgreement | None) -> list[str]:
     warnings = []
     for group in plan.groups:
         if group.wrong:
-            done = "left out" if group.left_out else "kept, as it cannot be told which of them are wrong"
+            done = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
             warnings.append(
-                f"{plan.source}, {group.name}: its {group.observations} places lie {group.east_m:+.1f} m east and "
-                f"{group.north_m:+.1f} m north off the others (sigma {group.sigma_m:.1f} m): {done}"
+                f"{plan.source}, {group.name}: its {group.observations} points deviate from the others by "
+                f"{group.east_m:+.1f} m east and {group.north_m:+.1f} m north (sigma {group.sigma_m:.1f} m): {done}"
             )
     lone = plan.left_out - sum(group.observations for group in plan.groups if group.left_out)
     if lone > RESULT_WARNINGS.many_places_left_out * plan.observations:
         warnings.append(
-            f"{lone} of {plan.observations} places of the {plan.source} do not fit the others and are left out: "
-            "changed ground, wrong matches, or heights of the DEM"
+            f"{lone} of {plan.observations} points of the {plan.source} are outliers and are not used: likely causes "
+            "are changed ground, false matches or heights of the DEM"
         )
     return warnings
 
@@ -434,8 +434,8 @@ def _warn_of_parallel_rays(parts: Sequence[DatumPart]) -> list[str]:
     """Name the points on nearly parallel rays that the predicted accuracy leaves out, where they are many."""
     return [
         f"the rays of {len(part.parallel)} of {part.points + len(part.parallel)} points converge by less than "
-        f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain, and the predicted accuracy does not "
-        f"contain them: {list_ids(part.parallel)}"
+        f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: their heights are uncertain and not included in the predicted "
+        f"accuracy: {list_ids(part.parallel)}"
         for part in parts
         if part.points and len(part.parallel) > RESULT_WARNINGS.parallel * (part.points + len(part.parallel))
     ]
@@ -448,24 +448,25 @@ def _warn_of_heights(heights: Sequence[HeightAgreement]) -> list[str]:
         whole = len(one.groups) > 1 and one.contradicts
         if whole:
             middle = float(np.median([group.offset_m for group in one.groups]))
-            done = "left out" if one.groups[0].left_out else "kept, as it cannot be told which is wrong"
+            done = "not used" if one.groups[0].left_out else "used, because the wrong one cannot be identified"
             warnings.append(
-                f"{one.source}: all {len(one.groups)} groups of its heights lie off what holds the block otherwise, "
-                f"{middle:+.1f} m in the median: {done}; check what both refer to (`laser_datum`, `dem_datum`: heights "
-                "above a geoid and above the ellipsoid differ by tens of metres)"
+                f"{one.source}: all {len(one.groups)} groups of its heights contradict the other constraints of the "
+                f"block, by {middle:+.1f} m (median): {done}; check the height datum of both (`laser_datum`, "
+                "`dem_datum`: heights above a geoid and above the ellipsoid differ by tens of metres)"
             )
         for group in () if whole else one.groups:
             if group.wrong:
-                done = "left out" if group.left_out else "kept, as it cannot be told which of them are wrong"
+                done = "not used" if group.left_out else "used, because the wrong ones cannot be identified"
                 warnings.append(
-                    f"{one.source}, {group.name}: its {group.observations} heights lie {group.offset_m:+.1f} m off the "
-                    f"others ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check what they refer to"
+                    f"{one.source}, {group.name}: its {group.observations} heights deviate from the others by "
+                    f"{group.offset_m:+.1f} m ({abs(group.offset_m) / group.sigma_m:.0f} sigma): {done}; check their "
+                    "height datum"
                 )
         wrong_groups = sum(group.observations for group in one.groups if group.left_out)
         if one.left_out - wrong_groups > RESULT_WARNINGS.many_heights_left_out * one.observations:
             what = WHAT_STANDS_OUT[one.source]
             warnings.append(
-                f"{one.left_out} of {one.observations} heights of the {one.source} do not fit the points and are left "
-                f"out (the points lie {one.left_out_median_m:+.1f} m above it in the median): {what}"
+                f"{one.left_out} of {one.observations} heights of the {one.source} are outliers and are not used (the "
+                f"points are {one.left_out_median_m:+.1f} m above it in the median): likely causes are {what}"
             )
     return warnings

@@ -202,7 +202,7 @@ def prepare_problem(block: Block, options: AdjustOptions, values: np.ndarray | N
     observations = select_observations(block, options.check_as_ties, options.reference)
     observations = replace(observations, camera_of_image=_number_cameras(block, options.shared_images))
     if not observations.count:
-        raise SolveError("no point is measured on two images and no GCP on any: add image points, tie points or GCPs")
+        raise SolveError("no point is measured in two images, and no GCP in any: add image points, tie points or GCPs")
     earlier = None if options.earlier is None else JointPrior.select_cameras(options.earlier, observations)
     parts = _find_parts(observations, earlier)
     camera = _add_drift(model, options)
@@ -327,11 +327,11 @@ def _collect_warnings(
     free = [part for part in free if observations.images[part.images[0]].id not in in_place]
     reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
     names = [image.id for image in observations.images]
-    warnings = [f"{len(lost)} points could not be intersected and are left out: {list_ids(lost)}"] if len(lost) else []
+    warnings = [f"{len(lost)} points could not be intersected and are not used: {list_ids(lost)}"] if len(lost) else []
     warnings += [*weak, *_warn_of_open_plan(surfaces)]
     alone = [names[part.images[0]] for part, ok in zip(parts, located, strict=True) if len(part.images) == 1 and not ok]
     if alone:
-        warnings.append(f"no GCP and no tie point on image {list_ids(alone)}: its RPC stays as it is")
+        warnings.append(f"image {list_ids(alone)} has no GCP and no tie point: its RPC is not changed")
     if len(rest) > 1:
         listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:IDS_NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
@@ -341,7 +341,7 @@ def _collect_warnings(
         held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         what = "position in plan" if held else "position"
         warnings.append(
-            f"no GCP holds {listed}: its {what} follows from the RPCs' own accuracy (priors; believed: {believed})"
+            f"{listed} has no GCP: its {what} follows from the RPCs and their a priori accuracy ({believed})"
         )
     return warnings
 
@@ -493,7 +493,8 @@ def _match_surfaces(
 def _warn_of_open_plan(surfaces: Sequence[SurfacePlan]) -> list[str]:
     """Name parts that the relief of a surface does not hold in plan."""
     return [
-        f"the relief of the DEM does not hold {list_ids(one.images)} in plan: {one.why_open}; only the RPCs do"
+        f"the relief of the DEM does not determine {list_ids(one.images)} in plan: {one.why_open}; the RPCs determine "
+        "its position"
         for one in surfaces
         if one.why_open
     ]

@@ -48,18 +48,24 @@ ROUNDS = 25
 class SIGMA:
     """When sigmas are tested, estimated and settled."""
 
-    settled: float = threshold(0.01, "", "relative change of a sigma that is not worth another solution")
-    significance: float = threshold(0.01, "", "of the two-sided chi² test of a sigma; chance failures harm little")
-    material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error does no harm")
+    settled: float = threshold(0.01, "", "relative change of a sigma that needs no further solution")
+    significance: float = threshold(
+        0.01, "", "of the two-sided chi² test of a sigma; chance failures have little effect"
+    )
+    material: float = threshold(1.25, "", "ratio of a sigma to the given one below which an error has no effect")
     most_plausible: float = threshold(20.0, "", "ratio of image points beyond which these are wrong, not their sigmas")
     of_camera_px: float = threshold(
         1.0, "px", "… unless their residuals are smaller: the cameras move as the model does not follow", "pixel size"
     )
-    beside_held: float = threshold(2.0, "", "the same without ties, or where heights or places hold points")
+    beside_held: float = threshold(
+        2.0, "", "the same without tie points, or where heights or positions constrain points"
+    )
     alike: float = threshold(0.9, "", "correlation of two groups' variance factors that are estimated as one")
-    most_gcps: int = threshold(100, "GCPs", "so many tell the sigmas of surveys together with those of image points")
+    most_gcps: int = threshold(
+        100, "GCPs", "number that determines the sigmas of surveys together with those of image points"
+    )
     hidden_by_drift: int = threshold(25, "GCPs", "up to so many, the drift of a few images can follow their errors")
-    of_stated_sigmas: float = threshold(4.0, "observations", "what given sigmas count for in the common test")
+    of_stated_sigmas: float = threshold(4.0, "observations", "weight of given sigmas in the common test")
     least_share: float = threshold(0.04, "", "share of a survey's variance that one step leaves of it")
 
 

@@ -73,11 +73,11 @@ def run_adjuster(
                 observations = problem.observations
                 there = np.isin(observations.camera_of_image, error.cameras)
                 named = list_ids(image.id for image, one in zip(block.images, there, strict=True) if one)
-                raise SolveError(f"{error}; not determined is {named} or what connects it") from error
+                raise SolveError(f"{error}; {named} or its connection is not determined by the observations") from error
     except np.linalg.LinAlgError as error:  # points so far from their images that no camera tells where they are
         raise SolveError(
-            f"the equations are singular ({error}): points and images do not belong together, or the points are so far "
-            "from the images that their RPCs say nothing of them: check coordinates, ids and RPCs"
+            f"the equations are singular ({error}): points and images do not belong together, or the points are "
+            "outside the validity range of the RPCs: check coordinates, ids and RPCs"
         ) from error
 
 
@@ -150,7 +150,10 @@ class Adjuster(Snooping):
         if self.sigmas.drifts and choice.model in NESTED_MODELS:
             judged = {name: errors for name, errors in squared.items() if name not in too_simple}
             name, reason = select_simplest(judged, standard_errors=1.0)
-            reason = f"the images' drift is estimated from the block as a variance component; {reason}"
+            reason = (
+                "the standard deviation of the attitude drift was estimated from the block (variance component); "
+                f"{reason}"
+            )
         delivered = {name: float(np.sqrt(np.mean(errors))) for name, errors in squared.items()}
         choice = replace(choice, model=name, reason=reason, delivered=delivered)
         if name != problem.model.name:

@@ -61,14 +61,14 @@ def set_point_priors(
     # Name the images most of whose points have weak or no heights
     warnings, count = [], len(observations.images)
     all_points = np.maximum(np.bincount(observations.image, minlength=count), 1)
-    by_range = "moves a pixel over the RPC's height range: the heights of these points are held by the RPCs' height"
+    by_range = "moves a pixel over the height range of the RPC: the heights of these points follow from the RPC height"
     uncertain = f"{RAY_GEOMETRY.weak_angle_deg:g} degrees: the heights of these points are uncertain"
     for points, consequence in ((open_height, f"{by_range} range only"), (weak & ~open_height, uncertain)):
         share = np.bincount(observations.image[points[observations.point]], minlength=count) / all_points
         images = [observations.images[index].id for index in np.flatnonzero(share > 0.5)]
         if images:
             warnings.append(
-                f"most rays of image {list_ids(images)} converge by less than {consequence}; give a DEM to hold them "
-                "better"
+                f"most rays of image {list_ids(images)} converge by less than {consequence}; name a DEM to constrain "
+                "them"
             )
     return priors, warnings

@@ -79,7 +79,8 @@ def assemble(
     known, unmeasured = known.select(measured), known.select(~measured)
     if len(unmeasured):
         warnings.append(
-            f"{len(unmeasured)} ground points are measured on no image and are left out: {list_ids(unmeasured.ids)}"
+            f"{len(unmeasured)} ground points are not measured in any image and are not used: "
+            f"{list_ids(unmeasured.ids)}"
         )
     role = _assign_roles(known, gcp_ids, check_ids)
     points = _make_points(ids, known, role, defaults)
@@ -115,7 +116,7 @@ def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, known: GroundPoints
         return []
     return [
         f"measured, but without a ground point: {list_ids(found)}: ids are compared as text, so these are different "
-        "points; if two are meant to be one, give both the same id"
+        "points; if two of them are the same point, use the same id"
     ]
 
 
@@ -132,8 +133,8 @@ def _merge_ground(tables: list[GroundPoints]) -> GroundPoints:
     apart = are_apart(merged.ground, merged.ground[first[inverse]])
     if apart.any():
         raise InputError(
-            f"ground point {list_ids(np.unique(merged.ids[apart]))} is given with different positions in "
-            f"{merged.source}: keep one"
+            f"ground point {list_ids(np.unique(merged.ids[apart]))} has different positions in {merged.source}: keep "
+            "one"
         )
     return merged.select(first)
 
@@ -221,7 +222,7 @@ def _drop_repetitions(rows: Measurements, ids: np.ndarray, warnings: list[str]) 
     if not repeated.any():
         return rows
     warnings.append(
-        f"{repeated.sum()} image points are given twice and used once: {list_ids(ids[rows.point[repeated]])}"
+        f"{repeated.sum()} image points occur twice and are used once: {list_ids(ids[rows.point[repeated]])}"
     )
     return rows.select(~repeated)
 

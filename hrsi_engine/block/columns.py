@@ -124,7 +124,7 @@ class Columns:
                     value = np.broadcast_to(value, (rows, *shape)).copy()
                 except ValueError:
                     raise InputError(
-                        f"`{name}` has the shape {value.shape} beside {rows} rows: give {(rows, *shape)}"
+                        f"`{name}` has the shape {value.shape}, but there are {rows} rows: give {(rows, *shape)}"
                     ) from None
             object.__setattr__(self, name, value)
 

@@ -52,7 +52,7 @@ class BANDS:
     least_pixel: float = threshold(1.5, "", "pixel of a band over that of a finer image of its exposure, at least")
     nodes: int = threshold(15, "nodes", "along each side of the finer image that are looked for in the other one")
     least_nodes: int = threshold(9, "nodes", "of a height that both images have to show")
-    bent_px: float = threshold(0.5, "px", "of the band, by which positions may lie off a shift and a scale")
+    bent_px: float = threshold(0.5, "px", "of the band, by which positions may deviate from a shift and a scale")
     parallax: float = threshold(
         0.005, "m/m", "of height between the lines of sight", "taken up to 0.4 s apart at 7.5 km/s from 600 km"
     )  # fmt: skip
@@ -232,8 +232,8 @@ class STRIP:
     nodes: int = threshold(41, "nodes", "nodes along each side of a part that are looked for in another one")
     reach_share: float = threshold(0.02, "", "share of a part by which the next one may lie beyond its end")
     bent_px: float = threshold(2.0, "px", "largest change of a part's offset over what it shares with another one")
-    whole_px: float = threshold(0.25, "px", "largest distance of a part from whole pixels without a word")
-    fit_px: float = threshold(0.1, "px", "largest difference of the strip's RPC from its parts without a word")
+    whole_px: float = threshold(0.25, "px", "largest distance of a part from whole pixels without a message")
+    fit_px: float = threshold(0.1, "px", "largest difference of the strip's RPC from its parts without a message")
     same_px: float = threshold(1e-6, "px", "difference below which parts have one RPC")
     grid: tuple[int, int, int] = threshold((15, 25, 6), "nodes", "samples, lines, heights of a part that are fitted to")
     check_grid: tuple[int, int, int] = threshold((16, 34, 7), "nodes", "of a part, where the fit is judged")
@@ -276,7 +276,7 @@ def place_parts(parts: Sequence[Image]) -> StripPlaces:
                 reached[number] = nodes, found[last] + offset
         if not reached:
             lost = next(part.id for number, part in enumerate(parts) if number not in found)
-            raise InputError(f"{lost} shares no ground with the other parts, nor lies at their end: leave it out")
+            raise InputError(f"{lost} has no common ground with the other parts and is not adjacent to them: remove it")
         last = max(reached, key=lambda number: reached[number][0])
         found[last] = reached.pop(last)[1]
     places = np.array([found[number] for number in range(len(parts))])
@@ -298,8 +298,8 @@ def _measure_offset(known: Image, part: Image) -> tuple[int, np.ndarray]:
         return 0, np.zeros(2)
     if np.ptp(offsets, axis=0).max() > STRIP.bent_px:
         raise InputError(
-            f"{part.id} and {known.id} are no parts of one strip: where both show the same ground the offset of their "
-            f"pixels changes by {np.ptp(offsets, axis=0).max():.3g} px. Give images of one sweep with the same pixels"
+            f"{part.id} and {known.id} are not parts of one strip: in their overlap the offset of their pixels changes "
+            f"by {np.ptp(offsets, axis=0).max():.3g} px. Name images of one acquisition with the same pixel grid"
         )
     return len(offsets), np.median(offsets, axis=0)
 

@@ -220,8 +220,8 @@ class ViewDirection:
         if status[0] != Status.FOUND:
             reason = Status(status[0]).label
             raise SolveError(
-                f"image {self.image.id}: its middle has no position on the terrain ({reason}): "
-                "check the RPC, use a DEM that covers the image, or give the `height` of the ground"
+                f"image {self.image.id}: its centre has no position on the terrain ({reason}): check the RPC, use a "
+                "DEM that covers the image, or give the `height` of the ground"
             )
         return ground
 
@@ -333,7 +333,7 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
             lowest = float(np.min(denominators / np.median(denominators)))
             if lowest <= 0.0:
                 warnings.append(
-                    f"the {name} denominator becomes zero within the image: the RPC is damaged; get it again"
+                    f"the {name} denominator becomes zero within the image: the RPC is damaged; obtain it again"
                 )
             elif lowest < GEOMETRY.least_denominator:
                 warnings.append(f"the {name} denominator falls to {lowest:.2g} of its usual value within the image")
@@ -353,11 +353,11 @@ def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]
     if rpc.height_scale <= 0.0:
         warnings.append(f"HEIGHT_SCALE is {rpc.height_scale:g}, it must be above 0")
     if high < GEOMETRY.lowest_height_m or low > GEOMETRY.highest_height_m:
-        warnings.append(f"the RPC is made for heights from {low:.0f} to {high:.0f} m, where there is no land")
+        warnings.append(f"the height range of the RPC is {low:.0f} to {high:.0f} m, where there is no land")
     if terrain_m is not None and (terrain_m[0] < low or terrain_m[1] > high):
         warnings.append(
-            f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) leaves the heights the RPC is made for "
-            f"({low:.0f} to {high:.0f} m): it extrapolates; check the height datum"
+            f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) exceeds the height range of the RPC ({low:.0f} "
+            f"to {high:.0f} m), which extrapolates there; check the height datum"
         )
     return warnings
 
@@ -369,14 +369,14 @@ def _check_size(image: Image, ground: np.ndarray) -> list[str]:
     reach = np.abs(rpc.normalise(ground)[:2]).max()
     if reach > GEOMETRY.ground_reach:
         warnings.append(
-            f"the image of {image.size[0]} x {image.size[1]} px reaches {reach:.1f} times as far as the ground "
-            "that its RPC is made for: check that they belong together"
+            f"the image of {image.size[0]} x {image.size[1]} px is {reach:.1f} times as large as the area of its RPC: "
+            "check that they belong together"
         )
     if is_crop(image):
         extent = 2.0 * np.array([rpc.samp_scale, rpc.line_scale])
         warnings.append(
-            f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: "
-            "it looks like a crop whose origin is not known; shift the RPC to the crop"
+            f"the image has {image.size[0]} x {image.size[1]} px, its RPC about {extent[0]:.0f} x {extent[1]:.0f}: it "
+            "is probably a crop of unknown origin; shift the RPC to the crop"
         )
     return warnings
 

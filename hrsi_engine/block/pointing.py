@@ -66,7 +66,7 @@ class SensorAccuracy(NamedTuple):
 
 _SMILEY = "B. Smiley: The absolute and relative geolocation accuracies of QB02 and WV01, DigitalGlobe 2009"
 _AGUILAR = "M. Aguilar et al. on GeoEye-1 and WorldView-1/2/3/4: direct geolocation better than 5.0 m CE90"
-_HANLEY = "Hanley and Fraser, Sensor orientation for HRSI, ISPRS 2004: subpixel with a shift; half a pixel taken"
+_HANLEY = "Hanley and Fraser, Sensor orientation for HRSI, ISPRS 2004: sub-pixel with a shift; half a pixel taken"
 _KOMPSAT = "SI Imaging Services, white paper: Geolocation accuracy of KOMPSAT, Q2 2013"
 #: Drifts that are published by themselves.
 _DRIFTS = {"IKONOS": (0.5 / 11_000.0, _HANLEY)}
@@ -142,7 +142,7 @@ def estimate_pointing(image: Image) -> Pointing:
     """Return the pointing accuracy of an image: from its RPC, from publications of its sensor, or the default."""
     published = find_image_sensor(image)
     stated, varying = image.rpc.err_bias, image.rpc.err_rand
-    reasons, drift = [published.title if published else "unknown sensor"], POINTING.least_drift
+    reasons, drift = [published.title if published else "sensor unknown"], POINTING.least_drift
     if stated:
         sigma_m = stated
         reasons.append(f"ERR_BIAS {stated:.3g} m")
@@ -151,7 +151,7 @@ def estimate_pointing(image: Image) -> Pointing:
         reasons.append(f"CE90 {published.ce90_m:g} m ({published.source})")
     else:
         sigma_m = POINTING.unknown_m
-        reasons.append(f"{sigma_m:g} m assumed for its pointing")
+        reasons.append(f"a priori standard deviation {sigma_m:g} m (pointing)")
     if stated or published:
         length_m = float(2.0 * image.camera_half_size_px.max() + 1.0) * compute_gsd_m(image)
         if varying:
@@ -164,7 +164,7 @@ def estimate_pointing(image: Image) -> Pointing:
             smooth_m = max(length_m, POINTING.smooth_m)
             drift = POINTING.strip_share * sigma_m * np.sqrt(smooth_m / POINTING.strip_m) / smooth_m
     drift = max(float(drift), POINTING.least_drift)
-    return Pointing(sigma_m, drift, f"{', '.join(reasons)}; drift {drift:.1e} px/px")
+    return Pointing(sigma_m, drift, f"{', '.join(reasons)}; a priori {drift:.1e} px/px (attitude drift)")
 
 
 #: Those computed so far: an adjustment asks for each image's half a dozen times.

@@ -218,7 +218,7 @@ def with_operations(points: GroundPoints, described: str) -> GroundPoints:
             uses.append(read_entry(entry, int(here.sum())))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{points.source}: its list of coordinate operations is damaged ({error!r}): get the file again"
+            f"{points.source}: its list of coordinate operations is damaged ({error!r}): obtain the file again"
         ) from None
     return replace(points, operation=operation, operations=tuple(uses))
 

@@ -121,7 +121,7 @@ def fit_rpc(
     if not (np.isfinite(ground).all() and np.isfinite(image).all()):
         raise ValueError("ground or image points are not finite")
     if len(ground) < TERMS_BY_POINTS[-1][0]:
-        raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, better 50")
+        raise SolveError(f"{len(ground)} correspondences do not determine an RPC: give at least 5, or better 50")
     # OFF and SCALE of lon, lat, height, sample and line that take the points to [-1, 1]
     values = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:], image])
     low, high = values.min(axis=0), values.max(axis=0)
@@ -143,7 +143,7 @@ def fit_rpc(
     if np.ptp(ground[:, 2]) <= FIT.flat_m:
         warnings.append(
             f"all heights lie within {FIT.flat_m:g} m of {np.mean(ground[:, 2]):.1f} m: the RPC does not depend on "
-            "height and holds there only"
+            "height and is valid there only"
         )
         numerator, denominator = np.setdiff1d(numerator, HEIGHT_TERMS), np.setdiff1d(denominator, HEIGHT_TERMS)
     singular = np.linalg.svd(terms[:, :3], compute_uv=False)

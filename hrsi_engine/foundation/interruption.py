@@ -29,7 +29,7 @@ class PATIENCE:
 
     again_s: float = threshold(0.05, "s", "time until an exception that was swallowed is raised again")
     same_signal_s: float = threshold(2.0, "s", "time in which further signals count as the same one")
-    blocked_s: float = threshold(10.0, "s", "time that a library's code may go on before the program is ended at once")
+    blocked_s: float = threshold(10.0, "s", "time that library code may continue before the program is ended at once")
 
 
 class TerminationRequest(KeyboardInterrupt):

@@ -40,7 +40,7 @@ def thresholds(topic: type[Topic]) -> type[Topic]:
     """
     made: Any = dataclass(frozen=True)(topic)
     if not topic.__doc__ or topic.__doc__.startswith(f"{topic.__name__}("):
-        raise TypeError(f"{topic.__name__}: say in a docstring what its thresholds decide")
+        raise TypeError(f"{topic.__name__}: describe in a docstring what its thresholds decide")
     bare = [name for name, declared in made.__dataclass_fields__.items() if "meaning" not in declared.metadata]
     if bare:
         raise TypeError(f"{topic.__name__}.{bare[0]}: declare it by `threshold`, with unit, meaning and origin")

@@ -70,7 +70,7 @@ class CrsOperations:
             return
         if self.vertical_name:
             raise InputError(f"no PROJ grid to convert the heights of {crs.name!r}: {how_to_get_grids()}")
-        raise InputError(f"PROJ knows no way from {crs.name!r} to WGS84: convert the layer first")
+        raise InputError(f"PROJ has no operation from {crs.name!r} to WGS84: convert the layer first")
 
     @cached_property
     def operations(self) -> tuple[CrsOperation, ...]:

@@ -71,7 +71,10 @@ class Geoid:
             )
         largest = undulation[np.abs(undulation).argmax()] if undulation.size else 0.0
         if abs(largest) > GEOID.largest_undulation_m:
-            raise InputError(f"the geoid grid {self.name} holds {largest:g} m, which no geoid has: get the file again")
+            raise InputError(
+                f"the geoid grid {self.name} contains {largest:g} m, which is not possible for a geoid: obtain the "
+                "file again"
+            )
         return np.asarray(undulation)
 
     @cached_property

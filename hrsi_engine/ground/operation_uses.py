@@ -15,7 +15,10 @@ class OPERATIONS:
     """Which losses of accuracy by a missing grid are told."""
 
     least_loss_m: float = threshold(
-        0.1, "m", "accuracy lost for want of a grid from which a warning tells of it", "issue 36: none above is silent"
+        0.1,
+        "m",
+        "accuracy lost because of a missing grid from which a warning is given",
+        "issue 36: none above is silent",
     )
 
 
@@ -209,8 +212,8 @@ def describe_missing_grid(use: OperationUse) -> str:
     best = "not known" if better.accuracy_m is None else f"{better.accuracy_m:g} m"
     loss = "an unknown accuracy" if np.isnan(use.loss_m) else f"{use.loss_m:.2g} m of accuracy"
     return (
-        f"{use.source}: {use.crs} goes to WGS84 by {use.operation.name} (accuracy {stated}); {better.name} ({best}) "
-        f"lacks its grid {', '.join(better.grids)}: {loss} is lost"
+        f"{use.source}: {use.crs} is converted to WGS84 by {use.operation.name} (accuracy {stated}); {better.name} ("
+        f"{best}) is not available without its grid {', '.join(better.grids)}: {loss} is lost"
     )
 
 
@@ -219,8 +222,8 @@ def describe_substitute(use: OperationUse) -> str:
     if use.geoid is None or not use.geoid.stands_for:
         return ""
     return (
-        f"{use.source}: the geoid of {use.geoid.stands_for} is not installed, {use.geoid.name} stands in: heights "
-        f"share an error of {GEOID.substitute_sigma_m:g} m"
+        f"{use.source}: the geoid of {use.geoid.stands_for} is not installed, {use.geoid.name} is used instead: "
+        f"heights have a common error of {GEOID.substitute_sigma_m:g} m"
     )
 
 
@@ -240,12 +243,13 @@ def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
                 told.append(f"{text}: {advise_grids(use)}")
         if use.operation.is_ballpark:
             told.append(
-                f"{use.source}: PROJ knows no operation from {use.crs} to WGS84 and takes one datum for the other"
+                f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two datums are treated as equal"
             )
         if use.takes_plate_for_wgs84:
             told.append(
-                f"{use.source}: {use.crs} moves with its plate and is taken for WGS84 ({use.operation.name}): they may "
-                f"differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, which all its points share"
+                f"{use.source}: {use.crs} moves with its plate and is treated as WGS84 ({use.operation.name}): they "
+                f"may differ by {use.operation.sigma_m[0] * COORDINATES_OF_ACCURACY**0.5:.3g} m, equal for all its "
+                "points"
             )
     return list(dict.fromkeys(told))
 

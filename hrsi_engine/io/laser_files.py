@@ -56,14 +56,14 @@ def read_laser(
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
     wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
     if not len(points) or wrong.all():
-        raise InputError(f"{points.source}: none of its points has a height that is on the ground: get it again")
+        raise InputError(f"{points.source}: none of its points has a height that is on the ground: obtain it again")
     return replace(points, doubt=np.where(wrong & (points.doubt == ""), "a height of no ground", points.doubt))
 
 
 def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     """Return the rows of a table that have a position and a height."""
     if not len(table):
-        raise InputError(f"{table.source}: holds no points: name another file or layer")
+        raise InputError(f"{table.source}: contains no points: name another file or layer")
     if not has_positions(table):
         raise InputError(
             f"{table.source}: has no positions (point geometry, or fields lon and lat); its fields are "
@@ -122,14 +122,14 @@ def read_parquet(path: str) -> PointTable:
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > FILE_BUDGETS.laser_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
-                             "get it again")  # fmt: skip
+                             "obtain it again")  # fmt: skip
         # What the file says of its geometry
         try:
             geo = json.loads((file.schema_arrow.metadata or {}).get(b"geo", b"{}"))
         except (ValueError, RecursionError):
             geo = None
         if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
-            raise InputError(f"{path}: its description of the geometry ('geo') is damaged: get it again")
+            raise InputError(f"{path}: its description of the geometry ('geo') is damaged: obtain it again")
         names = list(file.schema_arrow.names)
         found = {field: names[index] for field, index in match_fields(names).items() if field in NUMBER_FIELDS}
         place = geo.get("primary_column", "geometry")
@@ -139,12 +139,12 @@ def read_parquet(path: str) -> PointTable:
         for field, name in found.items():
             values = table.column(name).to_numpy()
             if values.dtype.kind not in "iufb" and not all(v is None or isinstance(v, (int, float)) for v in values):
-                raise InputError(f"{path}: field {name!r} holds no numbers: correct it")
+                raise InputError(f"{path}: field {name!r} contains no numbers: correct it")
             columns[field] = np.asarray(values, dtype=np.float64)  # NaN where it is null
         geometry = _parse_points(path, table.column(place)) if place in names else None
     except (ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): get it again") from None
+        raise InputError(f"{path}: cannot be read as GeoParquet ({reason}): obtain it again") from None
     crs = geo.get("columns", {}).get(place, {}).get("crs", "OGC:CRS84")
     text = json_text(crs) if isinstance(crs, dict) else str(crs or "")
     return PointTable(path, columns, tuple(names), partial("row {}".format), geometry, text)
@@ -251,7 +251,7 @@ def read_granule(path: str) -> LaserPoints:
     if dataset is None:
         if gdal.GetDriverByName("HDF5") is None:
             raise InputError(f"{path}: this GDAL reads no HDF5: get the points as GeoParquet or CSV from SlideRule")
-        raise InputError(f"{path}: cannot be opened as HDF5 ({' '.join(messages) or 'damaged'}): get it again")
+        raise InputError(f"{path}: cannot be opened as HDF5 ({' '.join(messages) or 'damaged'}): obtain it again")
     with quiet():
         root = dataset.GetRootGroup()
         for product in PRODUCTS.values():
@@ -275,7 +275,7 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
             damaged = [name for name, values in arrays.items() if len(values) != count]
             if damaged:
                 raise InputError(f"{path}, {place}: {', '.join(sorted(damaged))} have another length than the heights: "
-                                 "get it again")  # fmt: skip
+                                 "obtain it again")  # fmt: skip
             yield beam, arrays
 
 
@@ -289,12 +289,12 @@ def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
         return None
     size = int(np.prod([dimension.GetSize() for dimension in array.GetDimensions()], dtype=np.float64))
     if size > FILE_BUDGETS.laser_values:
-        raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: get it again")
+        raise InputError(f"{path}, {name}: claims {size} values, more than any granule has: obtain it again")
     values = None
     with gdal_messages() as messages:
         values = array.ReadAsArray()
     if values is None:
-        raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): get it again")
+        raise InputError(f"{path}, {name}: cannot be read ({' '.join(messages)}): obtain it again")
     numbers = np.asarray(values, dtype=np.float64)
     return np.where((np.abs(numbers) > GRANULE_FILL.largest) | (numbers < GRANULE_FILL.lowest), np.nan, numbers)
 

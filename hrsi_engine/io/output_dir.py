@@ -44,7 +44,7 @@ def check_output_dir(path: str, overwrite: bool, names: Iterable[str] = (), inpu
             raise InputError(f"{path} is a file: name a directory as `output_dir`")
         found = [name for name in RESULT_FILES if (folder / name).exists()]
     if found and not overwrite:
-        told = f"already holds a result ({', '.join(found)}): allow `overwrite` or choose another directory"
+        told = f"already contains a result ({', '.join(found)}): allow `overwrite` or choose another directory"
         raise InputError(f"{path} {told}")
     _require_replaceable(path, names, inputs, overwrite)
 

@@ -39,7 +39,7 @@ class CLOUD:
     most_cells: int = threshold(16_000_000, "cells", "of the grid: memory")
     gap: int = threshold(3, "cells", "that gaps between points are interpolated over")
     batch: int = threshold(2_000_000, "points", "of a cloud read at a time: memory")
-    sample: int = threshold(2_000, "points", "whose distance to the nearest tells the spacing")
+    sample: int = threshold(2_000, "points", "whose distance to the nearest determines the spacing")
 
 
 def open_surface(
@@ -136,9 +136,9 @@ def _open_cloud(path: str, height_datum: str, ground_crs: str | None, epoch: flo
         raise
     except Exception as error:  # laspy and lazrs have errors of their own, and pass on those of damaged values
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: cannot be read as LAS ({reason}): get it again") from None
+        raise InputError(f"{path}: cannot be read as LAS ({reason}): obtain it again") from None
     if crs is None and ground_crs is None:
-        raise InputError(f"{path}: does not say in which CRS it is: name it with `ground_crs`")
+        raise InputError(f"{path}: has no CRS: give it with `ground_crs`")
     crs = pyproj.CRS.from_user_input(ground_crs if crs is None else crs)
     # as a DEM with the same cells
     dataset = gdal.GetDriverByName("MEM").Create("", grid.columns, grid.rows, 1, gdal.GDT_Float64)

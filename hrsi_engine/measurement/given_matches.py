@@ -42,7 +42,7 @@ class EXTERNAL:
     border_px: int = threshold(40, "px", "read around matches: half a window of least-squares matching and some room")
     reach_px: tuple[float, float] = threshold((6.0, 6.0), "px", "least and largest half length of the search")
     across_px: float = threshold(4.0, "px", "half width of the search, largest miss of a given match", _LEARNED)
-    height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches stand for")
+    height_margin_m: float = threshold(10.0, "m", "searched beyond the heights that the given matches cover")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +76,9 @@ def refine_given_matches(
     options, scheduler = options or TieOptions(), scheduler or open_scheduler()
     jobs = list(_divide_into_jobs(images, given))
     if not jobs:
-        raise InputError(f"{given.source}: holds no match between two images of the block that have pixels: "
-                         "check its images' names")  # fmt: skip
+        raise InputError(
+            f"{given.source}: contains no match between two images of the block that have pixels: check the image "
+            "names")  # fmt: skip
     told = "measuring matches of"
     parts = [
         WorkPart(f"given-{k}", measure_external_matches, job, keep=False, label=f"{told} {job.reference.id}")
@@ -102,11 +103,11 @@ def refine_given_matches(
     of_image = {number: sum(number in pair for pair in tried) for number in usable}
     holds = summarise_holds(images, usable, links, of_image, {})
     total = sum(tried.values())
-    warnings = [f"{hold.image}: none of the given matches stands the tests" for hold in holds if not hold.links]
+    warnings = [f"{hold.image}: none of the given matches passes the tests" for hold in holds if not hold.links]
     if 2 * sum(accepted.values()) < total:
         warnings.append(
-            f"{given.source}: {sum(accepted.values())} of {total} given matches stand the tests: check that they are "
-            "of these images, in pixels of the full images"
+            f"{given.source}: {sum(accepted.values())} of {total} given matches pass the tests: check that they belong "
+            "to these images, in pixels of the full images"
         )
     return TiePoints(points, ground, tuple(pairs), tuple(warnings), holds)
 

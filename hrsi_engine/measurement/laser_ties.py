@@ -36,7 +36,7 @@ from .tile_matching.types import TilePairGeometry
 class LASER_TIES:
     """Where tie points are measured around laser points."""
 
-    most_points: int = threshold(2000, "laser points", "looked up in all; more of a track say the same")
+    most_points: int = threshold(2000, "laser points", "looked up in all; more of a track add no information")
     window_px: int = threshold(384, "px", "side of the window whose laser points are looked up together")
     radius_m: float = threshold(15.0, "m", "around a laser point", "footprints: ICESat-2 11 m, GEDI 25 m")
     ties_per_point: int = threshold(6, "ties", "measured at most around one laser point")

@@ -54,7 +54,7 @@ def transfer_point(
     """
     scale = np.sqrt(abs(np.linalg.det(by_first)))
     if not np.isfinite(line).all() or not scale > 0.0:
-        return Transfer(refusal="the cameras do not tell where it is")
+        return Transfer(refusal="the cameras do not determine its position")
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
     along = float(np.hypot(*span)) / 2.0 + (margin_px + TRANSFER.across_px) / scale
     across = (margin_px + TRANSFER.across_px) / scale
@@ -71,9 +71,9 @@ def transfer_point(
         np.array([[along, across]]), TRANSFER.half_px,
     )  # fmt: skip
     if peak.correlation[0] < TRANSFER.correlation:
-        return Transfer(refusal=f"nothing like it is found (correlation {max(peak.correlation[0], 0.0):.2f})")
+        return Transfer(refusal=f"no similar place is found (correlation {max(peak.correlation[0], 0.0):.2f})")
     if peak.rival[0] > TRANSFER.rival * peak.correlation[0]:
-        return Transfer(refusal="two places look like it")
+        return Transfer(refusal="two places are similar to it")
     found = match_patches(template, shown, origin, peak.xy, np.eye(2)[None])
     at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre)
     sigma_px = float(found.sigma_px[0]) * scale
@@ -83,7 +83,7 @@ def transfer_point(
     there = origin[0] + np.linalg.solve(found.affine[0], back_from[0] - found.xy[0])
     back = match_patches(shown, template, back_from.astype(np.int64), there[None], np.linalg.inv(found.affine))
     if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > TRANSFER.closure_px:
-        return Transfer(refusal="measured back it is another place")
+        return Transfer(refusal="the reverse measurement gives another place")
     position = middle + by_first @ (at - half)
     return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
 

@@ -43,11 +43,11 @@ class TieOptions:
     """
 
     margin_px: float = option(
-        128.0, "How far the RPCs may be off when tie points are searched; the search widens where it finds nothing",
+        128.0, "Largest error of the RPCs in the search for tie points; it is increased where nothing is found",
         name="search-margin", minimum=0.0, unit="px", advanced=True, metavar="PX",
     )  # fmt: skip
     cells: int = option(
-        12, "Every image is divided into N x N cells, which are filled evenly with tie points", minimum=1, maximum=1000,
+        12, "Every image is divided into N x N cells, over which tie points are spread evenly", minimum=1, maximum=1000,
         advanced=True, metavar="N",
     )  # fmt: skip
     per_cell: int = option(
@@ -57,15 +57,20 @@ class TieOptions:
         metavar="N",
     )  # fmt: skip
     dense: bool = option(
-        False, "Match all of every image, with small windows first, and keep all tie points: for terrain through them "
-        "(orthorectify's `terrain_points`); some 15 s of one core for a pair's megapixel", advanced=True,
+        False,
+        "Match all of every image, with small windows first, and keep all tie points, for a terrain model from "
+        "them (`terrain_points` of orthorectify); takes about 15 s of one core per megapixel of a pair",
+            advanced=True,
     )  # fmt: skip
     most_partners: int = option(
-        8, "Match each image with so many others on average: all that overlap where these are few, else those that a "
-        "probe says will match, in spanning trees of the block", name="partners", minimum=1, advanced=True, metavar="N",
+        8,
+        "Average number of images that each image is matched with: all that overlap if these are few, else those "
+        "with the best test matches, in spanning trees of the block", name="partners",
+            minimum=1, advanced=True, metavar="N",
     )  # fmt: skip
     smallest_overlap: float = option(
-        0.02, "Share of an image that another must show to be matched", name="min-overlap", minimum=0.0, maximum=1.0,
+        0.02, "Smallest overlap of two images that are matched, as a share of the image", name="min-overlap",
+        minimum=0.0, maximum=1.0,
         advanced=True, metavar="SHARE",
     )  # fmt: skip
     match: TileMatchOptions = TileMatchOptions()

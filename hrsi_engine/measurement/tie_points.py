@@ -132,14 +132,14 @@ def find_tie_points(
     lonely = [hold.image for hold in holds if hold.image not in tied | search.earlier]
     reasons = {images[number].id: reason for number, reason in search.reasons.items()}
     warnings = [
-        f"{name}: no tie points: "
-        + reasons.get(name, "it overlaps no other image, or shows nothing that the others show")
+        f"{name}: no tie points: " + reasons.get(name, "it overlaps no other image, or has no matches with the others")
         for name in lonely
     ]
     if search.choice is not None:
         warnings += [
             f"{list_ids(images[number].id for number in held)}: connected by the single link {images[link.first].id} - "
-            f"{images[link.second].id} of {link.matches} matches, which no third image checks: may be wrong together"
+            f"{images[link.second].id} of {link.matches} matches, which no third image confirms: they may have a "
+            "common error"
             for link, held in find_bridges(links)
             if not {images[number].id for number in held} <= search.earlier
         ]

@@ -120,7 +120,7 @@ class MapGrid:
         left, top = math.floor(west + ORTHO.whole_px), math.ceil(north - ORTHO.whole_px)
         columns, rows = math.ceil(east - ORTHO.whole_px) - left, top - math.floor(south + ORTHO.whole_px)
         if columns < 1 or rows < 1:
-            raise InputError(f"an extent of {columns} x {rows} pixels holds nothing: check `extent` and `resolution`")
+            raise InputError(f"an extent of {columns} x {rows} pixels is empty: check `extent` and `resolution`")
         return cls(crs, resolution, left, top, columns, rows)
 
     @property
@@ -218,7 +218,7 @@ def compute_footprint_bounds(image: Image, surface: HeightSurface, crs: str, res
     if lost.any():
         known = find_terrain_points(image, surface)
         if not len(known):
-            raise InputError(f"{image.id}: the terrain is not known anywhere in the image: use a DEM that covers it")
+            raise InputError(f"{image.id}: the DEM has no height in the image: use a DEM that covers it")
         for height in (known[:, 2].min(), known[:, 2].max()):
             ground = np.vstack([ground, image.rpc.localize(outline[lost], height).ground])
     ground = ground[np.isfinite(ground).all(axis=1)]

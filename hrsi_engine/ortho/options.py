@@ -19,11 +19,11 @@ class MisregistrationOptions:
         48, "Side of a window, even", name="window", minimum=16, maximum=512, unit="px", metavar="PX"
     )
     search_px: int = option(
-        8, "Largest difference of a window's shift from the one common to the pair", name="search", minimum=1,
+        8, "Largest difference of the shift of a window from the common shift of the pair", name="search", minimum=1,
         maximum=256, unit="px", metavar="PX",
     )  # fmt: skip
     min_correlation: float = option(
-        0.6, "Windows less alike than this do not count", minimum=0.0, maximum=1.0, advanced=True
+        0.6, "Smallest correlation of windows that are used", minimum=0.0, maximum=1.0, advanced=True
     )
     max_sigma_px: float = 0.1
     most: int = option(

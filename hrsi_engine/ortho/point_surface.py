@@ -30,9 +30,9 @@ class POINT_SURFACE:
     companions: int = threshold(3, "points", "among them at its own height that excuse it: a roof")
     cells_per_spacing: float = threshold(5.0, "cells", "of the surface along the points' mean spacing")
     most_cells: int = threshold(9_000_000, "cells", "of the surface: memory")
-    margin: float = threshold(200.0, "spacings", "that the surface goes on around the points")
+    margin: float = threshold(200.0, "spacings", "that the surface continues around the points")
     fitted: int = threshold(20, "points", "that a plane is fitted to")
-    nearest: int = threshold(5, "points", "whose distance tells the width of the weights")
+    nearest: int = threshold(5, "points", "whose distance determines the width of the weights")
     width: float = threshold(0.33, "", "Gaussian of the weights over that distance")
     slope_sigma: float = threshold(0.3, "m/m", "a priori standard deviation of the ground's slope")
     scatters: tuple[float, ...] = threshold((16.0, 8.0, 4.0, 2.0, 1.0, 1.0), "", "scatter of each round", "Blake 1987")
@@ -108,7 +108,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     try:
         hull = Delaunay(points.xy[ConvexHull(points.xy).vertices])
     except QhullError:
-        raise InputError("a surface needs points beside one another, these lie on a line: use a DEM") from None
+        raise InputError("a surface cannot be interpolated from points on a line: use a DEM") from None
     for start in range(0, len(nodes), POINT_SURFACE.batch):
         part = slice(start, start + POINT_SURFACE.batch)
         inside = hull.find_simplex(nodes[part]) >= 0

@@ -35,18 +35,22 @@ class ACCURACY:
     """Errors that RPCs of satellite images may have, and errors that no RPC has."""
 
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", OF_SENSORS)
-    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both counts", OF_SENSORS)
+    unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both applies", OF_SENSORS)
     least_sigma_px: float = threshold(3.0, "px", "a stated sigma of the shift (ERR_BIAS) is raised to this", SIMULATED)
     least_sigma_m: float = threshold(2.0, "m", "the same in metres", SIMULATED)
     large_shift_sigmas: float = threshold(10.0, "sigma", "a larger shift is reported where no CE90 is known", SIMULATED)
     biased_ce90: float = threshold(2.0, "CE90", "a larger shift of an image is reported as a bias of its RPC")
-    most_biased_ce90: float = threshold(10.5, "CE90", "up to this, a shift alike for all points is a bias of the RPC")
+    most_biased_ce90: float = threshold(
+        10.5, "CE90", "up to this, a shift that is equal for all points is a bias of the RPC"
+    )
     unwritten_sigmas: float = threshold(
-        30.0, "sigma", "beyond this and the last, no refined RPC is written",
+        30.0, "sigma", "beyond this and the last one, no refined RPC is written",
         "ten times Pleiades' published CE90, 26 sigma of what its simulated RPCs state (docs/biased_rpcs.md)",
     )  # fmt: skip
     large_drift_sigmas: float = threshold(10.0, "sigma", "largest drift, of a drift that the user states", SIMULATED)
-    impossible_shift_sigmas: float = threshold(15.0, "sigma", "no RPC errs by more than this and the next", SIMULATED)
+    impossible_shift_sigmas: float = threshold(
+        15.0, "sigma", "largest possible error of an RPC, with the next one", SIMULATED
+    )
     impossible_shift_m: float = threshold(500.0, "m", "the same in metres", SIMULATED)
     misfit_px: float = threshold(
         15.0, "px", "largest difference among the points of one image by measuring and drift", SIMULATED

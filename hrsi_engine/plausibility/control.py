@@ -32,12 +32,14 @@ from .accuracy import SIMULATED, ImageAccuracy
 class CONTROL_FIT:
     """When surveyed points fit the images on which they are measured."""
 
-    least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to this")
+    least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to it")
     agreeing_share: float = threshold(0.7, "", "share of an image's points that agree where the image fits", SIMULATED)
     usual_scatter: float = threshold(2.5, "", "largest robust scatter of right blocks over the expected one", SIMULATED)
     most_freedom: int = threshold(5, "points", "independent misfits of an image: a drift relates the rest", SIMULATED)
-    agreeing_sigmas: float = threshold(8.0, "sigma", "a point off by fewer expected misfits agrees", SIMULATED)
-    linear_cost_sigmas: float = threshold(10.0, "sigma", "a larger shift costs by its logarithm only", SIMULATED)
+    agreeing_sigmas: float = threshold(
+        8.0, "sigma", "a point with an error of fewer expected residuals agrees", SIMULATED
+    )
+    linear_cost_sigmas: float = threshold(10.0, "sigma", "the cost of a larger shift is its logarithm", SIMULATED)
 
 
 NOWHERE_M = 2e7  # distance of a point without a ray: half round the Earth
@@ -250,9 +252,9 @@ class GROUP:
     gap_ratio: float = threshold(8.0, "", "gap of two clusters, or distance of a point, over their spread", SIMULATED)
     least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED)
     least_gap_px: float = threshold(2.0, "px", "smallest gap, in pixels on the ground", SIMULATED)
-    fewest_points: int = threshold(4, "points", "fewer cannot be told apart")
+    fewest_points: int = threshold(4, "points", "fewer cannot be separated")
     directions: int = threshold(12, "directions", "horizontal directions along which clusters are sought")
-    least_lean: float = threshold(0.02, "m/m", "rays that lean less from the others' mean tell no height")
+    least_lean: float = threshold(0.02, "m/m", "rays that deviate less from the mean of the others determine no height")
 
 
 @dataclass(frozen=True, eq=False)

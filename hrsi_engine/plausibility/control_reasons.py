@@ -31,18 +31,28 @@ from .slips import PIXEL_SLIPS, RPC_SLIPS, Slip, estimate_common_lift, iterate_g
 class SLIP:
     """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
 
-    fewest_points: int = threshold(2, "points", "that prove a slip")
-    most_listed: int = threshold(4, "", "slips that are listed where none is named")
-    certain_cost: float = threshold(50.0, "", "a slip that lowers the cost by more makes the input unusable", SIMULATED)
-    least_cost: float = threshold(22.0, "", "gain of a named slip: by chance 1 in 10 000", "theory: likelihood ratio")
-    least_lead: float = threshold(6.0, "", "cost by which the named slip must be better than every other", SIMULATED)
-    suspicious_sigmas: float = threshold(3.5, "sigma", "shifts or a common height beyond: slips are tried", SIMULATED)
-    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift that a slip may leave", SIMULATED)
+    fewest_points: int = threshold(2, "points", "that prove an input error")
+    most_listed: int = threshold(4, "", "candidate input errors that are listed where none is certain")
+    certain_cost: float = threshold(
+        50.0, "", "an input error that lowers the cost by more makes the input unusable", SIMULATED
+    )
+    least_cost: float = threshold(
+        22.0, "", "gain of a named input error: by chance 1 in 10 000", "theory: likelihood ratio"
+    )
+    least_lead: float = threshold(
+        6.0, "", "cost by which the named input error must be better than every other", SIMULATED
+    )
+    suspicious_sigmas: float = threshold(
+        3.5, "sigma", "shifts or a common height beyond: input errors are tested", SIMULATED
+    )
+    explained_shift_sigmas: float = threshold(4.5, "sigma", "largest shift that an input error may leave", SIMULATED)
     explained_scatter: float = threshold(12.0, "", "largest scatter over the expected that it may leave", SIMULATED)
     explained_share: float = threshold(0.02, "", "or this share of shift or scatter before it was undone", SIMULATED)
     wrong_share: float = threshold(0.25, "", "share of the GCPs, or of all points, whose errors make surveys unusable")
     height_sigmas: float = threshold(6.0, "sigma", "a larger common height offset of surveys is reported", SIMULATED)
-    few_points_gain: float = threshold(3.0, "", "ratio by which a slip of few points improves their misfits", SIMULATED)
+    few_points_gain: float = threshold(
+        3.0, "", "ratio by which an input error of few points improves their residuals", SIMULATED
+    )
 
 
 #: Mistakes of heights, which the data hardly tell apart: only the likeliest is named.
@@ -97,8 +107,8 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
             Reason(
                 "height-offset", Level.DOUBTFUL,
                 f"the heights of the ground points seem to be {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'} "
-                f"({sigma:.0f} m can be told): images from different sides disagree by it",
-                "check what the heights refer to (height_datum) and their unit",
+                f"(standard deviation {sigma:.0f} m), according to images from different directions",
+                "check the height datum (`height_datum`) and the unit of the heights",
                 control.image_ids(control.images), control.point_ids(control.points),
             )
         )  # fmt: skip
@@ -165,7 +175,7 @@ def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iter
         owner, names = permuted[0].tolist(), control.block.images
         pairs = sorted({(a, b) for a, b in zip(control.image.tolist(), owner, strict=True) if a != b})
         text = ", ".join(f"{names[a].id} are of {names[b].id}" for a, b in pairs[:4])
-        what = f"measurements belong to other images: those said to be on {text}"
+        what = f"image ids of measurements are exchanged: those on {text}"
         slip = Slip("image-ids-permuted", what, "correct the field 'image'", 4.0)
         yield SlipHypothesis(slip, fit_control(replace(control, image=permuted[0], sights=permuted[1])), images=changed)
     owners = find_point_permutation(control)
@@ -199,7 +209,7 @@ def _fit_without_pixel_slip(
 def _describe_point_exchange(ids: np.ndarray, owners: np.ndarray) -> str:
     moved = np.flatnonzero(owners != np.arange(len(owners)))
     text = ", ".join(f"{ids[a]} is {ids[owners[a]]}" for a in moved[:4])
-    return f"ids of ground points are mixed up: what is measured as {text}{' …' if len(moved) > 4 else ''}"
+    return f"ids of ground points are exchanged: the measured point {text}{' …' if len(moved) > 4 else ''}"
 
 
 # ---- reasons -------------------------------------------------------------------------------------------------------
@@ -212,15 +222,18 @@ def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: Sl
     where = "" if found.images is None else f" on image {list_ids(control.image_ids(images))}"
     return Reason(
         found.slip.code, Level.UNUSABLE if sure else Level.DOUBTFUL,
-        f"{found.slip.what}{where}: the ground points lie {_format_median_distance(given, images)} from where the "
-        f"RPCs put them, and {_format_median_distance(found.fit, images)} when this is undone", found.slip.advice,
+        f"{found.slip.what}{where}: the median distance of the ground points from their positions by the RPCs is "
+        f"{_format_median_distance(given, images)}, and {_format_median_distance(found.fit, images)} after correction",
+        found.slip.advice,
         control.image_ids(images), control.point_ids(points),
     )  # fmt: skip
 
 
 def _list_rivals(rivals: list[SlipHypothesis]) -> str:
     """Return mistakes with what each would leave of the misfit, as text."""
-    told = dict.fromkeys(f"{one.slip.what} (leaves {_format_median_distance(one.fit, one.images)})" for one in rivals)
+    told = dict.fromkeys(
+        f"{one.slip.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
+    )
     return ", or ".join([*told][: SLIP.most_listed])
 
 
@@ -276,7 +289,7 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
     slip = next(iter(fitting.values()))
     ids = control.point_ids(apart.points)
     return Reason(
-        slip.code, _choose_level(control, apart.points), f"of ground point {list_ids(ids)}: {slip.what}", slip.advice,
+        slip.code, _choose_level(control, apart.points), f"ground point {list_ids(ids)}: {slip.what}", slip.advice,
         control.image_ids(np.unique(control.image[rows])), ids,
     )  # fmt: skip
 
@@ -303,11 +316,12 @@ def _make_disagreement_reason(control: ControlMeasurements, given: ControlFit, a
     if apart.group:
         return Reason(
             "control-groups", _choose_level(control, apart.points),
-            f"{count} ({list_ids(ids)}) lie {off} of where the others put them, all alike: two surveys that disagree",
-            "find out which of the two is right (datum, base station, epoch) and leave the other out", images, ids,
+            f"{count} ({list_ids(ids)}) have a common offset of {off} from the others: two surveys contradict each "
+            "other",
+            "find the correct survey (datum, base station, epoch), and remove the other one", images, ids,
         )  # fmt: skip
-    message = f"{count} ({list_ids(ids)}) do not fit the others, by {apart.gap:.0f} times the scatter of these and more"
-    advice = "check where these points are measured, their coordinates and their ids"
+    message = f"{count} ({list_ids(ids)}) contradict the others, by at least {apart.gap:.0f} times their scatter"
+    advice = "check measurements, coordinates and ids of these points"
     return Reason("control-outliers", _choose_level(control, apart.points), message, advice, images, ids)
 
 
@@ -321,13 +335,13 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
     alike = given.belongs[rows].mean() > CONTROL_FIT.agreeing_share
     return Reason(
         "control-implausible", Level.UNUSABLE,
-        f"the ground points lie {_format_median_distance(given, wrong)} from where the RPCs of "
-        f"{list_ids(control.image_ids(wrong))} put them, which no error of these RPCs explains "
-        f"(about {sigma:.3g} m); "
-        + (f"it may be that {_list_rivals(rivals)}" if rivals else "none of the usual slips does either")
-        + (f" (all alike: {_format_shifts(control, wrong)})" if alike else ""),
-        "check the CRS, the columns and the ids of ground and image points, and that RPC and image belong together: a "
-        "crop and its whole scene have different ones",
+        "the median distance of the ground points from their positions by the RPCs of "
+        f"{list_ids(control.image_ids(wrong))} is {_format_median_distance(given, wrong)}, too much for an error of "
+        f"these RPCs (about {sigma:.3g} m); "
+        + (f"possible causes: {_list_rivals(rivals)}" if rivals else "no frequent input error explains it")
+        + (f" (equal for all points: {_format_shifts(control, wrong)})" if alike else ""),
+        "check CRS, columns and ids of ground and image points, and that the RPC belongs to these pixels: a crop and "
+        "its scene have different RPCs",
         control.image_ids(wrong), control.point_ids(points),
     )  # fmt: skip
 
@@ -340,7 +354,7 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
         return []
     worst = int(large[np.argmax((size / figures)[large])])
     where = list_ids(control.image_ids(large))
-    off = f"{_format_distance(float(size[worst]))} off, {size[worst] / figures[worst]:.2g} times their figure (CE90 "
+    off = f"{_format_distance(float(size[worst]))}, {size[worst] / figures[worst]:.2g} times the stated accuracy (CE90 "
     off += f"{figures[worst]:.3g} m; {_format_shifts(control, large)})"
     concerned = control.image_ids(large), control.point_ids(np.unique(control.point[np.isin(control.image, large)]))
     if (size > control.get_figures("biased_m")).any():
@@ -348,15 +362,15 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
             control.get_figures("biased_m"), ACCURACY.unwritten_sigmas * control.get_figures("sigma_m")
         )
         level = Level.UNUSABLE if (size > unwritten_m).any() else Level.DOUBTFUL
-        message = f"the RPCs of {where} see all ground points {off}: farther than biased RPCs do"
+        message = f"the RPCs of {where} differ from all ground points by {off}: this is more than the bias of an RPC"
         advice = (
-            "check the datum of the ground points, and that RPC and image points are of these pixels, not of a "
-            "crop or the whole scene"
+            "check the datum of the ground points, and that RPC and image points belong to these pixels, not to a "
+            "crop or the scene"
         )
         return [Reason("control-far", level, message, advice, *concerned)]
-    also = "" if datum is None else f", which would look alike where {datum.slip.what}"
-    message = f"the RPCs of {where} are biased: they see all ground points alike, {off}; the GCPs take that away"
-    advice = f"check the datum of the ground points{also}; if it is right, nothing needs to be done"
+    also = "" if datum is None else f": the same difference occurs if {datum.slip.what}"
+    message = f"the RPCs of {where} have a bias of {off}, equal for all ground points; the GCPs correct it"
+    advice = f"check the datum of the ground points{also}"
     return [Reason("rpc-biased", Level.DOUBTFUL, message, advice, *concerned)]
 
 

@@ -23,10 +23,10 @@ from .control import ControlMeasurements, Sightlines, compute_sightlines
 class IDENTITY:
     """When measurements may belong to other points or images than their ids say."""
 
-    most_points: int = threshold(400, "points", "permutations of more are not tried: the costs grow with the square")
+    most_points: int = threshold(400, "points", "permutations of more are not tested: the cost grows with the square")
     most_images: int = threshold(12, "images", "permutations of more are not tried")
     sampled_points: int = threshold(12, "points", "of each image, that judge a permutation of images")
-    position_sigmas: float = threshold(5.0, "sigma", "of the RPC, within which a measurement may be of a survey")
+    position_sigmas: float = threshold(5.0, "sigma", "of the RPC, within which a measurement may belong to a survey")
 
 
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
@@ -59,15 +59,18 @@ def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> 
         return [
             Reason(
                 "ids-spelt-apart", Level.DOUBTFUL if held or not gcps else Level.UNUSABLE,
-                f"{len(pairs)} surveyed points take no part, because ids are compared as text: {listed}"
-                f"{' …' if len(pairs) > 4 else ''}; they are measured where their surveys lie",
-                "give the same points the same ids in both files", points=tuple(pairs),
+                f"{len(pairs)} surveyed points are not used, because ids are compared as text: {listed}"
+                f"{' …' if len(pairs) > 4 else ''}; the measurements are at their surveyed positions",
+                "use the same ids in both files", points=tuple(pairs),
             )
         ]  # fmt: skip
     if held or not gcps:
         return []
     ids = tuple(meant.ids[meant.role == Role.GCP].tolist())
-    message = f"none of the {gcps} GCPs is measured on an image ({list_ids(ids)}): no survey holds the block"
+    message = (
+        f"none of the {gcps} GCPs is measured on an image ({list_ids(ids)}): no GCP determines the position of "
+        "the block"
+    )
     advice = "check the ids in both files, and that the image points are those of these GCPs"
     return [Reason("control-unmeasured", Level.DOUBTFUL, message, advice, points=ids)]
 

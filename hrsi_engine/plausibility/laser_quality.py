@@ -21,7 +21,7 @@ class LASER_QUALITY:
     misfit_m: float = threshold(1.0, "m", "largest spread of its photons about the fitted segment")
     photons: float = threshold(10.0, "photons", "fewest photons of a segment")
     slope: float = threshold(0.3, "m/m", "steepest ground on the track: the plan position is known to some metres only")
-    canopy_m: float = threshold(3.0, "m", "highest vegetation: below, an image still shows the ground between it")
+    canopy_m: float = threshold(3.0, "m", "highest vegetation: below, an image still shows the ground between plants")
     neighbours: int = threshold(8, "points", "neighbours on the track with which a point is compared")
     neighbour_reach_m: float = threshold(150.0, "m", "farthest of them")
     neighbour_slope: float = threshold(0.3, "m/m", "height per distance by which neighbours may differ")
@@ -69,5 +69,5 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
         noise = np.hypot(spread, np.nan_to_num(good.sigma_m[rows][enough]))
         allowed = LASER_QUALITY.neighbour_slope * reach + LASER_QUALITY.neighbour_sigmas * noise
         off[rows[enough]] = np.abs(height[enough] - middle) > allowed
-    reason[kept[off]] = "stands out from its neighbours on the track"
+    reason[kept[off]] = "outlier among its neighbours on the track"
     return reason

@@ -32,16 +32,16 @@ class PLACEMENT:
     cut_share: float = threshold(0.95, "", "an image smaller than this share of an extent that begins with it is cut")
     bent_px: float = threshold(
         0.01, "px", "rays bent by more are tried in the order of RPC00A",
-        "60 vendors' RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
+        "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
     )  # fmt: skip
     straight_share: float = threshold(0.05, "", "and by less than this share of it in the right order")
     several_points: int = threshold(4, "points", "fewer are no pattern")
     range_slack: float = threshold(0.1, "", "share of the RPC's height range that heights may lie beyond it")
-    range_slack_m: float = threshold(50.0, "m", "the same in metres; the larger of both counts")
+    range_slack_m: float = threshold(50.0, "m", "the same in metres; the larger of both applies")
     height_unit_share: float = threshold(0.7, "", "share of heights outside the range that makes their unit doubtful")
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM should cover")
     coverage_grid: int = threshold(5, "points", "grid points along each side of an image at which the DEM is asked")
-    copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM were read from it")
+    copied_height_m: float = threshold(1e-3, "m", "surveyed heights nearer to the DEM are assumed to be read from it")
     dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
 
 
@@ -55,8 +55,10 @@ RAY_PLACES = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8,
 class SURVEY:
     """When surveyed coordinates were rounded, or check points are copies of GCPs."""
 
-    coarse_decimals: int = threshold(5, "decimals", "of a degree: more harm no image", "theory: 1e-5 degrees are 1.1 m")
-    decimal_slack: float = threshold(1e-6, "", "of the last decimal: what reading, writing and a turn of 360° leave")
+    coarse_decimals: int = threshold(
+        5, "decimals", "of a degree: more have no effect", "theory: 1e-5 degrees are 1.1 m"
+    )
+    decimal_slack: float = threshold(1e-6, "", "of the last decimal: rounding by reading, writing and a turn of 360°")
     fewest_points: int = threshold(4, "points", "from which on not all coordinates are round by chance")
     harmful_px: float = threshold(0.5, "px", "standard deviation of the rounding that is reported")
     copied_share: float = threshold(0.5, "", "share of check points measured where GCPs are that makes them copies")
@@ -86,7 +88,7 @@ def find_points_outside(block: Block) -> list[Reason]:
         image = block.images[index]
         message = (
             f"{rows.sum()} of {count[index]} points on image {image.id} lie outside its {image.size[0]} x "
-            f"{image.size[1]} px, up to {beyond[rows].max():.0f} px ({list_ids(ids)})"
+            f"{image.size[1]} px, by up to {beyond[rows].max():.0f} px ({list_ids(ids)})"
         )
         advice = "check the columns sample and line, and that the points were measured on this image"
         reasons.append(Reason("outside-image", Level.DOUBTFUL, message, advice, (image.id,), ids))
@@ -106,10 +108,10 @@ def find_crops(block: Block) -> list[Reason]:
     if not ids:
         return []
     message = (
-        f"image {list_ids(ids)} is smaller than the scene that its RPC was made for, and nothing says which part "
-        "of it: as it stands it is taken for the upper left corner"
+        f"image {list_ids(ids)} is smaller than the scene of its RPC, and its origin in the scene is not known: it is "
+        "treated as the upper left corner"
     )
-    advice = "name the image with its geotransform, or put the RPC of these pixels into it (write-rpc)"
+    advice = "name the image with its geotransform, or write the RPC of these pixels into it (write-rpc)"
     return [Reason("crop-origin", Level.DOUBTFUL, message, advice, ids)]
 
 
@@ -128,8 +130,9 @@ def find_reordered_rpcs(block: Block) -> list[Reason]:
     if not bent:
         return []
     message = (
-        f"the RPC of image {list_ids(bent)} has its coefficients in another order, of RPC00A: taken as RPC00B they "
-        f"bend rays by {max(bent.values()):.2g} px between the RPC's heights, reordered they leave them straight"
+        f"the RPC of image {list_ids(bent)} has its coefficients in the order of RPC00A: in the order of RPC00B rays "
+        f"deviate from a straight line by {max(bent.values()):.2g} px over the height range, after reordering they are "
+        "straight"
     )
     advice = "get the RPC in another format, or reorder its coefficients"
     return [Reason("rpc-order", Level.DOUBTFUL, message, advice, tuple(bent))]
@@ -171,17 +174,17 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
         images = tuple(block.images[index].id for index in np.unique(measured.image[rows[wrong]]))
         text = (
             f"the height of ground point {list_ids(ids)} ({height[wrong].min():.0f} to {height[wrong].max():.0f} m) is "
-            f"outside the {low:.0f} to {high:.0f} m that the RPCs were made for"
+            f"outside the height range of the RPCs, {low:.0f} to {high:.0f} m"
         )
         in_feet = (
             wrong.mean() > PLACEMENT.height_unit_share and not _is_outside_range(height * FEET_M, ranges, slack).any()
         )
         reasons.append(
-            Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they lie within", "give metres", images, ids)
+            Reason("height-unit", Level.DOUBTFUL, f"{text}; as feet they are inside", "give metres", images, ids)
             if in_feet
             else Reason(
                 "heights-out-of-range", Level.DOUBTFUL, text,
-                "check the heights' unit and what they refer to (height_datum)", images, ids,
+                "check unit and height datum (`height_datum`) of the heights", images, ids,
             )
         )  # fmt: skip
     which = np.unique(measured.point[rows])
@@ -190,8 +193,8 @@ def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason
         reasons.append(
             Reason(
                 "heights-alike", Level.UNUSABLE if contradicted else Level.DOUBTFUL,
-                f"all {len(which)} ground points have the height {heights[0]:g} m: heights were lost, or never there",
-                "name the field that holds the heights, or a DEM that gives them",
+                f"all {len(which)} ground points have the same height, {heights[0]:g} m: the heights are missing",
+                "name the field with the heights, or a DEM",
                 points=tuple(points.ids[which].tolist()),
             )
         )  # fmt: skip
@@ -215,7 +218,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     if covered.mean() < PLACEMENT.covered_share:
         ids = tuple(one.id for one, share in zip(block.images, covered, strict=True) if share < PLACEMENT.covered_share)
         message = f"the DEM covers {covered.mean():.0%} of the images' ground" + (
-            f", least of all {list_ids(ids)}" if len(ids) < len(covered) else ""
+            f", and less than {PLACEMENT.covered_share:.0%} of {list_ids(ids)}" if len(ids) < len(covered) else ""
         )
         advice = "name a DEM of the whole block, and check its CRS"
         reasons.append(Reason("dem-coverage", Level.DOUBTFUL, message, advice, ids))
@@ -229,21 +232,21 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         return reasons
     ids = tuple(block.points.ids[known].tolist())
     text = (
-        f"the heights of {found.points} ground points lie {abs(found.median_m):.1f} m "
+        f"the heights of {found.points} ground points are {abs(found.median_m):.1f} m "
         f"{'above' if found.median_m > 0.0 else 'below'} the DEM (median)"
     )
     if found.sign_of_geoid:
         low, high = ("DEM", "ground points") if found.sign_of_geoid > 0 else ("ground points", "DEM")
         argument = "dem_datum" if found.sign_of_geoid > 0 else "height_datum"
         message = (
-            f"{text}, and the geoid is {found.undulation_m:+.1f} m from the ellipsoid there: heights of the "
-            f"{low} are above the geoid but count as ellipsoidal, or those of the {high} were converted needlessly"
+            f"{text}, and the geoid undulation is {found.undulation_m:+.1f} m: the heights of the {low} refer to the "
+            f"geoid but are used as ellipsoidal, or those of the {high} were converted twice"
         )
-        advice = f"say what the heights of both refer to ({argument})"
+        advice = f"check the height datum of both (`{argument}`)"
         reasons.append(Reason("height-datum", Level.DOUBTFUL, message, advice, (), ids))
     elif abs(found.median_m) > PLACEMENT.dem_difference_m:
         message = text
-        advice = "check what the heights of both refer to (height_datum, dem_datum) and their unit"
+        advice = "check height datum (`height_datum`, `dem_datum`) and unit of both"
         reasons.append(Reason("height-offset", Level.DOUBTFUL, message, advice, (), ids))
     return reasons
 
@@ -265,9 +268,9 @@ def find_duplicate_images(block: Block) -> list[Reason]:
     return [
         Reason(
             "duplicate-images", Level.DOUBTFUL,
-            f"images {block.images[a].id} and {block.images[b].id} are the same scene: rays from one place count twice "
-            "and tell no heights",
-            "leave one of them out", (block.images[a].id, block.images[b].id),
+            f"images {block.images[a].id} and {block.images[b].id} are the same scene: their rays are used twice and "
+            "do not determine heights",
+            "remove one of them", (block.images[a].id, block.images[b].id),
         )
         for a, b in sorted(twins)
     ]  # fmt: skip
@@ -299,10 +302,10 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
         return []
     ids = tuple(block.points.ids[points].tolist())
     message = (
-        f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: they are rounded to "
-        f"{step_m:.3g} m, an error of {sigma:.2g} m (standard deviation)"
+        f"longitude and latitude of all {len(ids)} ground points have {decimals} decimals: rounding to {step_m:.3g} m "
+        f"causes an error of {sigma:.2g} m (standard deviation)"
     )
-    advice = "take them with at least 7 decimals of a degree; where there are none, give a sigma_xy that says so"
+    advice = "use at least 7 decimals of a degree; if they are not available, give a sigma_xy that includes this error"
     return [Reason("coordinates-rounded", level, message, advice, points=ids)]
 
 
@@ -338,8 +341,8 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
     ids = tuple(block.points.ids[checks[same]].tolist())
     control = block.points.ids[gcps[nearest[same]]].tolist()
     message = (
-        f"{len(ids)} of {len(checks)} check points lie where GCPs lie ({ids[0]} at {control[0]}"
-        f"{', …' if len(ids) > 1 else ''}): they tell nothing of the accuracy"
+        f"{len(ids)} of {len(checks)} check points are at the positions of GCPs ({ids[0]} at {control[0]}"
+        f"{', …' if len(ids) > 1 else ''}): they are no independent measure of accuracy"
     )
-    advice = f"name other check points, or leave these out ({list_ids(ids)})"
+    advice = f"use other check points, or remove these ({list_ids(ids)})"
     return [Reason("check-is-control", Level.DOUBTFUL, message, advice, points=ids)]

@@ -23,13 +23,15 @@ from .accuracy import SIMULATED
 class RELIEF:
     """When a DEM does not show the ground of the adjusted tie points."""
 
-    fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height tell nothing")
+    fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height are not evaluated")
     most_points: int = threshold(20_000, "points", "of more a sample is compared")
     unlike_m: float = threshold(15.0, "m", "scatter of differences that is reported, beyond the next two", SIMULATED)
     unlike_share: float = threshold(0.5, "", "the same as a share of the relief's own scatter", SIMULATED)
     unlike_sigmas: float = threshold(5.0, "sigma", "the same in standard deviations of the points' heights", SIMULATED)
     far_off_m: float = threshold(50.0, "m", "a difference beyond is no tree, house or change of the ground")
-    far_off_points: int = threshold(5, "points", "so many such differences are no matter of a few wrong tie points")
+    far_off_points: int = threshold(
+        5, "points", "number of such differences that a few wrong tie points do not explain"
+    )
     far_off_share: float = threshold(0.01, "", "or this share of all")
     same_value_m: float = threshold(2.0, "m", "spread of an undeclared nodata value by undulations over a block")
     displacement_cells: float = threshold(2.0, "cells", "smallest displacement of a DEM that is reported", SIMULATED)
@@ -66,9 +68,9 @@ def find_relief_reasons(
     if alone and high - low < RELIEF.same_value_m:
         message = (
             f"the DEM has the height {value:.0f} m at {far.sum()} of {len(far)} tie points, whose ground is at "
-            f"{np.median(ground[far, 2]):.0f} m: a value that means no data and is not declared"
+            f"{np.median(ground[far, 2]):.0f} m: probably an undeclared nodata value"
         )
-        advice = "declare it (gdal_translate -a_nodata), or name a DEM without holes"
+        advice = "declare it (gdal_translate -a_nodata), or name a DEM without gaps"
         return [Reason("dem-nodata", Level.DOUBTFUL, message, advice)]
     scatter, relief = robust_sigma(miss - np.median(miss)), robust_sigma(ground[:, 2] - np.median(ground[:, 2]))
     east, north, left = _estimate_displacement(ground, surface)
@@ -77,18 +79,18 @@ def find_relief_reasons(
         RELIEF.displacement_cells * cell_size_m(surface, ground[0]), RELIEF.displacement_sigmas * sigma_plan_m
     ):
         message = (
-            f"the DEM lies {abs(east):.0f} m {'east' if east > 0.0 else 'west'} and {abs(north):.0f} m "
-            f"{'north' if north > 0.0 else 'south'} of the block's ground: {len(ground)} tie points differ from it "
-            f"by {scatter:.1f} m, and by {left:.1f} m without that"
+            f"the DEM is displaced by {abs(east):.0f} m {'east' if east > 0.0 else 'west'} and {abs(north):.0f} m "
+            f"{'north' if north > 0.0 else 'south'} from the ground of the block: {len(ground)} tie points differ from "
+            f"it by {scatter:.1f} m, and by {left:.1f} m without the displacement"
         )
-        advice = "check the DEM's georeference and CRS, and those of the ground points"
+        advice = "check georeference and CRS of the DEM, and those of the ground points"
         return [Reason("dem-displaced", Level.DOUBTFUL, message, advice)]
     if scatter > max(RELIEF.unlike_m, RELIEF.unlike_share * relief, RELIEF.unlike_sigmas * sigma_h_m):
         message = (
             f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "
-            f"deviation), where the ground itself varies by {relief:.0f} m: it does not show this ground"
+            f"deviation), while the relief is {relief:.0f} m: the DEM does not show this terrain"
         )
-        advice = "check that the file holds heights, in metres, of this place and the right way up"
+        advice = "check that the file contains heights of this area, in metres and in the correct orientation"
         return [Reason("dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL, message, advice)]
     return []
 

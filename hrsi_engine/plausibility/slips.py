@@ -94,8 +94,8 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     *(
         (
             Slip(
-                "image-turned", f"image coordinates are those of a copy that is turned by {90 * quarters} degrees",
-                "measure on the image as its RPC has it, or turn the coordinates back",
+                "image-turned", f"image coordinates belong to a copy rotated by {90 * quarters} degrees",
+                "measure on the image with the orientation of its RPC, or rotate the coordinates back",
             ),
             partial(_turn_image, quarters=quarters),
         )
@@ -104,7 +104,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     *(
         (
             Slip(
-                "image-scale", f"image coordinates are those of an image with pixels {text}",
+                "image-scale", f"image coordinates belong to an image with pixels {text}",
                 "measure on the image itself, or multiply the coordinates", length=factor,
             ),
             partial(lambda xy, image, factor: (xy + 0.5) * factor - 0.5, factor=factor),  # a corner is common to both
@@ -117,9 +117,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
 #: Slips of RPC fields; each has the function that undoes it.
 RPC_SLIPS: tuple[tuple[Slip, Callable[[RPC], RPC]], ...] = tuple(
     (
-        Slip(
-            "rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them again"
-        ),
+        Slip("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
         partial(_exchange_fields, names=names),
     )
     for names in (("line_scale", "samp_scale"), ("lat_scale", "long_scale"))
@@ -183,7 +181,7 @@ def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[Gro
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
     """Yield UTM or 3 degree zones read as another one: zones are congruent, so that only the longitude changes."""
     away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
-    advice = "correct the CRS of the ground points (ground_crs, or that of the layer)"
+    advice = "correct the CRS of the ground points (`ground_crs`, or that of the layer)"
     for width, kind, burden in ((6.0, "UTM", 0.0), (3.0, "3 degree", 1.0)):
         zones = round(away / width)
         if zones and abs(zones) < 20:
@@ -207,7 +205,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
         advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
-        yield Slip("hemisphere", f"the UTM zone is of the wrong hemisphere{also}", advice), moved
+        yield Slip("hemisphere", f"the UTM zone belongs to the wrong hemisphere{also}", advice), moved
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
@@ -221,7 +219,7 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved = _reproject_misread(ground, read, meant)
         if moved is not None:
             what = f"the ground points are in {names[meant]} but were read as {names[read]}"
-            yield Slip("other-projection", what, f"name the CRS that they have: ground_crs EPSG:{meant}"), moved
+            yield Slip("other-projection", what, f"give their CRS: `ground_crs` EPSG:{meant}"), moved
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
@@ -238,21 +236,24 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
     ground, heights = control.ground, "the heights of the ground points"
-    for factor, what in ((FEET_M, "are in feet"), (1.0 / FEET_M, "were converted from feet though they were metres")):
+    for factor, what in (
+        (FEET_M, "are in feet"),
+        (1.0 / FEET_M, "were converted from feet although they were in metres"),
+    ):
         yield Slip("height-unit", f"{heights} {what}", "give heights in metres"), ground * [1.0, 1.0, factor]
     found = find_undulations(ground)
     if found is not None:  # the models of the geoid differ by less than images can tell: any will do
         name, undulation = found
         middle = float(np.median(undulation))
         up = np.column_stack([np.zeros((len(ground), 2)), undulation])
-        advice = "say what the heights are: height_datum"
-        what = f"{heights} are above the geoid ({middle:+.1f} m there), not ellipsoidal"
+        advice = "give their height datum: `height_datum`"
+        what = f"{heights} refer to the geoid (undulation {middle:+.1f} m) and not to the ellipsoid"
         yield Slip("height-datum", what, f"{advice} {name}"), ground + up
-        what = f"{heights} are ellipsoidal but were converted as if above the geoid ({middle:+.1f} m there)"
+        what = f"{heights} are ellipsoidal but were converted as heights above the geoid ({middle:+.1f} m)"
         yield Slip("height-datum", what, f"{advice} ellipsoidal"), ground - up
     lift, _ = estimate_common_lift(control, shift_m)
     what = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
-    advice = "check what the heights refer to, and their unit"
+    advice = "check height datum and unit"
     yield Slip("height-offset", what, advice, 8.0), ground - [0.0, 0.0, lift]
 
 
@@ -296,13 +297,13 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
     degrees = 1.0 / metres_per_degree(near[None])[0]
     place = round(float(wrap_degrees(near[0])), 1), round(float(near[1]), 1)
     for sign, said in (
-        (1.0, "refer to {} but count as WGS84"),
-        (-1.0, "were converted from {} though they were WGS84"),
+        (1.0, "refer to {} but are used as WGS84"),
+        (-1.0, "were converted from {} although they were WGS84"),
     ):
         for datum in find_datum_shifts(*place):
             step = sign * np.array([datum.east_m, datum.north_m, 0.0])
             what = f"the ground points {said.format(datum.name)} ({np.hypot(*step[:2]):.0f} m there)"
-            advice = "name the CRS that the coordinates really have"
+            advice = "give the actual CRS of the coordinates"
             yield Slip("horizontal-datum", what, advice, 4.0), ground + step * degrees
 
 
@@ -313,8 +314,8 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
 class DATUM:
     """Which horizontal datums are told apart from WGS84."""
 
-    least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not told apart from it")
-    largest_shift_m: float = threshold(5e3, "m", "datums farther off are none of the area")
+    least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not distinguished from it")
+    largest_shift_m: float = threshold(5e3, "m", "larger differences are no datum of the area")
 
 
 class DatumShift(NamedTuple):

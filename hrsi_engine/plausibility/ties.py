@@ -31,28 +31,32 @@ class TIE_CHECK:
 
     sample_per_pair: int = threshold(60, "points", "of each pair of images that are judged")
     most_sampled: int = threshold(20_000, "points", "of the block that are judged")
-    fewest_of_pair: int = threshold(8, "points", "a pair with fewer tells nothing")
+    fewest_of_pair: int = threshold(8, "points", "a pair with fewer is not tested")
     least_slope: float = threshold(
         0.005, "m/m",
-        "rays whose slopes differ by less tell no height: 500 m of relief part them by 2.5 m; at 0.02 every "
-        "twentieth pair of right blocks failed", "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
+        "rays whose slopes differ by less do not determine a height: 500 m of relief separate them by 2.5 m; at 0.02 "
+        "every twentieth pair of correct blocks failed", "blocks of adjust_speed of 60 to 90 images, 2026-11-23",
     )  # fmt: skip
-    miss_px: float = threshold(4.0, "px", "rays of a right point pass nearer than this, or the two below", SIMULATED)
+    miss_px: float = threshold(4.0, "px", "rays of a correct point pass nearer than this, or the two below", SIMULATED)
     miss_sigmas: float = threshold(6.0, "sigma", "the same in standard deviations of the measurement", SIMULATED)
     miss_drift: float = threshold(3e-4, "px/px", "the same by the RPCs' drift over half an image", SIMULATED)
     largest_drift: float = threshold(4e-3, "px/px", "largest drift of two RPCs against each other", SIMULATED)
     off_share: float = threshold(0.05, "", "share beyond a pair's bulk: a drift is tried, and may leave it", SIMULATED)
     drift_steps: int = threshold(6, "steps", "iterations for the drift of a pair")
-    bulk_share: float = threshold(0.15, "", "share of a pair's points whose narrowest interval holds the bulk")
+    bulk_share: float = threshold(0.15, "", "share of a pair's points whose narrowest interval contains the bulk")
     bulk_sigmas: float = threshold(8.0, "sigma", "a bulk farther from zero is beyond the errors of the RPCs", SIMULATED)
     doubtful_share: float = threshold(0.15, "", "share of wrong measurements that is reported", SIMULATED)
-    unusable_share: float = threshold(0.37, "", "share of wrong measurements: the ties are unusable", SIMULATED)
+    unusable_share: float = threshold(0.37, "", "share of wrong measurements: the tie points are unusable", SIMULATED)
     agreeing_share: float = threshold(0.5, "", "share of a pair's points that agree where the pair fits", SIMULATED)
-    broken_share: float = threshold(0.25, "", "a pair with a smaller share makes the ties unusable", SIMULATED)
-    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named slip leaves", SIMULATED)
-    cured_ratio: float = threshold(3.0, "", "least ratio of wrong points before and after a named slip", SIMULATED)
-    fewest_cured: int = threshold(12, "points", "that a named slip must make join", SIMULATED)
-    most_suspects: int = threshold(6, "images", "of which slips of single images are tried")
+    broken_share: float = threshold(0.25, "", "a pair with a smaller share makes the tie points unusable", SIMULATED)
+    cured_share: float = threshold(0.15, "", "largest share of wrong points that a named input error leaves", SIMULATED)
+    cured_ratio: float = threshold(
+        3.0, "", "least ratio of wrong points before and after correction of a named input error", SIMULATED
+    )
+    fewest_cured: int = threshold(
+        12, "points", "whose rays the correction of a named input error must make intersect", SIMULATED
+    )
+    most_suspects: int = threshold(6, "images", "of which input errors of single images are tested")
 
 
 #: Slips that ties of one strip cannot tell apart (an image and its mirror image); the likelier first.
@@ -275,9 +279,8 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
         where = "" if len(ids) == len(block.images) else f" on image {list_ids(ids)}"
         readings = "; or ".join(reading.what for reading in (slip, *alike))
         message = (
-            f"of tie points{where}: {readings}; the rays of {given.share:.0%} of them do not "
-            f"intersect, and of {cured:.0%} when this is undone"
-            + (" (points of known ground would tell which it is)" if alike else "")
+            f"tie points{where}: {readings}; the rays of {given.share:.0%} of them do not intersect, and of "
+            f"{cured:.0%} after correction" + (" (surveyed points would show which one)" if alike else "")
         )
         return [Reason(slip.code, Level.UNUSABLE, message, slip.advice, ids)]
     ids = tuple(block.images[index].id for index in _select_common_images(pairs.ends[failing]))
@@ -285,14 +288,17 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
     unusable = share >= TIE_CHECK.unusable_share or bool((given.good < TIE_CHECK.broken_share).any())
     message = (
         f"about {share:.0%} of the measurements of tie points are wrong: their rays do not intersect"
-        + (f", most of all those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
+        + (f", mostly those of {list_ids(ids)}" if 0 < len(ids) < len(block.images) else "")
         + (
-            "; they miss each other alike, as where an image is a crop whose origin is lost or an RPC is another's"
+            "; their distances are equal, as for a crop of unknown origin or an RPC of another image"
             if shifted_alike
             else ""
         )
     )
-    advice = "check that the tie points belong to these images, the columns and ids of their file; or find them anew"
+    advice = (
+        "check that the tie points belong to these images, and check columns and ids of their file; or search new tie "
+        "points"
+    )
     return [Reason("ties-wrong", Level.UNUSABLE if unusable else Level.DOUBTFUL, message, advice, ids, wrong)]
 
 
@@ -370,7 +376,7 @@ def _iterate_hypotheses(
                 other = [pairs.block.images[index].id for index in owners]
                 text = ", ".join(f"{a} are of {b}" for a, b in zip(names, other, strict=True))
                 slip = Slip(
-                    "image-ids-permuted", f"measurements belong to other images: those said to be on {text}",
+                    "image-ids-permuted", f"image ids of measurements are exchanged: those on {text}",
                     "correct the field 'image'",
                 )  # fmt: skip
                 touched = np.isin(pairs.ends, group).any(axis=1)

@@ -40,7 +40,9 @@ class ESTIMATION:
     gauss_newton_steps: int = threshold(8, "steps", "of Gauss-Newton before second derivatives are used", TUNED_ON)
     difference_sigmas: float = threshold(0.1, "sigma", "step of the numeric second derivatives, of each parameter")
     least_curvature: float = threshold(1e-2, "", "smallest eigenvalue of the Hessian, relative to the normal matrix")
-    unsettled_ratio: float = threshold(2.0, "", "growth of the cost by new weights that tells of no common minimum")
+    unsettled_ratio: float = threshold(
+        2.0, "", "growth of the cost by new weights that shows that there is no common minimum"
+    )
     weightings: int = threshold(3, "", "times that the weights are computed, at the start included")
 
 
@@ -179,8 +181,8 @@ class ObservationEquations:
         if not (np.isfinite(residual).all() and np.isfinite(at.by_values).all()):
             lost = control.ids[~finite_rows(residual)].tolist()
             raise SolveError(
-                f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: it "
-                "lies outside what the RPC describes; check its coordinates, or choose a simpler `model`"
+                f"{self.image.id}: model {self.model.name} has no solution at {', '.join(lost[:8]) or 'a point'}: the "
+                "point is outside the validity range of the RPC; check its coordinates, or choose a simpler `model`"
             )
         if roots is None:
             survey = at.by_ground * control.sigma_m[:, None, [0, 0, 1]]
@@ -314,7 +316,7 @@ def iterate_least_squares(
             break
     if lost and not ended.converged:
         raise lost[0]
-    why = ": with the corrected RPC its control has other weights, and with these it is another RPC"
+    why = ": the weights of the GCPs and the corrected RPC depend on each other, and do not converge"
     return values, steps, ended.status + (why if unsettled and not ended.converged else "")
 
 

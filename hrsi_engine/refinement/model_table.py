@@ -28,7 +28,7 @@ class ModelEntry(NamedTuple):
 
 #: Polynomials of the image position: powers of (sample, line), the same in both coordinates.
 IMAGE_SPACE_TABLE = {
-    "none": ModelEntry("no correction: the RPCs as they are", "polynomial", ([],)),
+    "none": ModelEntry("no correction", "polynomial", ([],)),
     "shift": ModelEntry("a constant in sample and in line", "polynomial", ([(0, 0)],)),
     "shift-drift": ModelEntry("a constant and a drift along the lines", "polynomial", ([(0, 0), (0, 1)],)),
     "conformal": ModelEntry("shift, scale and rotation in the image", "similarity"),
@@ -68,7 +68,7 @@ PSEUDO_SENSOR_TABLE = {
         "sensor position, roll and pitch, linear: the thesis's twelve", "pseudo-sensor", (_TILT, True, 3)
     ),
     "generic-affine": ModelEntry(
-        "sensor position and attitude, linear in the image, drifts held", "pseudo-sensor", (_ALL, True, 3)
+        "sensor position and attitude, linear in the image, drifts constrained", "pseudo-sensor", (_ALL, True, 3)
     ),
     "generic-full": ModelEntry(
         "sensor position and attitude, linear, for many GCPs", "pseudo-sensor", (_ALL, True, 9, 10.0)
@@ -97,11 +97,9 @@ class RefineOptions:
     """How to refine an image from its GCPs."""
 
     model: str = option(
-        "auto", "Correction of each image's RPC", choices=(*RULE_NAMES, *BLOCK_MODEL_NAMES, *DIRECT_MODEL_NAMES)
+        "auto", "Correction model of the RPCs", choices=(*RULE_NAMES, *BLOCK_MODEL_NAMES, *DIRECT_MODEL_NAMES)
     )
-    leave_out: bool = option(
-        True, "GCPs that disagree with the others are left out; they are named in any case", advanced=True
-    )
+    leave_out: bool = option(True, "Reject GCPs that contradict the others; they are listed in any case", advanced=True)
 
 
 Model = TypeVar("Model")

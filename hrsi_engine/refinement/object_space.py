@@ -34,8 +34,8 @@ class OBJECT_SPACE_PRIORS:
 
     height_share: float = threshold(
         0.1, "",
-        "prior standard deviation of corrections in height over those in position: an image sees only what "
-        "lies across its rays, and left free both grow along the rays to where the RPC describes nothing",
+        "a priori standard deviation of corrections in height over those in position: an image determines corrections "
+        "across its rays only, and without priors both grow along the rays beyond the validity range of the RPC",
         "thesis, SPOT 5 with 0 to 0.1 rad, and Hobart, 2026-11-22 (docs/convergence.md)",
     )  # fmt: skip
 

@@ -33,7 +33,7 @@ class CONTROL:
     farthest_m: float = threshold(300e3, "m", "from an image: 120 km by attitude, at most", "0.1 rad from 800 km")
     same_place_m: float = threshold(0.05, "m", "GCPs nearer than this count as one")
     least_width: float = threshold(0.03, "", "spread of the GCPs across their line, over that along it")
-    warned_px: float = threshold(10.0, "px", "standard deviation at the image's corners beyond which a warning says so")
+    warned_px: float = threshold(10.0, "px", "standard deviation at the image corners beyond which a warning is given")
     undetermined_px: float = threshold(1e3, "px", "standard deviation beyond which nothing is determined there")
 
 
@@ -154,7 +154,7 @@ def refine_image(
     what = "it is left out" if options.leave_out else "it is kept"
     warnings += choice.warnings if choice else ()
     warnings += [
-        f"{one.image}: GCP {one.id} disagrees with the others by {one.deviation_px:.1f} px: {what}; check it"
+        f"{one.image}: GCP {one.id} contradicts the others by {one.deviation_px:.1f} px: {what}; check it"
         for one in suspects
     ]
     keep = ~np.isin(control.ids, [suspect.id for suspect in suspects])
@@ -165,12 +165,12 @@ def refine_image(
     chosen = models[name]
     found = solve_refinement(chosen, image, used)
     if not found.converged:
-        warnings.append(f"{image.id}: model {name} {found.status}: its parameters are not to be trusted")
+        warnings.append(f"{image.id}: model {name} {found.status}: its parameters are not reliable")
     edge = edge_sigma_px(chosen, image, found)
     if edge > CONTROL.warned_px:
         warnings.append(
-            f"{image.id}: model {name} is uncertain by {edge:.0f} px at the edges of the image: spread the GCPs "
-            "or choose a simpler `model`"
+            f"{image.id}: the standard deviation of model {name} is {edge:.0f} px at the edges of the image: spread "
+            "the GCPs or choose a simpler `model`"
         )
     return Refinement(image, chosen, found, used, tuple(suspects), choice, tuple(warnings))
 
@@ -187,7 +187,7 @@ def check_control(image: Image, control: Control) -> list[str]:
     finite = finite_rows(control.ground) & finite_rows(control.xy)
     sigmas = (control.sigma_px > 0.0) & (control.sigma_m > 0.0).all(axis=1)
     if not finite.all():
-        raise InputError(f"{image.id}: GCP {list_ids(control.ids[~finite])} has no number as coordinate: complete it")
+        raise InputError(f"{image.id}: a coordinate of GCP {list_ids(control.ids[~finite])} is missing: complete it")
     if not sigmas.all():
         raise InputError(
             f"{image.id}: GCP {list_ids(control.ids[~sigmas])} has a sigma that is not above 0: correct it"
@@ -200,8 +200,8 @@ def check_control(image: Image, control: Control) -> list[str]:
     wild = (np.abs(control.ground[:, 0]) > 540.0) | (np.abs(control.ground[:, 1]) > 90.0)
     if wild.any() and not _has_swapped_axes(image, control.ground)[wild].all():
         raise InputError(
-            f"{image.id}: GCP {list_ids(control.ids[wild])} is at no longitude and latitude "
-            f"({control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
+            f"{image.id}: GCP {list_ids(control.ids[wild])} has an invalid longitude or latitude ("
+            f"{control.ground[wild][0, 0]:g}, {control.ground[wild][0, 1]:g}): give degrees, or the CRS of the layer"
         )
     swapped = _has_swapped_axes(image, control.ground)
     if swapped.any():
@@ -218,7 +218,7 @@ def check_control(image: Image, control: Control) -> list[str]:
     first, second = np.triu_indices(len(control), 1)
     near = distances_m(control.ground[first], control.ground[second]) < CONTROL.same_place_m
     warnings = [
-        f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they count as one"
+        f"{image.id}: GCPs {control.ids[first]} and {control.ids[second]} are at the same place: they are used as one"
         for first, second in islice(zip(first[near], second[near], strict=True), 8)
     ]
     if len(control) < 3:
@@ -227,8 +227,8 @@ def check_control(image: Image, control: Control) -> list[str]:
     if across <= CONTROL.least_width * along:
         where = "at one place" if along < CONTROL.least_width * float(np.hypot(*image.half_size_px)) else "on a line"
         warnings.append(
-            f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they tell nothing of the rest of the image; "
-            "spread them, or trust a shift only"
+            f"{image.id}: the GCPs {list_ids(control.ids)} lie {where}: they do not determine corrections of the rest "
+            "of the image; spread them, or use a shift only"
         )
     return warnings
 
@@ -259,8 +259,8 @@ def solve_refinement(model: RefinementModel, image: Image, control: Control) -> 
         found = estimate(model, image, control, CONTROL_ONLY)
     except np.linalg.LinAlgError as error:
         raise SolveError(
-            f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are so far from where "
-            "the RPC sees the ground that it says nothing of them: check their coordinates and ids"
+            f"{image.id}: the equations of model {model.name} are singular ({error}): the GCPs are outside the "
+            "validity range of the RPC: check their coordinates and ids"
         ) from error
     if edge_sigma_px(model, image, found) > CONTROL.undetermined_px:
         raise SolveError(

@@ -51,13 +51,13 @@ class SELECTION:
     )  # fmt: skip
     blunder_risk: float = threshold(1e-3, "", "error probability of the test of the worst of all GCPs", "Rosner 1983")
     least_redundancy: float = threshold(4.0, "", "left without a GCP, for a model to judge it")
-    least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP do no harm")
+    least_deviation: float = threshold(4.0, "sigma", "smaller deviations of a GCP have no effect")
     expected_error: float = threshold(2.0, "sigma", "RMS prediction error, good enough", "docs/accuracy_blunders.md")
     large_error: float = threshold(5.0, "sigma", "prediction error beyond which a model does not explain the GCPs")
     drift_measurements: int = threshold(
         25_000, "measurements",
-        "an image up to which the size of a block's drift is estimated: of more, taken as independent, the "
-        "smallest common errors count as drift (115 109 ties tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22",
+        "an image up to which the drift of a block is estimated: with more, treated as independent, small common "
+        "errors are estimated as drift (115 109 tie points tilt a pair by 60 m in height)", "SPOT 7, 2026-11-22",
     )  # fmt: skip
     drift_points: int = threshold(6, "points", "on each image from which on its drift shows")
     few_gcps: int = threshold(3, "GCPs", "from which on the generic method has linear terms", "thesis, section 4.3")
@@ -144,7 +144,10 @@ def choose_model(block: Block, rule: str = "auto", drift_held: bool = True) -> M
     enough = (per_exposure >= SELECTION.drift_points).all() and observed >= unknown
     if not enough or not can_estimate_drift(len(rows), len(block.images)):
         return choice
-    reason = f"the images' drift is estimated from the block as a variance component; {choice.reason}"
+    reason = (
+        "the standard deviation of the attitude drift is estimated from the block (variance component); "
+        f"{choice.reason}"
+    )
     return replace(choice, model=DRIFTING, reason=reason, drift_unknown=choice.model == WITHOUT_CONTROL)
 
 
@@ -158,7 +161,10 @@ def choose_by_number(controls: Controls) -> ModelChoice:
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min((len(control) for _, control in clean), default=0)
     if count < SELECTION.few_gcps:
-        reason = f"{_count_gcps(count)}: below {SELECTION.few_gcps} only constants of position, roll and pitch"
+        reason = (
+            f"{_count_gcps(count)}: with fewer than {SELECTION.few_gcps} only constants of position, roll and "
+            "pitch are estimated"
+        )
         return ModelChoice("generic-shift", reason, {}, suspects, warnings)
     is_few = count < SELECTION.many_gcps
     most = "generic-affine" if is_few else "generic-full"
@@ -174,7 +180,7 @@ def choose_by_number(controls: Controls) -> ModelChoice:
 def choose_by_prediction(controls: Controls) -> ModelChoice:
     """Rule ``auto``: see the module's docstring."""
     if not controls:
-        return ModelChoice(WITHOUT_CONTROL, "no GCP supports more than a shift of each image")
+        return ModelChoice(WITHOUT_CONTROL, "without GCPs only a shift of each image is determined")
     suspects, warnings, clean = _exclude_suspects(controls)
     count = min(len(control) for _, control in clean)
     found: dict[str, Prediction] = {}
@@ -185,7 +191,7 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
             found[name] = _predict_if_redundant(name, clean, MODELS[name].least_points)
     errors = {name: one.squared for name, one in found.items()}
     if all(squared is None for squared in errors.values()):
-        reason = f"{_count_gcps(count)} on an image: too few to support more than a shift"
+        reason = f"{_count_gcps(count)} on an image determine only a shift"
         return ModelChoice(WITHOUT_CONTROL, reason, {}, suspects, warnings)
     model, reason = select_simplest(errors)
     others = {name: None if name == DISTORTED else squared for name, squared in errors.items()}
@@ -201,7 +207,8 @@ def choose_by_prediction(controls: Controls) -> ModelChoice:
         distorted, simple = _predict_by_leave_one_out(DISTORTED, clean).squared, errors[model]
         if distorted is not None and simple is not None and distorted.sum() < simple.sum():
             reason = (
-                f"{_count_gcps(count)}: {model} misses them by {sigmas:.0f} sigmas, too few to judge others; {reason}"
+                f"{_count_gcps(count)}: errors of {model} are {sigmas:.0f} sigmas, and more complex models cannot be "
+                f"tested; {reason}"
             )
             model = DISTORTED
     return ModelChoice(model, reason, _compute_scores(errors), suspects, warnings)
@@ -215,15 +222,14 @@ def _exclude_suspects(
     warnings = []  # where GCPs are too few to find out whether one is wrong
     for image, control in controls:
         if len(control) == 1:
-            warnings.append(
-                f"{image.id}: the only GCP {control.ids[0]} is checked by no other: a mistake in it goes unnoticed"
-            )
+            warnings.append(f"{image.id}: no other GCP controls {control.ids[0]}: an error in it cannot be detected")
         found = _estimate_or_none("shift", image, control) if 1 < len(control) <= SELECTION.few_gcps else None
         if found is not None and _normalize_errors(found).max() > SELECTION.large_error:
             apart = float(np.linalg.norm(found.left_out_px, axis=1).max())
             warnings.append(
-                f"{image.id}: the GCPs {', '.join(control.ids.tolist())} disagree by up to {apart:.1f} px after a "
-                "shift; too few to tell whether one is wrong or the image is distorted: measure more"
+                f"{image.id}: the GCPs {', '.join(control.ids.tolist())} contradict each other by up to {apart:.1f} px "
+                "after a shift; these are too few to decide whether one is wrong or the image is distorted: measure "
+                "more GCPs"
             )
     bad = {(suspect.image, suspect.id) for suspect in suspects}
     clean = [
@@ -294,10 +300,10 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
         allowed = standard_error * (quantile if standard_errors is None else standard_errors)
         if float(np.mean(excess)) <= allowed:
             rms = {key: np.sqrt(np.mean(squared)) for key, squared in judged.items()}
-            said = f"each GCP predicted from the others: {name} {rms[name]:.3f} px"
+            said = f"leave-one-out error of the GCPs: {name} {rms[name]:.3f} px"
             if name != best:
                 how = "not significantly" if standard_errors is None else "within one standard error"
-                said += f", {best} {rms[best]:.3f} px is better, but {how}"
+                said += f"; {best} {rms[best]:.3f} px is better, but {how}"
             others = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
             reason = said + (f"; others {', '.join(others)} px" if others else "")
             return name, reason

@@ -67,9 +67,9 @@ def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCam
         whole &= all(((given[name] >= 0) & (given[name] < c)).all() for name in ("camera", "rows", "columns"))
         whole = whole and bool((np.diff(given["rows"]) >= 0).all() and (given["rows"] <= given["columns"]).all())
     except (KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{source}: holds no record of cameras ({error!r}): adjust that block again") from None
+        raise InputError(f"{source}: contains no camera parameters ({error!r}): adjust that block again") from None
     if not whole:
-        raise InputError(f"{source}: its arrays do not belong together: adjust that block again")
+        raise InputError(f"{source}: its arrays are inconsistent: adjust that block again")
     names: dict[str, Any] = {name: tuple(map(str, given[name].tolist())) for name in ("images", "parameters")}
     return JointCameras(**{**given, **names})
 

@@ -41,7 +41,7 @@ class REPORT_PAGE:
     most_images: int = threshold(24, "images", "images shown one by one, those with the largest residuals")
     card_cells: int = threshold(10, "cells", "parts of an image along each side")
     chip_half_px: int = threshold(12, "px", "half the side of a chip of a point")
-    largest_chip_px: int = threshold(36, "px", "half the side of a chip that holds a large target")
+    largest_chip_px: int = threshold(36, "px", "half the side of a chip with a large target")
     most_values: int = threshold(400_000, "values", "values of a histogram; of more an even choice")
     most_picture_pixels: int = threshold(400_000_000, "px", "pixels read for all pictures together: some seconds")
     covering_share: float = threshold(0.05, "", "share of an image that it must add to the background of the map")

@@ -239,6 +239,6 @@ def rejection_warnings(result: Adjustment) -> list[str]:
     ]
     more = " …" if gross > WARNING.most_named else ""
     return [
-        f"{out.sum()} image points ({100.0 * out.mean():.2g} %) do not fit their points and are left out, {gross} of "
-        f"them by more than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{more}"
+        f"{out.sum()} image points ({100.0 * out.mean():.2g} %) are outliers and are not used, {gross} of them by more "
+        f"than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{more}"
     ]

@@ -33,7 +33,7 @@ class IMAGE_FACTS:
     """How much the report tells of images and pairs."""
 
     grid: int = threshold(5, "px", "positions along each side of an image at which its correction is taken")
-    most_pairs: int = threshold(1000, "pairs", "pairs that are told, those with the most tie points in common")
+    most_pairs: int = threshold(1000, "pairs", "pairs that are listed, those with the most common tie points")
 
 
 def add_image_facts(

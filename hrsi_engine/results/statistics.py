@@ -19,7 +19,7 @@ from .residuals import Residuals, by_image, measurement_sigma_px
 class STATISTIC:
     """Which residuals are counted, and how much the report lists."""
 
-    least_redundancy: float = threshold(0.02, "", "redundancy number below which a residual tells nothing")
+    least_redundancy: float = threshold(0.02, "", "redundancy number below which a residual is not evaluated")
     coverage_cells: int = threshold(5, "cells", "cells of the coverage by tie points, along each side of an image")
     most_points: int = threshold(200, "points", "known points that the report lists")
 

@@ -142,8 +142,8 @@ def thinning_warnings(result: Adjustment) -> list[str]:
     if count <= TABLE.most_image_residuals:
         return []
     return [
-        f"the residual layers show about {TABLE.most_image_residuals} of the {count} image points, among them all of "
-        "known points and all outliers; the layer image_points has them all"
+        f"the residual layers contain about {TABLE.most_image_residuals} of the {count} image points, including all "
+        "GCPs, check points and outliers; the layer image_points contains all of them"
     ]
 
 

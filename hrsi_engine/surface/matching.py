@@ -43,12 +43,14 @@ class SURFACE_MATCHING:
     minima: int = threshold(8, "minima", "of the score that are refined")
     most_pairs: int = threshold(4_000_000, "pairs", "of points within a cell or so of one another: memory")
     in_cell: float = threshold(1.0, "points", "mean number in a cell beyond which points are smoothed as cells are")
-    lopsided: float = threshold(0.15, "cells", "of the middle of these points beside the place, at most: the rim")
+    lopsided: float = threshold(
+        0.15, "cells", "largest distance of the middle of these points from the place: the edge"
+    )
     fewest_near: int = threshold(9, "points", "that a smoothed height needs around")
     most_iterations: int = threshold(50, "iterations", "of the refinement, two cells each at most")
     settled_cells: float = threshold(0.01, "cells", "step in plan that ends the refinement")
     redescending: float = threshold(4.0, "sigma", "a misclosure beyond has no weight", "biweight (Beaton, Tukey 1974)")
-    one_sided: float = threshold(2.0, "", "factor of the misclosures of what stands on a terrain model")
+    one_sided: float = threshold(2.0, "", "factor of the misclosures of objects on a terrain model")
     steepest: float = threshold(1.5, "m/m", "steeper cells are walls: their gradient is that of the interpolation")
     uneven: float = threshold(0.7, "", "bend of the surface over its slope, beyond which a place has no weight …")
     even_sigmas: float = threshold(3.0, "sigma", "… where the slope exceeds so many standard deviations")
@@ -59,7 +61,7 @@ class SURFACE_MATCHING:
     noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
     least_relief: float = threshold(0.03, "", "least share of the squares of the slopes that is not noise")
     known_share: float = threshold(0.6, "", "share of the points with heights that a displacement must leave")
-    fewest_cells: int = threshold(12, "cells", "fewer groups of points tell no covariance")
+    fewest_cells: int = threshold(12, "cells", "fewer groups of points determine no covariance")
     decided_sigmas: float = threshold(3.0, "sigma", "difference of two minima's scores that decides between them")
 
 

@@ -28,28 +28,24 @@
       <translation>2. Messen: Die umrahmte Ansicht zeigt, wo die Kamera den Passpunkt erwartet (blauer Ring). In die Nähe der Scheibe klicken; ihre Mitte wird auf wenige Hundertstel Pixel gefunden.</translation>
     </message>
     <message>
-      <source>3. Adjust: the cameras of all images are refined at once. The verdict says whether the result can be used.</source>
-      <translation>3. Ausgleichen: Die Kameras aller Bilder werden gemeinsam verbessert. Das Urteil sagt, ob das Ergebnis brauchbar ist.</translation>
+      <source>3. Adjust: the cameras of all images are refined at once. The verdict shows whether the result can be used.</source>
+      <translation>3. Ausgleichen: Die Kameras aller Bilder werden gemeinsam verbessert. Das Urteil zeigt, ob das Ergebnis brauchbar ist.</translation>
     </message>
     <message>
-      <source>4. See what is left over: the block is saved, and residual arrows come on the map, red where a point does not fit.</source>
-      <translation>4. Ansehen, was übrig bleibt: Der Block wird gespeichert, und Pfeile der Restklaffungen kommen in die Karte, rot, wo ein Punkt nicht passt.</translation>
+      <source>4. Look at the residuals: the block is saved, and residual arrows are shown on the map, in red where a point does not fit.</source>
+      <translation>4. Residuen ansehen: Der Block wird gespeichert, und die Karte zeigt Residuenpfeile, rot, wo ein Punkt nicht passt.</translation>
     </message>
     <message>
       <source>A click shows the residuals of the points concerned, the worst first</source>
       <translation>Ein Klick zeigt die Residuen der betroffenen Punkte, die schlechtesten zuerst</translation>
     </message>
     <message>
-      <source>A project for the next program from an adjusted block, ready to run</source>
-      <translation>Ein Projekt für das nächste Programm aus einem ausgeglichenen Block, fertig zum Rechnen</translation>
+      <source>A project folder for another program from an adjusted block, ready to run</source>
+      <translation>Lauffertiger Projektordner für ein anderes Programm aus einem ausgeglichenen Block</translation>
     </message>
     <message>
       <source>A synthetic block with images, DEM, GCPs, noise and full truth</source>
       <translation>Ein synthetischer Block mit Bildern, DGM, Passpunkten, Rauschen und allen wahren Werten</translation>
-    </message>
-    <message>
-      <source>A window, overview or resampling of images with the exact RPC of its pixels</source>
-      <translation>Ausschnitt, Übersicht oder neue Pixelgröße von Bildern mit dem genauen RPC ihrer Pixel</translation>
     </message>
     <message>
       <source>Accept</source>
@@ -58,6 +54,10 @@
     <message>
       <source>Accept all</source>
       <translation>Alle annehmen</translation>
+    </message>
+    <message>
+      <source>Accuracy of one or more sets of RPCs with tracks, ground points and a DEM</source>
+      <translation>Genauigkeit eines oder mehrerer RPC-Sätze mit Tracks, Geländepunkten und einem DGM</translation>
     </message>
     <message>
       <source>Across</source>
@@ -120,8 +120,8 @@
       <translation>Mindestabstand</translation>
     </message>
     <message>
-      <source>Automatic tie points over a block</source>
-      <translation>Automatische Verknüpfungspunkte über einen Block</translation>
+      <source>Automatic tie points of a block</source>
+      <translation>Automatische Verknüpfungspunkte eines Blocks</translation>
     </message>
     <message>
       <source>Band</source>
@@ -272,8 +272,8 @@
       <translation>Korrelation</translation>
     </message>
     <message>
-      <source>Corresponding points of two images or windows without RPC, by control networks</source>
-      <translation>Homologe Punkte zweier Bilder oder Ausschnitte ohne RPC, durch Kontrollnetze</translation>
+      <source>Corresponding points of two images or windows, without RPC, by control networks</source>
+      <translation>Homologe Punkte zweier Bilder oder Ausschnitte, ohne RPC, mit Punktnetzen</translation>
     </message>
     <message>
       <source>Crop or resample</source>
@@ -376,8 +376,8 @@
       <translation>Festgehaltene Bilder</translation>
     </message>
     <message>
-      <source>Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity</source>
-      <translation>Bildfläche, Bodenpixel, Einfallswinkel und Azimut, Konvergenz und Basisverhältnis, Überdeckung, Prüfung der RPCs</translation>
+      <source>Footprint, GSD, incidence and azimuth, convergence and B/H of pairs, overlaps, check of the RPCs</source>
+      <translation>Bildfläche, Bodenpixelgröße, Einfallswinkel und Azimut, Konvergenz und B/H von Paaren, Überdeckungen, Prüfung der RPCs</translation>
     </message>
     <message>
       <source>Force write</source>
@@ -534,10 +534,6 @@
     <message>
       <source>Hold out</source>
       <translation>Zurückhalten</translation>
-    </message>
-    <message>
-      <source>How well RPCs fit: tracks, ground points, a DEM; several sets side by side</source>
-      <translation>Wie gut RPCs passen: Mehrfachpunkte, Bodenpunkte, ein DGM; mehrere Sätze nebeneinander</translation>
     </message>
     <message>
       <source>Id</source>
@@ -768,8 +764,8 @@
       <translation>Neu…</translation>
     </message>
     <message>
-      <source>New… begins a block with images and points; Open… goes on with the block.gpkg of a result or of a session.</source>
-      <translation>Neu… beginnt einen Block mit Bildern und Punkten; Öffnen… setzt die block.gpkg eines Ergebnisses oder einer Sitzung fort.</translation>
+      <source>New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session.</source>
+      <translation>Neu… beginnt einen Block mit Bildern und Punkten; Öffnen… setzt mit der block.gpkg eines Ergebnisses oder einer Sitzung fort.</translation>
     </message>
     <message>
       <source>Next</source>
@@ -798,6 +794,10 @@
     <message>
       <source>Off nadir</source>
       <translation>Nadirabweichung</translation>
+    </message>
+    <message>
+      <source>One image with one RPC from the parts or tiles of a strip</source>
+      <translation>Ein Bild mit einem RPC aus den Teilen oder Kacheln eines Streifens</translation>
     </message>
     <message>
       <source>Open block</source>
@@ -848,10 +848,6 @@
       <translation>Partner</translation>
     </message>
     <message>
-      <source>Parts or tiles of one strip as one image with one RPC</source>
-      <translation>Teile oder Kacheln eines Streifens als ein Bild mit einem RPC</translation>
-    </message>
-    <message>
       <source>Per cell</source>
       <translation>Je Zelle</translation>
     </message>
@@ -882,10 +878,6 @@
     <message>
       <source>Project ground points</source>
       <translation>Bodenpunkte ins Bild rechnen</translation>
-    </message>
-    <message>
-      <source>Put an RPC into a GeoTIFF, a sidecar or a VRT; `restore` brings the original back</source>
-      <translation>Ein RPC in ein GeoTIFF, eine Beidatei oder ein VRT schreiben; `restore` bringt das ursprüngliche zurück</translation>
     </message>
     <message>
       <source>Quality</source>
@@ -946,6 +938,10 @@
     <message>
       <source>Refine RPC</source>
       <translation>RPC verbessern</translation>
+    </message>
+    <message>
+      <source>Refined RPCs of a block from tie points and GCPs, with residual layers and a report</source>
+      <translation>Verbesserte RPCs eines Blocks aus Verknüpfungs- und Passpunkten, mit Residuenlayern und Bericht</translation>
     </message>
     <message>
       <source>Refined RPCs of single images from ground control points</source>
@@ -1192,8 +1188,8 @@
       <translation>Streifen</translation>
     </message>
     <message>
-      <source>Sub-pixel centre or corner near given positions, or from hand-measured edge points</source>
-      <translation>Mitte oder Ecke auf Bruchteile eines Pixels, nahe gegebenen Stellen oder aus von Hand gemessenen Kantenpunkten</translation>
+      <source>Sub-pixel centre or corner near given positions, or from edge points measured by hand</source>
+      <translation>Mittelpunkt oder Ecke auf Bruchteile eines Pixels nahe gegebenen Positionen oder aus von Hand gemessenen Kantenpunkten</translation>
     </message>
     <message>
       <source>Sun azimuth</source>
@@ -1248,10 +1244,6 @@
       <translation>Standardabweichungen prüfen</translation>
     </message>
     <message>
-      <source>That was all. The panel's New… begins a block of your own; the toolbox has the rest.</source>
-      <translation>Das war alles. Neu… im Fenster beginnt einen eigenen Block; alles Weitere steht in der Werkzeugkiste.</translation>
-    </message>
-    <message>
       <source>The band that is shown; targets are measured on the first</source>
       <translation>Der gezeigte Kanal; Zielmarken werden im ersten gemessen</translation>
     </message>
@@ -1268,6 +1260,10 @@
       <translation>Das Mausrad zoomt alle Bilder</translation>
     </message>
     <message>
+      <source>This was the last step. Use New… in the panel for your own block, and the toolbox for all other algorithms.</source>
+      <translation>Das war der letzte Schritt. Neu… im Bedienfeld beginnt einen eigenen Block; alle anderen Algorithmen sind in der Werkzeugkiste.</translation>
+    </message>
+    <message>
       <source>Threads</source>
       <translation>Threads</translation>
     </message>
@@ -1282,10 +1278,6 @@
     <message>
       <source>Tie points</source>
       <translation>Verknüpfungspunkte</translation>
-    </message>
-    <message>
-      <source>Tie points and GCPs to refined RPCs, residual layers and a report</source>
-      <translation>Von Verknüpfungs- und Passpunkten zu verbesserten RPCs, Layern der Restklaffungen und Bericht</translation>
     </message>
     <message>
       <source>Ties</source>
@@ -1368,8 +1360,8 @@
       <translation>Urteil: gut, zweifelhaft oder unbrauchbar</translation>
     </message>
     <message>
-      <source>What is clicked: a round or closed object (center), two straight edges (corner), or just this place (point)</source>
-      <translation>Was angeklickt wird: ein rundes oder geschlossenes Objekt (center), zwei gerade Kanten (corner) oder genau diese Stelle (point)</translation>
+      <source>What is clicked: a round or closed object, two straight edges, or only this position</source>
+      <translation>Was angeklickt wird: ein rundes oder geschlossenes Objekt, zwei gerade Kanten oder nur diese Position</translation>
     </message>
     <message>
       <source>Whole image</source>
@@ -1388,6 +1380,10 @@
       <translation>Fenster 2</translation>
     </message>
     <message>
+      <source>Window, overview or resampled copy of images, with the exact RPC</source>
+      <translation>Ausschnitt, Übersicht oder umgerechnete Kopie von Bildern, mit dem exakten RPC</translation>
+    </message>
+    <message>
       <source>Work directory</source>
       <translation>Arbeitsordner</translation>
     </message>
@@ -1398,6 +1394,10 @@
     <message>
       <source>Write RPC</source>
       <translation>RPC schreiben</translation>
+    </message>
+    <message>
+      <source>Write an RPC into a GeoTIFF, a sidecar or a VRT; `restore` restores the original</source>
+      <translation>Einen RPC in ein GeoTIFF, eine Begleitdatei oder ein VRT schreiben; `restore` stellt das Original wieder her</translation>
     </message>
     <message>
       <source>Wrong height size</source>

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
 FIRST_VIEWS = 2
-EMPTY = "New… begins a block with images and points; Open… goes on with the block.gpkg of a result or of a session."
+EMPTY = "New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session."
 PAGES = "Points", "Residuals", "Verdict"  #: above the tables
 SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
-KIND_TIP = "What is clicked: a round or closed object (center), two straight edges (corner), or just this place (point)"
+KIND_TIP = "What is clicked: a round or closed object, two straight edges, or only this position"
 
 
 class Choices(QStyledItemDelegate):

@@ -124,12 +124,12 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
                     f"up to {FASTEST_PLATE_M:g} m a year"
                 )
             elif year is None:
-                told.append(f"{crs}: `gcp_epoch` with the year of the images counts with the motion of its plate")
+                told.append(f"{crs}: `gcp_epoch` with the year of the images accounts for the motion of its plate")
             else:
                 east, north, _ = ground_difference_m(motion.move(place), place)[0].tolist()
                 told.append(
-                    f"in {year:g}, when the images were taken, WGS84 lies {np.hypot(east, north):.2f} m off {crs} "
-                    f"({east:+.2f} m east, {north:+.2f} m north): `gcp_epoch` {year:g} counts with that"
+                    f"in {year:g}, the year of the images, WGS84 differs from {crs} by {np.hypot(east, north):.2f} m ("
+                    f"{east:+.2f} m east, {north:+.2f} m north): `gcp_epoch` {year:g} accounts for it"
                 )
     return told
 
@@ -172,7 +172,7 @@ def _of_whole_block(measured: Sequence[ImagePoints], images: Sequence[Image]) ->
 
 def _omission_warning(table: ImagePoints, others: Sequence[str]) -> str:
     listed = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
-    return f"{table.source}: measurements on images that are not in the block are left out ({listed})"
+    return f"{table.source}: measurements on images that are not in the block are not used ({listed})"
 
 
 def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
@@ -199,9 +199,7 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
 def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str) -> None:
     """Raise `InputError` where matches are named and nothing is done with them: the option ``instead`` is used."""
     if search.matches and not is_automatic:
-        raise InputError(
-            f"`matches` {search.matches} takes no part while `{instead}` is not auto: leave out one of them"
-        )
+        raise InputError(f"`matches` {search.matches} is not used if `{instead}` is not auto: remove one of them")
 
 
 def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
@@ -211,9 +209,11 @@ def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
     pairs = [of_block(table.image, images)[0] for table in tables if table.pairwise and table.image is not None]
     tracks = [of_block(table.image, images)[0] for table in tables if not table.pairwise and table.image is not None]
     if not pairs and not tracks:
-        raise InputError(f"{spec}: holds no positions in images: name matches of two images or points on several")
+        raise InputError(
+            f"{spec}: contains no image positions: name matches of two images, or points measured in several images"
+        )
     if pairs and tracks:
-        raise InputError(f"{spec}: holds both matches of pairs and points with ids: name files of one kind")
+        raise InputError(f"{spec}: contains both matches of pairs and points with ids: name files of one kind")
     if pairs:
         return join_image_points(pairs)
     return ImagePoints.create(
@@ -268,7 +268,9 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
         source = os.path.join(record.folder, CAMERAS_FILE)
         joint = read_joint_arrays(read_cameras(record.folder), source)
         if set(joint.images) != {one.id for one in record.images}:
-            raise InputError(f"{source}: is of other images than the record beside it: adjust that block again")
+            raise InputError(
+                f"{source}: belongs to other images than the record in its folder: adjust that block again"
+            )
         cameras = [np.flatnonzero(np.equal(joint.camera, number)) for number in np.unique(joint.camera)]
         banded = join_named_bands(
             open_block_images(record), [[joint.images[k] for k in members] for members in cameras]

@@ -32,13 +32,13 @@ class LASER_LOOK:
     """Which laser points are looked at, and how often."""
 
     beside_px: float = threshold(
-        100.0, "px", "distance of a laser point beside an image, from where a move of the block may bring it in"
+        100.0, "px", "distance of a laser point from an image within which a shift of the block may bring it in"
     )
     most_rounds: int = threshold(3, "rounds", "rounds of looking for the places of laser points")
     moved_plan_m: float = threshold(3.0, "m", "move of the block in plan after which there is another round")
     moved_height_m: float = threshold(4.0, "m", "move of the block in height after which there is another round")
     ties_compared: int = threshold(
-        8, "points", "tie points that a laser point is compared with before ties are measured at it"
+        8, "points", "tie points that a laser point is compared with before tie points are measured at it"
     )
     few_points: int = threshold(10, "points", "laser points in the adjustment below which a warning is given")
 
@@ -104,7 +104,10 @@ def with_surface(
     if opened is None:
         return options, block, []
     if options.sigma_dem_m is not None:
-        raise InputError("`surface` and `sigma_dem_m` both say what holds the block: give one, and `sigma_surface`")
+        raise InputError(
+            "`surface` and `sigma_dem_m` both constrain the block: give one of them; with `surface` also "
+            "`sigma_surface`"
+        )
     surface, sigma_m = opened
     told = tell_operations(block, surface.operations, points.strict_datum)
     block = replace(block, operations=block.operations + surface.operations)
@@ -155,7 +158,9 @@ def adjust_at_laser_points(
         ties = measure_laser_ties(images, replace(laser, ground=lifted), threads, stage(part.progress, 0.0, 0.7))
         context.log(f"{len(np.unique(ties.ids))} tie points measured at laser points")
         if not len(ties):
-            return result, ["no tie point could be measured at a laser point: other tie points tell the ground there"]
+            return result, [
+                "no tie point could be measured at a laser point: the terrain there follows from other tie points"
+            ]
         before, result = result, adjust(block.with_ties(ties), options, stage(part.progress, 0.7, 1.0))
         moved = ground_difference_m(result.ground[: len(block.points)], before.ground[: len(block.points)])
         moved = np.abs(np.median(moved[finite_rows(moved)], axis=0))
@@ -195,5 +200,5 @@ def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list
     warnings = []
     if used < LASER_LOOK.few_points:
         why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
-        warnings.append(f"only {used} of {len(found.reason)} laser points hold the block's height{why}")
+        warnings.append(f"only {used} of {len(found.reason)} laser points are used for the height of the block{why}")
     return {"laser": entry}, warnings

@@ -55,7 +55,7 @@ NEW_FILES: dict[str, tuple[str, Writer]] = {
 }
 IN_PLACE, WRITE_NOTHING = "in-place", "none"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
-WITHHELD = "no refined RPC was written, because the result is unusable: mend the input, or give `force_write`"
+WITHHELD = "no refined RPC was written, because the result is unusable: correct the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 HELD_OUT_TIES = "held-out tie points"
@@ -98,7 +98,7 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
     folder = output.folder
     check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs)
     if output.stac and output.write == WRITE_NOTHING:
-        raise InputError("`stac` tells of refined images: let `write` say where they go, or leave out `stac`")
+        raise InputError("`stac` describes refined images: set `write`, or remove `stac`")
 
 
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
@@ -240,5 +240,5 @@ def _write_items(folder: Path, report: Report, pairs: Pairs, output_dir: str) ->
     unknown = [item["id"] for item in items if not has_time(item)]
     if unknown:
         report["warnings"].append(
-            f"no file tells when {list_ids(unknown)} was taken: STAC items have a span of time instead"
+            f"the acquisition time of {list_ids(unknown)} is not known: its STAC items have a time interval instead"
         )

@@ -84,9 +84,9 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     if abs(middle) <= max(DEM_OFFSET.least_m, DEM_OFFSET.sigmas * 1.2533 * spread / np.sqrt(len(above))):
         return []
     return [
-        f"the tie points lie {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "
-        f"{len(above)}), and without GCPs nothing holds the block to it: orthoimages made with this DEM will not "
-        "fit one another; give `sigma_dem_m`, the DEM's accuracy in metres"
+        f"the tie points are {abs(middle):.1f} m {'above' if middle > 0.0 else 'below'} the DEM (median of "
+        f"{len(above)}), and without GCPs its heights do not constrain the block: orthoimages from this DEM will not "
+        "match each other; give the accuracy of the DEM as `sigma_dem_m`, in metres"
     ]
 
 

@@ -159,7 +159,7 @@ def reference_reasons(entries: Report) -> list[Reason]:
         return [
             Reason(
                 "reference-far", Level.DOUBTFUL, f"{entry['path']}: {told}",
-                "check that the reference lies where it says; the block was put onto it",
+                "check the georeference of the reference; the block was adjusted to it",
             )
             for told in entry["far"][:1]
             if entry["used"]
@@ -167,8 +167,8 @@ def reference_reasons(entries: Report) -> list[Reason]:
     return [
         Reason(
             "reference-not-found", Level.DOUBTFUL,
-            f"{entry['path']}: no image of the block shows what it shows, so that it holds nothing",
-            "name an orthoimage of this place, of like pixels and season, or leave it out",
+            f"{entry['path']}: no image of the block matches it, so it is not used",
+            "name an orthoimage of this area with similar pixel size and season, or remove it",
         )
     ]  # fmt: skip
 

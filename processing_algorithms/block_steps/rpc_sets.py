@@ -150,6 +150,6 @@ def _rpc_of(folder: str, names: Sequence[str], image: Image) -> tuple[str, RPC]:
         if reading is not None:
             return name, reading.rpc
     raise InputError(
-        f"{folder}: holds no RPC for {image.id} ({image.id}.tif with RPC, {image.id}_RPC.TXT, {image.id}.RPB …): "
+        f"{folder}: contains no RPC for {image.id} ({image.id}.tif with RPC, {image.id}_RPC.TXT, {image.id}.RPB …): "
         "check the directory"
     )

@@ -14,7 +14,7 @@ def summarise(report: Report) -> str:
     """Return how it went, control and check points, what to be careful with, and where the results lie."""
     redundancy, explained = report["redundancy"], list[str]()
     if redundancy != round(redundancy):
-        share = "a parameter with a prior counts by the share that follows from observations"
+        share = "a parameter with a prior counts with the share that follows from observations"
         explained.append(f"redundancy {redundancy:.1f}: {share}")
     lines = [
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
@@ -33,8 +33,8 @@ def summarise(report: Report) -> str:
         lines.append(f"check: CE90 {format_digits(check['ce90_m'])} m, LE90 {format_digits(check['le90_m'])} m")
     if ties["points"]:
         lines.append(
-            f"ties: {ties['points']} points, {ties['observations']} observations, "
-            f"RMSE {format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
+            f"tie points: {ties['points']}, {ties['observations']} observations, RMSE "
+            f"{format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
     if (held := report["held_out"])["points"]:
         rmse, epipolar = (
@@ -42,11 +42,11 @@ def summarise(report: Report) -> str:
             for key in ("rmse_px", "epipolar_rmse_px")
         )
         lines.append(
-            f"held-out ties: {held['points']} points, {held['observations']} observations, {held['wrong']} wrong "
-            f"matches apart, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: ties that adjusted)"
+            f"held-out tie points: {held['points']}, {held['observations']} observations, without {held['wrong']} "
+            f"wrong matches, RMSE {rmse}, from epipolar lines {epipolar} (in brackets: tie points of the adjustment)"
         )
     lines += [
-        f"{part['image_count']} images without GCPs: absolute accuracy by the RPCs' error terms CE90 "
+        f"{part['image_count']} images without GCPs: absolute accuracy from the error terms of the RPCs CE90 "
         f"{format_digits(part['ce90_m'])} m, LE90 {format_digits(part['le90_m'])} m"
         for part in report["parts"][: LENGTH.most_parts]
         if not part["gcps"] and part["ce90_m"] is not None
@@ -79,7 +79,7 @@ def choice_warnings(choice: ModelChoice | None) -> list[str]:
     if choice is None:
         return []
     suspects = [
-        f"{suspect.image}: GCP {suspect.id} disagrees with the others by {suspect.deviation_px:.1f} px; the model was "
+        f"{suspect.image}: GCP {suspect.id} contradicts the others by {suspect.deviation_px:.1f} px; the model was "
         "chosen without it"
         for suspect in choice.suspects
     ]

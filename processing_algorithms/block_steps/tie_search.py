@@ -42,7 +42,7 @@ def find_ties(
     Images with the ids ``earlier`` are not matched with one another again.
     """
     if earlier and options.matches:
-        raise InputError("`matches` takes no part where images join a block: leave out `matches` or `add_to`")
+        raise InputError("`matches` cannot be combined with `add_to`: remove one of them")
     finished = PartStore(options.work_dir or f"{output_dir.rstrip('/')}/{UNFINISHED}")
     if kept := len(finished):
         context.log(f"continues with {kept} finished parts in {finished.folder}")
@@ -161,7 +161,7 @@ def read_earlier_ties(folder: str | None, images: Sequence[Image]) -> EarlierTie
     measured = read_image_points(f"{layers}|layername=image_points", image_ids=list(paths)).image
     placed = read_points(f"{layers}|layername={TIES_LAYER}").ground
     if measured is None or placed is None:
-        raise InputError(f"{layers}: holds no tie points: find those of the earlier images again")
+        raise InputError(f"{layers}: contains no tie points: search those of the earlier images again")
     ids, _ = find_unique_ids(measured.ids)  # points may have been removed by hand, or their positions
     ground = np.full((len(ids), 3), np.nan)
     row, same = match_names(ids, placed.ids)

@@ -34,28 +34,27 @@ class TiePointsOptions:
     images: tuple[str, ...] = images_option("Images with RPC")
     add_to: str | None = option(
         None,
-        "Output directory of an earlier search, whose images these join: its tie points are kept, and only pairs with "
-        "new images are matched",
+        "Output directory of an earlier search, to which the images are added: its tie points are kept, and only "
+        "pairs with new images are matched",
         metavar="DIR",
     )
     terrain: TerrainOptions = nest_options(TerrainOptions)
     search: SearchOptions = nest_options(SearchOptions)
-    csv: bool = option(False, "Write the measurements as CSV too")
+    csv: bool = option(False, "Also write the measurements as CSV")
     folder: ResultFolder = nest_options(ResultFolder)
 
 
 TIE_POINTS = Algorithm(
     name="tie-points", title="Find tie points", group="Image points",
-    summary="Automatic tie points over a block",
+    summary="Automatic tie points of a block",
     help=(
-        "Finds points that are on two or more images of a block. Overlaps are found at the true height of the "
-        "ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low resolution; then "
-        "windows of every image are matched with all images that show them, to a fraction of a pixel, with the "
-        "standard deviation of each position. Points are spread evenly. Images of any size are read by windows; "
-        "pairs and windows are independent parts, done by the threads of this machine or the workers of a Dask "
-        "scheduler. What is finished is kept: the same command continues a run that was stopped.\n\n"
-        "The result goes into adjust and triangulate as their `tie_points`. Sample 0, line 0 is the CENTRE of the "
-        "first pixel."
+        "Finds points that are visible in two or more images of a block. Overlaps are computed at the height of the "
+        "ground, from a DEM or from the images themselves, and the errors of the RPCs are estimated at a low "
+        "resolution. Windows of every image are then matched with all images that show them, with sub-pixel accuracy "
+        "and a standard deviation of each position. Points are spread evenly. Images of any size are read by windows. "
+        "Pairs and windows are independent parts, processed by threads of this machine or by workers of a Dask "
+        "scheduler. Finished parts are kept, so that the same command continues a run that was stopped.\n\nThe result "
+        "is the input `tie_points` of adjust and triangulate. Sample 0, line 0 is the CENTRE of the first pixel."
     ),
     options=TiePointsOptions,
     examples=(
@@ -78,7 +77,7 @@ class GcpsFromReferenceOptions:
     height_datum: str = height_datum_option()
     strict_datum: bool = strict_datum_option()
     sigma_dem: float | None = option(
-        None, "Standard deviation of the DEM's heights; by default from the size of its cells", minimum=1e-6, unit="m",
+        None, "Standard deviation of the heights of the DEM; by default from its cell size", minimum=1e-6, unit="m",
         metavar="M",
     )  # fmt: skip
     folder: ResultFolder = nest_options(ResultFolder)
@@ -88,14 +87,14 @@ GCPS_FROM_REFERENCE = Algorithm(
     name="gcps-from-reference", title="GCPs from reference image", group="Image points",
     summary="GCPs by matching raw images to a reference orthoimage and DEM",
     help=(
-        "Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict what each "
-        "image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the orthoimage may be "
-        "of another season or sensor and coarser than the images. Matches that do not follow one bias of the image "
-        "are left out. The GCPs have their position from the orthoimage, their height from the DEM (above the "
-        "ellipsoid), and sigmas such that all points of the reference together count as what they share: 0.8 of its "
-        "sigma and a little more, because errors of an orthoimage are alike over wide areas. A reference that lies "
-        "farther beside the RPCs than ERR_BIAS and its own sigma explain is named.\n\n"
-        "The layer gcps is ready for adjust and triangulate; triangulate with its `reference` does both in one go."
+        "Finds textured windows of an orthoimage in raw images with sub-pixel accuracy: RPC and DEM predict the "
+        "content of each image, and matching measures its position. The RPCs may have errors of hundreds of pixels; "
+        "the orthoimage may be of another season or sensor and coarser than the images. Matches that contradict the "
+        "common bias of the image are rejected. The GCPs have the position of the orthoimage and the ellipsoidal "
+        "height of the DEM. Errors of an orthoimage are correlated over large areas. The sigmas are therefore chosen "
+        "so that all points together have the weight of their common error, 0.8 of the sigma of the reference. A "
+        "warning is given if the reference differs from the RPCs by more than ERR_BIAS and its sigma allow.\n\nThe "
+        "layer gcps is an input of adjust and triangulate; triangulate with `reference` does both in one run."
     ),
     options=GcpsFromReferenceOptions,
     examples=(
@@ -114,13 +113,13 @@ class InterestPointsOptions:
     """What `interest-points` takes."""
 
     images: tuple[str, ...] = images_option("Images, with or without RPC")
-    detector: str = option("all", "What to find", choices=tuple(DETECTOR_SETS))
+    detector: str = option("all", "Kind of interest points", choices=tuple(DETECTOR_SETS))
     window: str | None = window_option("Only this window of the image")
     band: int = band_option()
     sun_azimuth: float | None = option(
         None,
-        "Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell neither that "
-        "nor the time: flags dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
+        "Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it nor the "
+        "time; used to flag dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
     )  # fmt: skip
     detection: DetectionOptions = nest_options(DetectionOptions)
     terrain: TerrainOptions = nest_options(TerrainOptions)
@@ -131,20 +130,20 @@ INTEREST_POINTS = Algorithm(
     name="interest-points", title="Detect interest points", group="Image points",
     summary="Corners, super points and gravity centres of images as a point layer",
     help=(
-        "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, tanks, "
-        "roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed outline (blobs). The quality "
-        "of a centre is its chance to be found again in another view, measured on real pairs of one date: of those "
-        "of the default 56 to 76 in 100 were. Positions are to a fraction of a pixel and come with their standard "
-        "deviation, size, orientation and quality. Thresholds follow from each image's own statistics, relative to "
-        "the surroundings of every pixel, so that forest, field and city all deliver points. Images of any size are "
-        "read in overlapping windows; the result does not depend on them. Nodata and saturated areas are left out.\n\n"
-        "Where the sun stood is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), else follows from "
-        "the time and place of the acquisition. Then the field `shadow` says of dark centres whether they are the "
-        "shadow side of something (yes, no; unknown without an RPC or the sun). On real images half to nine in ten "
-        "of those flagged owe it to the sun; they are found again as often as others, so their quality is not lower. "
-        "Across dates with another sun they move, and are the first to leave out.\n\n"
-        "The layer lies at the points' ground positions where the image has an RPC (at its mean height, a given "
-        "height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of the first pixel."
+        "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, "
+        "tanks, roofs, pools, ponds, trees, plots, and bright and dark spots with a closed outline (blobs). The "
+        "quality of a centre is the probability that it is found again in another view, measured on real pairs of one "
+        "date: 56 to 76 % for the default. Positions have sub-pixel accuracy, with standard deviation, size, "
+        "orientation and quality. Thresholds follow from the statistics of each image in the surroundings of every "
+        "pixel, so that forest, fields and cities all have points. Images of any size are read in overlapping "
+        "windows; the result does not depend on them. Nodata and saturated areas are excluded.\n\nThe position of the "
+        "sun is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), or computed from time and place "
+        "of the acquisition. The field `shadow` marks dark centres that are the shadow side of an object (yes, no; "
+        "unknown without an RPC or the sun). On real images 50 to 90 % of the marked centres are shadows. In images "
+        "of one date they are as repeatable as others, so their quality is not lower. Between dates with different "
+        "sun positions they move, and should be excluded first.\n\nFor an image with RPC the layer has the ground "
+        "positions of the points (at its mean height, a given height or a DEM). It can be used as image points again. "
+        "Sample 0, line 0 is the CENTRE of the first pixel."
     ),
     options=InterestPointsOptions,
     examples=(
@@ -174,17 +173,15 @@ class MatchAlgorithmOptions:
 
 MATCH = Algorithm(
     name="match", title="Match two images", group="Image points",
-    summary="Corresponding points of two images or windows without RPC, by control networks",
+    summary="Corresponding points of two images or windows, without RPC, by control networks",
     help=(
-        "Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their "
-        "rotation: the strongest interest points form a network whose shape is looked for in the other image; all "
-        "others are found from its nodes, compared by their grey values and measured to a fraction of a pixel. No RPC "
-        "is needed. "
-        "Where the texture repeats, so that the network fits in several places, the status is 'ambiguous'; where it "
-        "fits nowhere, 'no match'; then there are no correspondences, the report says why, and the command ends with "
-        "exit code 1.\n\n"
-        "Windows are read as a whole: choose them with `window_1` and `window_2` in large images. Sample 0, line 0 is "
-        "the CENTRE of the first pixel."
+        "Finds hundreds to thousands of corresponding points in two images of the same ground with any rotation. The "
+        "strongest interest points form a network whose shape is searched in the other image. All other points are "
+        "found from its nodes, compared by their grey values and measured with sub-pixel accuracy. No RPC is needed. "
+        "If the network fits in several places, because of repeated texture, the status is 'ambiguous'; if it fits "
+        "nowhere, 'no match'. In both cases there are no correspondences, the report gives the reason, and the exit "
+        "code is 1.\n\nWindows are read completely: choose them with `window_1` and `window_2` in large images. "
+        "Sample 0, line 0 is the CENTRE of the first pixel."
     ),
     options=MatchAlgorithmOptions,
     examples=(
@@ -210,11 +207,11 @@ class MeasureTargetsOptions:
         None, "Approximate positions, on images or on the ground", kind=Kind.POINTS, metavar=POINTS
     )
     edges: str | None = option(
-        None, "Hand-measured edge points, those of a target under one id", kind=Kind.POINTS, metavar="FILE"
+        None, "Edge points measured by hand; those of one target have one id", kind=Kind.POINTS, metavar="FILE"
     )
     kind: str = option(
         AUTOMATIC_KIND,
-        "What the targets are; auto takes the field kind, and centres where there is none",
+        "Kind of targets; auto uses the field kind, or centres without it",
         choices=(AUTOMATIC_KIND, "center", "corner"),
     )
     target: TargetOptions = nest_options(TargetOptions)
@@ -227,16 +224,15 @@ class MeasureTargetsOptions:
 
 MEASURE_TARGETS = Algorithm(
     name="measure-targets", title="Measure targets", group="Image points",
-    summary="Sub-pixel centre or corner near given positions, or from hand-measured edge points",
+    summary="Sub-pixel centre or corner near given positions, or from edge points measured by hand",
     help=(
-        "Measures points that were clicked roughly: the centre of a round or otherwise closed object (an ellipse or "
-        "rectangle through its sub-pixel edge points), or the corner where two straight edges meet (a line through "
-        "three edge points or more each). Stray edge points are left out, every point gets its standard deviation, and "
-        "a point is refused where the feature is not there; an object that does not cover the position must be a clear "
-        "one. Positions come from a point file with sample and line, or from ground points that the images' RPCs "
-        "project.\n\n"
-        "With `edges` no pixels are needed: the edge points of a file (id, image, sample, line) are evaluated, six or "
-        "more around an ellipse, or three or more on each of two lines. The report shows a chip of every target."
+        "Measures targets near approximate positions. A centre is that of an ellipse or rectangle through the "
+        "sub-pixel edge points of a closed object. A corner is the intersection of two straight edges, with at least "
+        "three edge points each. Outlying edge points are rejected, and every point has a standard deviation. A point "
+        "is refused if there is no such object; an object that does not cover the position must have a clear edge. "
+        "Positions are read from a point file with sample and line, or projected from ground points with the RPCs of "
+        "the images.\n\n`edges` needs no pixels: the edge points of a file (id, image, sample, line) are used, at "
+        "least six around an ellipse, or three on each of two lines. The report shows a chip of every target."
     ),
     options=MeasureTargetsOptions,
     examples=(

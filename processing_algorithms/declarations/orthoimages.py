@@ -32,18 +32,20 @@ class OrthorectifyOptions:
     images: tuple[str, ...] = images_option("Images with RPC")
     terrain: TerrainOptions = nest_options(TerrainOptions)
     terrain_points: str | None = option(
-        None, "Points whose heights make the terrain, instead of a DEM: the layer ground_points of a triangulation",
+        None,
+        "Points from whose heights the terrain is interpolated, instead of a DEM: the layer ground_points of a "
+        "triangulation",
         kind=Kind.POINTS, metavar=POINTS,
     )  # fmt: skip
     ground_crs: str | None = ground_crs_option()
     fill_gaps: int = option(
-        0, "Interpolate gaps of the DEM up to so many of its cells wide; 0 leaves them nodata", minimum=0, maximum=1000,
+        0, "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata", minimum=0, maximum=1000,
         unit="cells", advanced=True, metavar="N",
     )  # fmt: skip
     crs: str | None = option(
         None,
-        "CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees north and 80 "
-        "south", kind=Kind.CRS, metavar="CRS",
+        "CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84 degrees north "
+        "and 80 south", kind=Kind.CRS, metavar="CRS",
     )  # fmt: skip
     resolution: float | None = option(
         None,
@@ -52,8 +54,8 @@ class OrthorectifyOptions:
     )  # fmt: skip
     extent: str = option(
         "each",
-        "each: what the image shows; union or overlap: of all images; or a box in the CRS of the orthoimages, or in "
-        "the one that stands in brackets behind it. Widened to whole pixels",
+        "each: the area of each image; union or overlap: of all images; or a box in the CRS of the orthoimages, or in "
+        "the CRS in brackets after it. It is enlarged to whole pixels",
         kind=Kind.EXTENT,
         metavar="each|union|overlap|W,S,E,N [CRS]",
     )
@@ -64,8 +66,8 @@ class OrthorectifyOptions:
     )  # fmt: skip
     nodata: str | None = option(
         None,
-        "Value of pixels that the image does not show, or mask for a mask band; by default the image's own, else a "
-        "mask where the image has one, else 0 (NaN for floating point)",
+        "Value of pixels outside the image, or mask for a mask band; by default that of the image, else a mask if the "
+        "image has one, else 0 (NaN for floating point)",
         metavar="VALUE|mask",
     )
     format: str = option(
@@ -82,12 +84,12 @@ ORTHORECTIFY = Algorithm(
     name="orthorectify", title="Orthorectify block", group="Orthoimages",
     summary="Orthoimages from (refined) RPCs and a DEM, all on one map grid",
     help=(
-        "Makes an orthoimage of every image with GDAL's warper: all bands, data type and nodata kept, as "
-        "cloud-optimised GeoTIFF. All pixels lie on one lattice, so that the orthoimages of a block register pixel to "
-        "pixel. Heights of the DEM are brought to the ellipsoid. Positions are right to `error_px`; the report states "
-        "what was found at random pixels. Orthoimages that were made before from the same files with the same options "
-        "are kept, so a stopped run goes on where it was. With `scheduler` the tiles are warped by the workers "
-        "of a Dask scheduler and written here, the same bytes. Ground hidden from the sensor shows what hides it."
+        "Makes an orthoimage of every image with the GDAL warper, as cloud-optimised GeoTIFF; all bands, data type "
+        "and nodata are kept. All orthoimages of a block have one pixel grid. Heights of the DEM are converted to "
+        "ellipsoidal heights. The largest error of a position is `error_px`; the report gives the error at random "
+        "pixels. Orthoimages that were made from the same files with the same options are kept, so that a stopped run "
+        "can be continued. With `scheduler` the tiles are warped by workers of a Dask scheduler, with the same "
+        "result. Occluded ground shows the object in front of it."
     ),
     options=OrthorectifyOptions,
     main=("dem", "dem-datum", "terrain-points", "crs", "resolution", "extent", "resampling", "format"),
@@ -109,9 +111,11 @@ class OrthoCheckOptions:
 
     images: tuple[str, ...] = option(help="Orthoimages", kind=Kind.IMAGES, metavar="ORTHO")
     reference: str | None = option(
-        None, "Compare with this orthoimage instead of with one another", kind=Kind.RASTER, metavar="FILE"
+        None, "Compare all with this orthoimage instead of with each other", kind=Kind.RASTER, metavar="FILE"
     )
-    before: str | None = option(None, "Folder with orthoimages of the same names, made before", metavar="DIR")
+    before: str | None = option(
+        None, "Folder with orthoimages of the same names, from the original RPCs", metavar="DIR"
+    )
     matching: MisregistrationOptions = nest_options(MisregistrationOptions)
     folder: ResultFolder = nest_options(ResultFolder)
     report: bool = report_option()
@@ -122,11 +126,11 @@ ORTHO_CHECK = Algorithm(
     name="ortho-check", title="Check orthoimages", group="Orthoimages",
     summary="Misregistration between overlapping orthoimages, as numbers and arrows",
     help=(
-        "Compares orthoimages of one map grid, each with each that overlaps it, or all with a reference. In windows "
-        "spread over the common ground the shift is measured to a few hundredths of a pixel by correlation and least "
-        "squares, around the shift that the pair has in common (up to 256 px). Reports medians, robust spreads and "
-        "90th percentiles, and writes a layer of arrows. `before` names the folder of the orthoimages made with the "
-        "original RPCs: both are then compared in the same windows."
+        "Compares all overlapping orthoimages of one map grid with each other, or all with a reference. The shift is "
+        "measured in windows spread over the overlap, to a few hundredths of a pixel, by correlation and least "
+        "squares. It is searched near the common shift of the pair (up to 256 px). The report has medians, robust "
+        "standard deviations and 90th percentiles; the layer shows arrows. `before` names the folder of the "
+        "orthoimages made with the original RPCs, which are then measured in the same windows."
     ),
     options=OrthoCheckOptions,
     examples=(

@@ -36,26 +36,30 @@ class EvaluateOptions:
     images: tuple[str, ...] = images_option()
     rpcs: tuple[str, ...] = option(
         (),
-        f"A further set of RPCs: its name, and the directory that holds an RPC or an image with RPC for each image, "
-        f"under the image's name; given again for each set. The images' own RPCs are the set {OWN!r}",
+        "A further set of RPCs: its name, and the directory with an RPC or an image with RPC for each image, under "
+        f"the name of the image; repeat for each set. The RPCs of the images themselves are the set {OWN!r}",
         kind=Kind.FOLDERS,
         metavar="NAME=DIR",
     )
     tracks: str = option(
         AUTOMATIC_TRACKS,
-        f"Points on two images or more: {AUTOMATIC_TRACKS} finds them in the images, {NO_TRACKS} does without, FILE "
-        "reads them", kind=Kind.POINTS, metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
+        f"Points measured in two or more images: {AUTOMATIC_TRACKS} finds them in the images, {NO_TRACKS} uses none, "
+        "FILE reads them", kind=Kind.POINTS, metavar=f"{AUTOMATIC_TRACKS}|{NO_TRACKS}|FILE",
     )  # fmt: skip
     used_points: str | None = option(
-        None, "Image points that an adjustment of these RPCs used (block.gpkg): tracks near one of them take no part",
+        None,
+        "Image points that the adjustment of these RPCs used (block.gpkg): tracks near one of them are not evaluated",
         kind=Kind.POINTS, metavar="FILE",
     )  # fmt: skip
     apart_px: float = option(
-        10.0, "How far from `used_points` a track must be, on each of its images", name="apart", minimum=0.0, unit="px",
+        10.0, "Smallest distance of a track from `used_points`, on each of its images",
+        name="apart", minimum=0.0, unit="px",
         advanced=True, metavar="PX",
     )  # fmt: skip
     reject: float = option(
-        6.0, "Leave out tracks with a residual of so many sigmas under every set of RPCs: wrong matches; 0 keeps all",
+        6.0,
+        "Reject tracks whose residual exceeds this multiple of sigma for every set of RPCs, as wrong matches; 0 "
+        "rejects none",
         minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
     )  # fmt: skip
     points: PointFiles = nest_options(PointFiles)
@@ -70,17 +74,17 @@ class EvaluateOptions:
 
 EVALUATE = Algorithm(
     name="evaluate", title="Evaluate RPCs", group="RPC",
-    summary="How well RPCs fit: tracks, ground points, a DEM; several sets side by side",
+    summary="Accuracy of one or more sets of RPCs with tracks, ground points and a DEM",
     help=(
-        "Answers whether RPCs are better than others: those of the images as they are, refined ones, another tool's "
-        "(`rpcs` NAME=DIR, once for each set). All sets are judged by the same points. Nothing is adjusted.\n\n"
-        "Each track is predicted on each of its images from a ground point that the other images alone intersect "
-        "(strict leave-one-out; three images or more), fitted by all its rays, and taken pair by pair across the "
-        "epipolar lines. Wrong matches are left out only where they fit under no set of RPCs. Known ground points, "
-        "control and check apart, are compared in pixels and metres, heights of the tracks with a DEM; with `surface` "
-        "the tracks are matched with its relief, which tells by how much each set is displaced in plan and height.\n\n"
-        "The RPCs should not have seen the tracks: give points that took no part in the adjustment, or name those that "
-        "did by `used_points`."
+        "Compares sets of RPCs with the same points: those of the images, refined ones, those of another program "
+        "(`rpcs` NAME=DIR, once for each set). Nothing is adjusted.\n\nEach track is predicted in each of its images "
+        "from the intersection of the other images (strict leave-one-out, from three images on). It is also "
+        "intersected from all images, and compared pair by pair across the epipolar lines. A match is rejected only "
+        "if it is an outlier for all sets. Ground points with known position are compared in pixels and metres, "
+        "separately for GCPs and check points, and heights of the tracks with a DEM. With `surface` the tracks are "
+        "matched with its relief, which gives the displacement of each set in plan and height.\n\nThe tracks should "
+        "be independent of the RPCs: give points that the adjustment did not use, or name the used ones with "
+        "`used_points`."
     ),
     options=EvaluateOptions,
     examples=(
@@ -106,14 +110,15 @@ class WriteRpcOptions:
     images: tuple[str, ...] = images_option("Images, or RPC files alone (then `write` cannot be copy or vrt)")
     rpc: str | None = option(
         None,
-        "File with the RPC to write, or a folder of RPC files named like the images; default: the image's own RPC",
+        "File with the RPC to write, or a folder of RPC files with the names of the images; default: the RPC of the "
+        "image",
         kind=Kind.FILE,
         metavar="FILE|DIR",
     )
-    write: str = option("copy", "Where the RPC goes", choices=tuple(OUTPUT_ENDINGS))
-    restore: bool = option(False, "Bring back the RPC from before the first writing in place")
+    write: str = option("copy", "Target of the RPC", choices=tuple(OUTPUT_ENDINGS))
+    restore: bool = option(False, "Restore the original RPC that was replaced in place")
     output_dir: str | None = option(
-        None, "Directory for copies, VRTs and sidecars; created where missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
+        None, "Directory for copies, VRTs and sidecars; created if missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
     )
     overwrite: bool = option(False, "Replace files of an earlier run")
     common: Common = nest_options(Common)
@@ -121,14 +126,15 @@ class WriteRpcOptions:
 
 WRITE_RPC = Algorithm(
     name="write-rpc", title="Write RPC", group="RPC",
-    summary="Put an RPC into a GeoTIFF, a sidecar or a VRT; `restore` brings the original back",
+    summary="Write an RPC into a GeoTIFF, a sidecar or a VRT; `restore` restores the original",
     help=(
-        "Writes the RPC of any file that HRSI reads (or the image's own, wherever it is kept) for one or more images. "
-        "copy writes a GeoTIFF with the pixels, compression and overviews of the image; in-place changes the image "
-        "itself and keeps its original RPC in it, so that `restore` brings it back bit by bit; vrt writes a virtual "
-        "image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo ToolBox) or rpcm "
-        "JSON file, beside the image unless an output directory is given (docs/bridges.md says who reads what). "
-        "Everything is read again and compared; a file that exists is replaced in one step."
+        "Writes the RPC of any file that HRSI reads (or that of the image) for one or more images. copy writes a "
+        "GeoTIFF with the pixels, compression and overviews of the image; in-place changes the image itself and keeps "
+        "its original RPC in it, so that `restore` restores it exactly; vrt writes a virtual image; sidecar, rpb, "
+        "xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo ToolBox) or rpcm JSON file. Such a "
+        "file is written into the folder of the image, or into the output directory. docs/bridges.md lists the "
+        "formats that other programs read. Everything is read again and compared; an existing file is replaced in one "
+        "step."
     ),
     options=WriteRpcOptions,
     images_made="Images with their RPCs",
@@ -152,16 +158,16 @@ class CropOptions:
     """What `crop` takes."""
 
     images: tuple[str, ...] = images_option()
-    window: str | None = window_option("The window to cut, from 0, 0, the first pixel")
+    window: str | None = window_option("Window to cut; the first pixel is 0, 0")
     extent: str | None = option(
         None,
-        "A box on the ground, in degrees or in the CRS that stands in brackets behind it: the window that shows all of "
-        "it is cut, as far as the image reaches", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
+        "Box on the ground, in degrees or in the CRS in brackets after it: the smallest window that contains it is "
+        "cut, within the image", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
     )  # fmt: skip
     factor: float | None = option(
         None,
-        "Size of the result to that of the window, or of the whole image: 0.5 halves the number of samples and lines. "
-        "Both are rounded to whole pixels, and the RPC follows what comes out", minimum=1e-3, maximum=64.0,
+        "Size of the result relative to the window or image: 0.5 halves the number of samples and lines. Both are "
+        "rounded to whole pixels, and the RPC is scaled accordingly", minimum=1e-3, maximum=64.0,
     )  # fmt: skip
     resampling: str = option("cubic", "GDAL's resampling kernel; only with `factor`", choices=KERNELS)
     terrain: TerrainOptions = nest_options(TerrainOptions)
@@ -177,14 +183,14 @@ class CropOptions:
 
 CROP = Algorithm(
     name="crop", title="Crop or resample", group="RPC",
-    summary="A window, overview or resampling of images with the exact RPC of its pixels",
+    summary="Window, overview or resampled copy of images, with the exact RPC",
     help=(
-        "Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the RPC of "
-        "its pixels: the same camera, exactly, at any factor (gdal_translate is off by half of what a pixel has grown)."
-        " The RPC is the one that counts, wherever it is kept; what is told of a refinement stays in the file, and its "
-        "original RPC, which `restore` of write-rpc brings back. With `extent` the window follows from the ground: "
-        "give `dem` or `height` with it. Bands, data type, masks, nodata and metadata are kept. The files are called "
-        "ID_crop; an RPC file alone becomes a _RPC.TXT."
+        "Cuts a window out of an image, or resamples the image or window to another pixel size, and writes the RPC of "
+        "the new pixels. It is the same camera, exactly, at any factor; the RPC of gdal_translate has an error of "
+        "half the increase of the pixel size. The metadata of a refinement and the original RPC are kept, so that "
+        "`restore` of write-rpc works. `extent` gives the window as a box on the ground, with `dem` or `height`. "
+        "Bands, data type, masks, nodata and metadata are kept. The files are named ID_crop; for an RPC file alone a "
+        "_RPC.TXT is written."
     ),
     options=CropOptions,
     images_made="Cropped images",
@@ -203,7 +209,7 @@ class StripOptions:
         "Parts of one strip, or tiles of one scene; RPC files alone give the RPC only"
     )
     id: str | None = option(
-        None, "Id of the strip, which names the files; by default that of the first part and _strip", metavar="ID"
+        None, "Id of the strip, used as file name; by default that of the first part with _strip", metavar="ID"
     )
     format: str = option(
         "vrt",
@@ -219,15 +225,14 @@ JOIN_STRIP = Algorithm(
     name="strip",
     title="Join strip",
     group="RPC",
-    summary="Parts or tiles of one strip as one image with one RPC",
+    summary="One image with one RPC from the parts or tiles of a strip",
     help=(
-        "Joins the parts in which a strip was delivered (WorldView's P001, P002 …) or the tiles of a scene (R1C1 …) to "
-        "one image, a virtual one unless pixels of its own are asked for, and gives it one RPC. Where the parts lie "
-        "follows from the product or from their RPCs; where they overlap the later one is on top. Tiles with one RPC "
-        "have it exactly; other RPCs are fitted together, and the report states how far the fit is from each part. "
-        "Where that is more than 0.1 px a warning says so, and the grid that the RPC was fitted to is written as a "
-        "table. Refined parts give a refined strip. RPC files alone whose size is known (ISD, DIMAP) give the strip's "
-        "_RPC.TXT."
+        "Joins the parts of a strip as delivered (P001, P002 … of WorldView) or the tiles of a scene (R1C1 …) to one "
+        "image with one RPC. The image is a virtual one by default. The positions of the parts follow from the "
+        "product or from their RPCs; in an overlap the later part is on top. Tiles with a common RPC keep it exactly. "
+        "Otherwise one RPC is fitted to all, and the report gives the difference from each part. If it exceeds 0.1 "
+        "px, a warning is given and the grid of the fit is written as a table. Refined parts give a refined strip. "
+        "RPC files of known image size (ISD, DIMAP) give a _RPC.TXT of the strip."
     ),
     options=StripOptions,
     images_made="Strips",
@@ -246,8 +251,8 @@ class RpcInfoOptions:
     terrain: TerrainOptions = nest_options(TerrainOptions)
     crs: str | None = option(
         None,
-        "List the coordinate operations between this CRS and WGS84 at the images' place: which one is taken, and which "
-        "lack their grid (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
+        "List the coordinate operations between this CRS and WGS84 in the area of the images: the one that is used, "
+        "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
     )  # fmt: skip
     folder: OptionalFolder = nest_options(OptionalFolder)
     common: Common = nest_options(Common)
@@ -255,14 +260,14 @@ class RpcInfoOptions:
 
 RPC_INFO = Algorithm(
     name="rpc-info", title="RPC information", group="RPC",
-    summary="Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity",
+    summary="Footprint, GSD, incidence and azimuth, convergence and B/H of pairs, overlaps, check of the RPCs",
     help=(
-        "Says for each image where it lies, the ground size of a pixel along line and sample, the incidence angle (at "
-        "the ground, between the ray to the satellite and the vertical) and the azimuth (from the target to the "
-        "satellite, clockwise from north); and for each pair the convergence angle, B/H (distance of the two rays at "
-        "unit height above the ground) and which share of each image the other one sees on the terrain. Overlap "
-        "depends on the terrain's height: give a DEM or a height. Warns of RPCs that are damaged, swapped, used "
-        "beyond their heights, or of another image."
+        "Reports footprint, GSD along line and sample, incidence angle and azimuth of each image. The incidence angle "
+        "is measured at the ground, from the vertical to the ray to the satellite; the azimuth from the target to the "
+        "satellite, clockwise from north. For each pair it reports the convergence angle, B/H (distance of the two "
+        "rays at unit height above the ground) and the overlap on the terrain. The overlap depends on the height of "
+        "the terrain: give a DEM or a height. Warnings are given for RPCs that are damaged, exchanged, used outside "
+        "their height range, or of another image."
     ),
     options=RpcInfoOptions,
     examples=(
@@ -295,10 +300,10 @@ PROJECT = Algorithm(
     name="project", title="Project ground points", group="RPC",
     summary="Ground points to image coordinates, for a point file or as a filter",
     help=(
-        "Computes where ground points lie in one or more images. Points come from a vector layer or CSV, or as lines "
-        "'lon lat height' (WGS84 degrees, ellipsoidal metres) on standard input; then lines 'sample line' are printed, "
-        "with what follows the coordinates. Sample 0, line 0 is the CENTRE of the first pixel (GDAL's pixel and line "
-        "are 0.5 larger). Points without a height take it from the DEM or from `height`."
+        "Computes the positions of ground points in one or more images. Points are read from a vector layer or CSV, "
+        "or as lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) from standard input. In this case lines "
+        "'sample line' are printed, with the rest of the input line. Sample 0, line 0 is the CENTRE of the first "
+        "pixel (pixel and line of GDAL are 0.5 larger). For points without a height, the DEM or `height` is used."
     ),
     options=ProjectOptions,
     examples=(
@@ -327,12 +332,12 @@ LOCALIZE = Algorithm(
     name="localize", title="Localize image points", group="RPC",
     summary="Image points to the ground, at a height or on a DEM, for a point file or as a filter",
     help=(
-        "Follows the rays of image points to the ground. Points come from a vector layer or CSV with the fields sample "
-        "and line (and image, where several are given), or as lines 'sample line [height]' on standard input; then "
-        "lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are printed, with what follows the coordinates, "
-        "and 'nan' where there is no ground position. A point's own ellipsoidal height counts before the DEM and "
-        "`height`. On a DEM the first hit of the ray from above counts. Sample 0, line 0 is the CENTRE of the first "
-        "pixel (GDAL's pixel and line are 0.5 larger)."
+        "Intersects the rays of image points with the ground. Points are read from a vector layer or CSV with the "
+        "fields sample and line (and image, if there are several), or as lines 'sample line [height]' from standard "
+        "input. In this case lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are printed, with the rest of "
+        "the input line, and 'nan' for points without a ground position. The ellipsoidal height of a point takes "
+        "precedence over the DEM and `height`. On a DEM the first intersection of the ray from above is used. Sample "
+        "0, line 0 is the CENTRE of the first pixel (pixel and line of GDAL are 0.5 larger)."
     ),
     options=LocalizeOptions,
     examples=(
@@ -350,17 +355,18 @@ class FitRpcOptions:
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
     strict_datum: bool = strict_datum_option()
-    id: str | None = option(
-        None, "Id of the image, which names the file; by default the stem of the table", metavar="ID"
-    )
+    id: str | None = option(None, "Id of the image, used as file name; by default the name of the table", metavar="ID")
     common_denominator: bool = option(
-        False, "One denominator for sample and line (less exact, simpler to correct later)"
+        False, "One denominator for sample and line (less accurate, easier to correct later)"
     )
     min_height: float | None = option(
-        None, "Lowest height where the RPC will be used; warns where it extrapolates", unit="m", metavar="M"
+        None, "Lowest height at which the RPC will be used; a warning is given for extrapolation", unit="m", metavar="M"
     )
     max_height: float | None = option(
-        None, "Highest height where the RPC will be used; warns where it extrapolates", unit="m", metavar="M"
+        None,
+        "Highest height at which the RPC will be used; a warning is given for extrapolation",
+        unit="m",
+        metavar="M",
     )
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)
@@ -370,11 +376,11 @@ FIT_RPC = Algorithm(
     name="fit-rpc", title="Fit RPC", group="RPC",
     summary="An RPC from a grid or table of correspondences",
     help=(
-        "Fits an RPC to points with known ground position and image coordinates, as a sensor model or another program "
-        "computes them on a grid, and writes it as _RPC.TXT. The table has lon, lat, height (or x, y, z with "
-        "`ground_crs`, or point geometry), sample and line; sample 0, line 0 is the CENTRE of the first pixel. One "
-        "point in five is left out once, and the differences there are reported. A full RPC takes 45 points or more, "
-        "spread over the image and at several heights; with fewer points only its lower terms are estimated."
+        "Fits an RPC to points with known ground position and image coordinates, for example from a grid of a sensor "
+        "model, and writes it as _RPC.TXT. The table has lon, lat, height (or x, y, z with `ground_crs`, or point "
+        "geometry), sample and line; sample 0, line 0 is the CENTRE of the first pixel. For a check, the fit is "
+        "repeated without every fifth point, and the differences there are reported. A full RPC needs at least 45 "
+        "points, spread over the image and at several heights; with fewer points only its lower terms are estimated."
     ),
     options=FitRpcOptions,
     examples=(
@@ -393,33 +399,34 @@ class HandOverOptions:
 
     result: str = option(help="Output directory of an adjustment", kind=Kind.RESULT, metavar="RESULT")
     to: str = option(
-        "cars", "The next program; colmap gets perspective cameras, nerf is for radiance fields with RPCs, points for "
+        "cars", "Target program; colmap has perspective cameras, nerf radiance fields with RPCs, points is for "
         "point clouds and GCPs",
         choices=NEXT_PROGRAMS,
     )  # fmt: skip
     extent: str | None = option(
-        None, "Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind it; by "
-        "default all that the chosen pairs have in common", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
+        None,
+        "Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by default the "
+        "common area of the chosen pairs", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
     )  # fmt: skip
     dem: DemOptions = nest_options(DemOptions)
     height_datum: str = height_datum_option()
-    most_pairs: int = option(8, "Most stereo pairs, the best first", minimum=1)
+    most_pairs: int = option(8, "Largest number of stereo pairs; the best ones are chosen", minimum=1)
     factor: float = option(
-        1.0, "Size of the crops for colmap and nerf to that of the images", minimum=1e-3, maximum=64.0, advanced=True
+        1.0, "Size of the crops for colmap and nerf relative to the images", minimum=1e-3, maximum=64.0, advanced=True
     )
-    link: bool = option(False, "Refer to the images by VRTs instead of copying them")
+    link: bool = option(False, "Write VRTs that refer to the images instead of copies")
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)
 
 
 HAND_OVER = Algorithm(
     name="hand-over", title="Hand over to another program", group="RPC",
-    summary="A project for the next program from an adjusted block, ready to run",
+    summary="A project folder for another program from an adjusted block, ready to run",
     help=(
-        "Writes a folder in which the next program runs with one printed command: the images with their refined RPCs, "
-        "the stereo pairs worth matching, an initial DEM of ellipsoidal heights, the program's configuration, and the "
-        "accuracy to expect. Pairs are chosen by convergence, sun, season and the share of common tie points; the "
-        "initial DEM is `dem`, or a surface through the adjusted points."
+        "Writes a folder in which the target program runs with one printed command. It contains the images with their "
+        "refined RPCs, the chosen stereo pairs, an initial DEM of ellipsoidal heights, the configuration of the "
+        "program, and the expected accuracy. Pairs are chosen by convergence angle, sun, season and the share of "
+        "common tie points. The initial DEM is `dem`, or a surface through the adjusted points."
     ),
     options=HandOverOptions,
     images_made="Images with refined RPCs",

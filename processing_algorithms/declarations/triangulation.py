@@ -33,7 +33,8 @@ class TriangulateOptions:
     points: PointFiles = nest_options(PointFiles)
     tie_points: str = option(
         AUTOMATIC_TIES,
-        f"{AUTOMATIC_TIES} finds them in the images, {NO_TIES} does without, FILE or a result's folder has them",
+        f"Tie points: {AUTOMATIC_TIES} finds them in the images, {NO_TIES} uses none, FILE or the folder of a result "
+        "contains them",
         kind=Kind.POINTS,
         metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
     )
@@ -50,14 +51,13 @@ class TriangulateOptions:
 
 TRIANGULATE = Algorithm(
     name="triangulate", title="Triangulate block", group="Triangulation",
-    summary="Tie points and GCPs to refined RPCs, residual layers and a report",
+    summary="Refined RPCs of a block from tie points and GCPs, with residual layers and a report",
     help=(
-        "The main job. Finds tie points between overlapping images, takes ground control points from a vector layer or "
-        "CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points agree. "
-        "GCPs may also come from an orthoimage (`reference`, with `dem`). "
-        "Without any GCP the block is held where its RPCs put it, or where a `surface` has its relief, and the images "
-        "fit one another. "
-        "The refined images are ready for gdalwarp -rpc."
+        "Finds tie points between overlapping images, reads GCPs from a vector layer or CSV, corrects all RPCs in one "
+        "bundle block adjustment and reports the accuracy at check points. GCPs can also be measured in an orthoimage "
+        "(`reference`, with `dem`). Without GCPs the position of the block follows from its RPCs, or from the relief "
+        "of a `surface`, and the relative accuracy of the images is improved. The refined images can be used with "
+        "gdalwarp -rpc."
     ),
     options=TriangulateOptions,
     examples=(
@@ -79,7 +79,7 @@ class AdjustAlgorithmOptions:
     points: PointFiles = nest_options(PointFiles)
     tie_points: str = option(
         NO_TIES,
-        f"FILE of further image points, measured on two or more images, or folder of a result; {NO_TIES} does without",
+        f"Tie points: FILE with points measured in two or more images, or folder of a result; {NO_TIES} uses none",
         kind=Kind.POINTS,
         metavar=f"{NO_TIES}|FILE",
     )
@@ -96,8 +96,8 @@ ADJUST = Algorithm(
     name="adjust", title="Adjust block", group="Triangulation",
     summary="Bundle block adjustment from existing image points",
     help=(
-        "Corrects the RPCs of all images of a block together, from ground control points, tie points or both, "
-        "and reports how well the check points agree. Writes refined RPCs, residual layers and a report."
+        "Corrects the RPCs of all images of a block in one adjustment, from GCPs, tie points or both, and reports the "
+        "accuracy at check points. Writes refined RPCs, residual layers and a report."
     ),
     options=AdjustAlgorithmOptions,
     examples=(
@@ -119,7 +119,7 @@ class RefineAlgorithmOptions:
     images: tuple[str, ...] = images_option()
     points: PointFiles = nest_options(PointFiles)
     refinement: RefineOptions = nest_options(RefineOptions)
-    compare: bool = option(False, "Tabulate all models on the same control and check points")
+    compare: bool = option(False, "Add a table of all models with the same GCPs and check points")
     output: BlockOutput = nest_options(BlockOutput)
 
 
@@ -127,10 +127,10 @@ REFINE_RPC = Algorithm(
     name="refine-rpc", title="Refine RPC", group="Triangulation",
     summary="Refined RPCs of single images from ground control points",
     help=(
-        "Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what predicts "
-        "GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects position and "
-        "attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; `compare` adds a table of all "
-        "models with the same control and check points."
+        "Corrects the RPC of each image separately, from the GCPs measured in it. auto chooses the model with the "
+        "smallest leave-one-out error of the GCPs, and rejects GCPs that contradict the others; generic corrects "
+        "position and attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report; `compare` adds "
+        "a table of all models with the same GCPs and check points."
     ),
     options=RefineAlgorithmOptions,
     examples=(

@@ -130,7 +130,7 @@ def open_control_surface(
 def open_terrain(options: TerrainOptions) -> HeightSurface | None:
     """Return the ground surface that the options name; None where they name none."""
     if options.dem.dem is not None and options.height is not None:
-        raise InputError("`dem` and `height` both say how high the ground is: give one of them")
+        raise InputError("`dem` and `height` both define the height of the ground: give one of them")
     if options.height is not None:
         return ConstantHeight(options.height)
     surface = dem_surface(options.dem, options.height_datum)

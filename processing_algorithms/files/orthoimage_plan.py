@@ -60,7 +60,7 @@ class ORTHO_GRID:
     """Which grids of orthoimages are accepted and warned of."""
 
     largest_ratio: float = threshold(
-        200.0, "", "pixel size of the orthoimages over that of the images, beyond which nobody wants it"
+        200.0, "", "pixel size of the orthoimages over that of the images, beyond which it is an input error"
     )
     nodes: int = threshold(21, "nodes", "nodes along each side of an extent that is carried to another CRS")
     notable_height_m: float = threshold(10.0, "m", "error of the constant height for which the warning gives the shift")
@@ -102,16 +102,16 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
     given = [name for name, source in sources.items() if source is not None]
     if len(given) > 1:
         named = " and ".join(f"`{name}`" for name in given)
-        raise InputError(f"{named} all say how high the ground is: give one of them")
+        raise InputError(f"{named} all define the height of the ground: give one of them")
     if options.terrain_points is not None:
         spec, datum = options.terrain_points, options.terrain.height_datum
         ground = read_points(spec, ground_crs=options.ground_crs, height_datum=datum, adjusted=True).ground
         if ground is None:
             raise InputError(f"{spec}: has no ground points: name the layer ground_points of a triangulation")
         of_points, left_out = surface_of_points(ground.ground, ground.sigma_m[:, 1])
-        warnings = ["the terrain was interpolated between points: what stands between them has no height of its own"]
+        warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
         if left_out:
-            warnings.append(f"{spec}: {left_out} points stand far above or below their neighbours and were left out")
+            warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
         return Terrain(of_points, [*file_state(split_spec(spec)[0]), spec, datum], warnings)
     surface = open_terrain(options.terrain)
     if surface is None:
@@ -185,8 +185,8 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
         }
         worst = max(tangents, key=lambda name: tangents[name])
         return [
-            f"the ground is taken as flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} is "
-            f"off by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM removes that"
+            f"the ground is assumed to be flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} "
+            f"is displaced by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM avoids this"
         ]
     shares = {image.id: compute_covered_share(image, terrain.surface) for image in images}
     return [
@@ -246,7 +246,7 @@ def _make_grids(
     grid = MapGrid.from_bounds(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:
-        raise InputError(f"`extent` {extent} holds nothing of {', '.join(missed)}: leave them out or widen the extent")
+        raise InputError(f"`extent` {extent} does not overlap {', '.join(missed)}: remove them or enlarge the extent")
     return dict.fromkeys(bounds, grid)
 
 
@@ -314,7 +314,7 @@ def _nodata_value(given: str | None, source: OrthoSource) -> float | None:
     except ValueError:
         raise InputError(f"`nodata` {given!r} is neither a number nor mask") from None
     if not source.holds(value):
-        raise InputError(f"`nodata` {given}: {source.path} has {source.type_name} pixels, which cannot hold it")
+        raise InputError(f"`nodata` {given}: {source.path} has {source.type_name} pixels, which cannot represent it")
     return value
 
 

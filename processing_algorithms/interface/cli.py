@@ -125,7 +125,7 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
 
         return _run_algorithm(*read_past_run(rest, registry))
     elif first.startswith("-"):
-        raise InputError(f"{first} stands before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
+        raise InputError(f"{first} is before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
         print(_help_page([first], registry), end="")
     elif {HELP_ALL, JSON_USAGE} & set(rest):

@@ -39,8 +39,8 @@ def hold_out_option() -> Any:
     """Return the field of the share of tie tracks that is held out."""
     return option(
         0.1,
-        f"Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with more than "
-        f"{HOLD_OUT.fewest_tracks}; 0 lets all take part", minimum=0.0, maximum=0.5, advanced=True, metavar="SHARE",
+        "Share of the tie points that the adjustment does not use and that check its result, in blocks with more than "
+        f"{HOLD_OUT.fewest_tracks}; 0 uses all", minimum=0.0, maximum=0.5, advanced=True, metavar="SHARE",
     )  # fmt: skip
 
 
@@ -73,9 +73,9 @@ class Common:
 class LineOptions:
     """What the command line has for every algorithm, and QGIS and Python do without."""
 
-    dry_run: bool = option(False, "Read and check everything, write nothing, and say what would be done")
+    dry_run: bool = option(False, "Read and check all inputs, write nothing, and print what a run would do")
     log: str | None = option(
-        None, "Text file to which the run adds its progress, warnings and errors, with their times", kind=Kind.FILE,
+        None, "Text file to which progress, warnings and errors are appended, with their times", kind=Kind.FILE,
         metavar="FILE",
     )  # fmt: skip
     quiet: bool = option(False, "No progress and no messages, only errors")
@@ -97,7 +97,7 @@ class OptionalFolder:
     """Where results go, if anywhere."""
 
     output_dir: str | None = option(
-        None, "Directory for report and layers; without it the result is only printed", kind=Kind.OUTPUT_DIR,
+        None, "Directory for report and layers; by default the result is only printed", kind=Kind.OUTPUT_DIR,
         metavar="DIR",
     )  # fmt: skip
     overwrite: bool = option(False, "Replace the results of an earlier run in the output directory")
@@ -119,19 +119,17 @@ class BlockOutput:
     folder: ResultFolder = nest_options(ResultFolder)
     write: str = option(
         "copy",
-        "Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with `restore` brings "
-        "the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC file without image gets a "
-        "new _RPC.TXT",
+        "Target of the refined RPCs: copies of the images, the images themselves (write-rpc with `restore` restores "
+        "the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a new _RPC.TXT is "
+        "written",
         choices=("copy", "in-place", "vrt", "sidecar", "none"),
     )
-    force_write: bool = option(
-        False, "Write the refined RPCs although the verdict on the result is unusable", advanced=True
-    )
+    force_write: bool = option(False, "Write the refined RPCs even if the verdict is unusable", advanced=True)
     residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))
     report: bool = report_option()
     document: DocumentOptions = nest_options(DocumentOptions)
     stac: bool = option(
-        False, "Write a STAC item of each refined image too (ID_stac.json), and all of them in one file (stac.json)"
+        False, "Also write a STAC item of each refined image (ID_stac.json), and one file of all items (stac.json)"
     )
     common: Common = nest_options(Common)
 
@@ -150,8 +148,8 @@ def height_datum_option() -> Any:
     """Return the option of the height datum."""
     return option(
         "layer",
-        "What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96, egm2008 or a "
-        "geoid grid file",
+        "Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or the file of a "
+        "geoid grid",
         metavar=DATUMS,
     )
 
@@ -160,8 +158,8 @@ def strict_datum_option() -> Any:
     """Return the field of whether a missing grid is an error."""
     return option(
         False,
-        "Stop where the geoid that is meant or the grid of a better coordinate operation is not installed, instead of "
-        "going on with the next best one",
+        "Stop if the geoid or the grid of a better coordinate operation is not installed, instead of using the next "
+        "best one",
         advanced=True,
     )
 
@@ -172,7 +170,7 @@ class DemOptions:
 
     dem: str | None = option(None, "DEM of the ground, in any CRS", kind=Kind.RASTER, metavar="FILE")
     dem_datum: str | None = option(
-        None, "What the heights of the DEM refer to, where it is not what `height_datum` says", advanced=True,
+        None, "Height datum of the DEM, if it differs from `height_datum`", advanced=True,
         metavar=DATUMS,
     )  # fmt: skip
 
@@ -183,13 +181,13 @@ class LaserFile:
 
     laser: str | None = option(
         None,
-        "Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06, ATL08) or GEDI "
-        "L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h",
+        "Laser points whose heights constrain the block; image points are not needed: a granule of ICESat-2 (ATL06, "
+        "ATL08) or GEDI L2A, GeoParquet or CSV of SlideRule, or a point layer with height and sigma_h",
         kind=Kind.POINTS,
         metavar=POINTS,
     )
     laser_datum: str = option(
-        "ellipsoidal", "What the heights of laser points in a layer refer to; those of granules are ellipsoidal",
+        "ellipsoidal", "Height datum of laser points in a layer; heights of granules are ellipsoidal",
         advanced=True, metavar=DATUMS,
     )  # fmt: skip
 
@@ -200,18 +198,19 @@ class SurfaceFile:
 
     surface: str | None = option(
         None,
-        "Surface whose relief and heights hold the block in plan and height, instead of `dem` with `sigma_dem_m`: a "
-        "raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of ICESat-2 or GEDI",
+        "Surface that constrains the block in plan and height by its relief, instead of `dem` with `sigma_dem_m`: a "
+        "raster, a lidar point cloud (LAS, LAZ), a layer of points with heights, a granule of ICESat-2 or GEDI",
         kind=Kind.POINTS,
         metavar=POINTS,
     )
     surface_datum: str | None = option(
-        None, "What the heights of the surface refer to, where it is not what `height_datum` says", advanced=True,
+        None, "Height datum of the surface, if it differs from `height_datum`", advanced=True,
         metavar=DATUMS,
     )  # fmt: skip
     sigma_surface: float | None = option(
-        None, "Standard deviation of the heights of the surface, four fifths of it common to all; by default what "
-        "its cell size is known for", minimum=1e-6, unit="m", advanced=True, metavar="M",
+        None,
+        "Standard deviation of the heights of the surface, four fifths of it common to all heights; by default a "
+        "value for its cell size", minimum=1e-6, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
 
 
@@ -243,21 +242,23 @@ class PointFiles:
         None, "Ground points with known position: a vector layer or CSV", kind=Kind.POINTS, metavar=POINTS
     )
     image_points: str | None = option(
-        None, "Where points were measured on the images; ground positions in it are not used", kind=Kind.POINTS,
+        None, "Image measurements of the points; ground positions in this file are not used", kind=Kind.POINTS,
         metavar="FILE",
     )  # fmt: skip
     gcp_ids: tuple[str, ...] | None = option(
-        None, "These points are control, all other known points are check points", metavar="A,B,…"
+        None, "Ids of the GCPs; all other points with known position are check points", metavar="A,B,…"
     )
     check_ids: tuple[str, ...] | None = option(
-        None, "These points are check points; with `gcp_ids` too, all other known points take no part", metavar="A,B,…"
+        None,
+        "Ids of the check points; with `gcp_ids` too, all other points with known position are not used",
+        metavar="A,B,…",
     )
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
     gcp_epoch: float | None = option(
         None,
-        "Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate (ETRS89, "
-        "GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with the accuracy of that",
+        "Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM (ETRS89, "
+        "GDA2020, NAD83); by default the two are treated as equal, and the error is included in the accuracy",
         minimum=EARLIEST_EPOCH, advanced=True, metavar="YEAR",
     )  # fmt: skip
     strict_datum: bool = strict_datum_option()
@@ -269,12 +270,12 @@ class BlockGrowthOptions:
     """The block that was adjusted before and that the images join."""
 
     add_to: str | None = option(
-        None, "Output directory of an earlier adjustment, whose block the images join", metavar="DIR"
+        None, "Output directory of an earlier adjustment; the images are added to its block", metavar="DIR"
     )
     earlier_cameras: str = option(
         FREE,
-        "What the cameras of the earlier block are: free, adjusted again from all measurements, or observed, as the "
-        "earlier adjustment left them, with all that it says of them together; then its points are not used again",
+        "Cameras of the earlier block: free (adjusted again from all measurements) or observed (with the values and "
+        "covariances of the earlier adjustment; its points are not used again)",
         choices=(FREE, OBSERVED),
     )
 
@@ -285,23 +286,25 @@ class WorkerOptions:
 
     scheduler: str | None = option(
         None,
-        "Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the files under "
-        "the same paths); by default threads of this machine do. A block is always adjusted by this process",
+        "Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the files under the "
+        "same paths); by default threads of this machine are used. The block adjustment itself always runs in this "
+        "process",
         advanced=True,
         metavar="tcp://HOST:PORT",
     )
     scheduler_ca: str | None = option(
         None,
-        "Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this and the next "
-        "two are by default as Dask's configuration (distributed.comm.tls) says", kind=Kind.FILE, advanced=True,
+        "Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two default to the "
+        "Dask configuration (distributed.comm.tls)", kind=Kind.FILE, advanced=True,
         metavar="FILE",
     )  # fmt: skip
     scheduler_certificate: str | None = option(
-        None, "Certificate (PEM) to show to a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True,
+        None, "Client certificate (PEM) for a scheduler at tls://HOST:PORT", kind=Kind.FILE, advanced=True,
         metavar="FILE",
     )  # fmt: skip
     scheduler_key: str | None = option(
-        None, "Private key (PEM) of that certificate, where it is not in the same file", kind=Kind.FILE, advanced=True,
+        None, "Private key (PEM) of the client certificate, if it is not in the same file",
+        kind=Kind.FILE, advanced=True,
         metavar="FILE",
     )  # fmt: skip
 
@@ -317,14 +320,16 @@ class SearchOptions:
 
     search: TieOptions = nest_options(TieOptions)
     matches: str | None = option(
-        None, "Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text; each is "
-        "measured anew by least-squares matching and judged as those found here", kind=Kind.POINTS, advanced=True,
+        None,
+        "Matches of another program instead of a search: .h5 of hloc, a COLMAP database, matches as text; each is "
+        "measured again by least-squares matching and tested like matches of HRSI", kind=Kind.POINTS, advanced=True,
         metavar="FILE",
     )  # fmt: skip
     workers: WorkerOptions = nest_options(WorkerOptions)
     work_dir: str | None = option(
-        None, "Directory that keeps what is finished, for later runs too; by default a folder in the output directory, "
-        "which a run that was stopped leaves behind, and a finished run removes", advanced=True, metavar="DIR",
+        None,
+        "Directory for finished parts, which later runs use again; by default a folder in the output directory, which "
+        "is removed at the end of a run", advanced=True, metavar="DIR",
     )  # fmt: skip
     threads: int = threads_option()
 

@@ -28,7 +28,7 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     path = os.path.join(words[0], _REPORT) if os.path.isdir(words[0]) else words[0]
     report = read_json(path, "report")
     if not isinstance(report, dict) or any(not isinstance(report.get(key), kind) for key, kind in _NEEDED.items()):
-        raise InputError(f"{path}: does not say which options its run had: name a report.json of this version of hrsi")
+        raise InputError(f"{path}: does not contain the options of its run: name a report.json of this version of hrsi")
     algorithm = find_algorithm(registry, report["algorithm"])
     places = _Places(path, report)
     given = {key: value for key, value in report["options"].items() if key not in ONCE}

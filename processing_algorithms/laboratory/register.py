@@ -110,7 +110,7 @@ def _rows_by_id(table: ImagePoints, image: str) -> dict[str, int]:
     rows = np.flatnonzero(table.image_ids == image)
     ids, counts = np.unique(table.ids[rows], return_counts=True)
     if (counts > 1).any():
-        raise InputError(f"{table.source}: {list_ids(ids[counts > 1])} stands twice on {image}: keep one of the rows")
+        raise InputError(f"{table.source}: {list_ids(ids[counts > 1])} occurs twice on {image}: keep one of the rows")
     return {str(table.ids[row]): int(row) for row in rows}
 
 

@@ -169,7 +169,7 @@ def read_ground_points(source: str) -> list[SurveyPoint]:
     """Return the ground points of a layer or file, to be added to a session."""
     ground = read_points(source).ground
     if ground is None:
-        raise InputError(f"{source}: holds no positions on the ground: name another layer")
+        raise InputError(f"{source}: contains no ground positions: name another layer")
     return _survey_points(ground)
 
 
@@ -222,7 +222,7 @@ def _locate_images(block: str, paths: Sequence[str]) -> list[str]:
         existing = next((name for name in candidates if name and os.path.exists(name)), None)
         if existing is None:
             raise InputError(
-                f"{block}: its image {path!r} is not there: bring it back, or put it beside the GeoPackage"
+                f"{block}: its image {path!r} is missing: restore it, or copy it into the folder of the GeoPackage"
             )
         found.append(existing)
     return found

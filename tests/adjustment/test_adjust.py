@@ -136,7 +136,7 @@ def test_too_few_observations_name_the_image():
 
 def test_nothing_to_adjust():
     block, _, _ = blocks.block(gcps=0, checks=0, ties=5, count=1)
-    with pytest.raises(SolveError, match="no point is measured on two images"):
+    with pytest.raises(SolveError, match="no point is measured in two images"):
         adjust(block, AdjustOptions(test_sigmas=False))
 
 

@@ -215,7 +215,7 @@ def test_a_known_point_told_twice_is_an_error_that_names_it(
         path = Path(folder) / "points.csv"
         path.write_text("\n".join(["id,lon,lat,height", *lines]))
         with pytest.raises(
-            InputError, match=rf"line {len(lines) + 1} \(id 'P{row}'\): stands in line {row + 2} already"
+            InputError, match=rf"line {len(lines) + 1} \(id 'P{row}'\): occurs in line {row + 2} already"
         ):
             read_points(str(path), height_datum="ellipsoidal")
 

@@ -81,7 +81,7 @@ def test_a_track_in_the_other_datum_is_named_and_left_out(scene):
     result = adjusted(scene, points)
     assert [group.name for group in result.heights[0].groups if group.left_out] == [f"track {name}"]
     assert abs(scene.height_errors_m(result)[:, 2].mean()) < 0.3
-    assert any(name in text and "+4" in text and "left out" in text for text in result.warnings)
+    assert any(name in text and "+4" in text and "not used" in text for text in result.warnings)
 
 
 def test_two_tracks_that_differ_accuse_one_another(scene):
@@ -89,7 +89,7 @@ def test_two_tracks_that_differ_accuse_one_another(scene):
     points, _ = shifted_track(scene.points.select(chosen), 8.0)
     result = adjusted(scene, points)
     assert not any(group.left_out for group in result.heights[0].groups)
-    assert any("cannot be told" in text for text in result.warnings)
+    assert any("cannot be identified" in text for text in result.warnings)
 
 
 def dem_of(scene: LaserScene, above_m: float, step_m: float = 30.0) -> GridSurface:
@@ -125,7 +125,7 @@ def test_the_verdict_doubts_sources_that_contradict(scene):
     chosen = np.isin(scene.points.track, np.unique(scene.points.track)[:2])
     points, name = shifted_track(scene.points.select(chosen), 8.0)
     (reason,) = [reason for reason in judge(adjusted(scene, points)).reasons if reason.code == "sources-disagree"]
-    assert name in reason.message and "cannot be told" in reason.message
+    assert name in reason.message and "cannot be identified" in reason.message
 
 
 def with_heights(points: LaserPoints, height_m: np.ndarray) -> LaserPoints:

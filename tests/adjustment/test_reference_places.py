@@ -53,7 +53,7 @@ def test_a_corner_15_m_off_is_named_and_does_no_harm(scene):
         lon, lat = (float(text) for text in group.name.removeprefix("part about ").split(","))
         assert lon > middle[0] and lat > middle[1]
         assert np.hypot(group.east_m, group.north_m) == pytest.approx(15.0, abs=5.0)
-    assert any("reference, part about" in text and "left out" in text for text in result.warnings)
+    assert any("reference, part about" in text and "not used" in text for text in result.warnings)
     checks = scene.block.points.role == Role.CHECK
     between = ground_difference_m(result.ground[checks], good.ground[checks])
     assert np.abs(between[:, :2].mean(axis=0)).max() < 0.3  # a sixteenth of its places fewer

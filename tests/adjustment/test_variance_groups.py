@@ -177,7 +177,7 @@ def test_many_wrong_sigmas_are_said_briefly():
         replace(block, measurements=replace(rows, sigma_px=np.full(len(rows), 0.01))),
         AdjustOptions(test_sigmas=False, variance_components=True, variance_groups="kind-image"),
     )
-    said = [text for text in result.warnings if "sigma given" in text]
+    said = [text for text in result.warnings if "given sigma" in text]
     assert 4 <= len(said) <= 8
 
 
@@ -264,4 +264,4 @@ def test_ties_that_only_the_drift_as_guessed_leaves_out_come_back():
     found = {part.group: part.sigma for part in result.variance_components}
     # matching is not believed to be better than a fiftieth of a pixel, nor is it news that laser ties' sigmas are large
     assert found["image points: laser"] == pytest.approx(VARIANCE.least_matched_px)
-    assert not [text for text in result.warnings if "sigma given" in text]
+    assert not [text for text in result.warnings if "given sigma" in text]

@@ -125,7 +125,7 @@ def test_a_part_of_a_scene_without_a_place_is_refused(tmp_path: Path, geotransfo
 
 def test_an_rpc_that_may_be_of_both_is_refused(tmp_path: Path) -> None:
     """The upper left tenth at half the resolution: an RPC from 0 to 4000 may be the scene's, or one moved from 8000."""
-    with pytest.raises(InputError, match="nothing tells whether the RPC beside it is that of the scene"):
+    with pytest.raises(InputError, match="not known whether the RPC file belongs to the scene"):
         read_rpc(written(tmp_path, scene_rpc(), (0.0, 2.0, 0.0, 0.0, 0.0, 2.0)))
 
 

@@ -109,7 +109,7 @@ def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:
     ("crs", "geotransform", "datum", "message"),
     [
         ("", (0.0, 1.0, 0.0, 0.0, 0.0, -1.0), "egm96", "no coordinate reference system"),
-        ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "does not say what its heights refer to"),
+        ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "layer", "has no height datum"),
         ("EPSG:4326", (), "ellipsoidal", "no geotransform"),
         ("EPSG:4326", (5.0, 0.01, 0.0, 45.0, 0.0, -0.01), "my_geoid.gtx", "my_geoid.gtx"),
     ],

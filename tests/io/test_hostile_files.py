@@ -58,7 +58,7 @@ def _make_folder(path: Path) -> None:
 def test_a_delivery_of_60000_files_is_refused_at_once(tmp_path: Path, name: str, make) -> None:
     make(tmp_path / name)
     before = _cpu_seconds()
-    with pytest.raises(InputError, match=rf"{name}: holds more than \d+ files .* name the images"):
+    with pytest.raises(InputError, match=rf"{name}: contains more than \d+ files .* name the images"):
         resolve_images([str(tmp_path / name)], lambda _text: None)
     assert _cpu_seconds() - before < MOST_CPU_S
 

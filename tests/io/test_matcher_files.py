@@ -74,7 +74,8 @@ def test_wrong_databases_say_what_is_wrong(tmp_path):
     with sqlite3.connect(short) as database:
         database.execute("UPDATE matches SET rows = 2")
     for path, words in (
-        (nothing, "holds no matches"), (beyond, "keypoints that are not there"), (unknown, "image 7 and no keypoints"),
+        (nothing, "contains no matches"),
+        (beyond, "keypoints that are not there"), (unknown, "image 7 and no keypoints"),
         (str(other), "no database of COLMAP"), (short, "8 bytes for 2 x 2"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=words) as error:
@@ -105,7 +106,7 @@ def test_features_of_another_name(tmp_path):
         read_points(path, image_ids=IDS)
     with pytest.raises(InputError, match="no features of hloc"):
         read_points(f"{path}|features={path}", image_ids=IDS)
-    with pytest.raises(InputError, match="holds no matches of hloc"):
+    with pytest.raises(InputError, match="contains no matches of hloc"):
         read_points(features, image_ids=IDS)
 
 

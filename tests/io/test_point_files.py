@@ -124,7 +124,7 @@ def test_csv_and_projected_csv_agree(tmp_path: Path) -> None:
         assert tables.ground.ids.tolist() == IDS
         assert_ground(tables.ground.ground)
         assert len(tables.warnings) == 1
-        assert "taken as ellipsoidal" in tables.warnings[0]
+        assert "used as ellipsoidal" in tables.warnings[0]
 
 
 def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
@@ -350,14 +350,14 @@ DAMAGED = [
     ("id,lon,lat,height\nA,5,44,nan\n", r"line 2 \(id 'A'\): has no height"),
     ("id,lon,lat,height\nA,5,,1\n", "has no position"),
     ("id,lon,lat,height\n ,5,44,1\n", "line 2: field 'id' is empty"),
-    ("id,lon,lat,height\nA,5,44,1\n\nB,5,44,1\nA,5,44,1\n", r"line 5 \(id 'A'\): stands in line 2 already"),
+    ("id,lon,lat,height\nA,5,44,1\n\nB,5,44,1\nA,5,44,1\n", r"line 5 \(id 'A'\): occurs in line 2 already"),
     ("id,lon,lat,height\nA,-42.8,147.2,1\n", "latitude and longitude look swapped"),
     ("id,lon,lat,height\nA,519653,5259759,1\n", "no degrees"),
     ("id,lon,lat\nA,5,44\n", "has no height"),
     ("lon,lat,height\n5,44,1\n", "has no field 'id'"),
     ("id,lon,lat,height,role\nA,5,44,1,contrl\n", "role 'contrl' is unknown: use gcp, check, tie or off"),
     ("id,lon,lat,height,sigma_xy\nA,5,44,1,0\n", "field 'sigma_xy' is 0"),
-    ("id,lon,lat,height\n", "holds no points"),
+    ("id,lon,lat,height\n", "contains no points"),
     ("id,x,y,z\nA,5,44,1\n", "ground_crs"),
     ("id,foo\nA,1\n", "neither positions"),
     ("5,44,1\n6,45,2\n", "add a header line"),

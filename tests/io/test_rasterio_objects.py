@@ -95,5 +95,5 @@ def test_an_image_is_opened_from_what_stands_for_it(file: Path):
     "source", [SimpleNamespace(name="computed", encoding={}), SimpleNamespace(name=None), np.zeros((3, 3)), 7]
 )
 def test_what_stands_for_no_file_says_so(source):
-    with pytest.raises(InputError, match="stands for no file: save it and give its path"):
+    with pytest.raises(InputError, match="has no file: save it and give its path"):
         open_image(source)

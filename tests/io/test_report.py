@@ -45,7 +45,7 @@ def report() -> dict[str, Any]:
         "parameters": {"shift_sample": {"unit": "px", "meaning": EVIL}},
         "outliers": [{"id": EVIL, "image": "img_01", "statistic": 7.3}], "warnings": [EVIL],
         "verdict": {
-            "level": "doubtful", "sentence": "2 images tied to 0.18 px",
+            "level": "doubtful", "sentence": "2 images, tie points 0.18 px RMSE",
             "reasons": [
                 {"code": "few-ties", "level": "doubtful", "message": EVIL, "advice": "give `gcps`", "images": [EVIL],
                  "points": [f"P{k}" for k in range(40)]},
@@ -166,7 +166,7 @@ def test_html_is_complete_and_escaped(tmp_path: Path) -> None:
         "123\u202f456",
     ):
         assert wanted in page.text, wanted
-    assert page.text.index("2 images tied") < page.text.index("σ₀")
+    assert page.text.index("2 images, tie points") < page.text.index("σ₀")
 
 
 def test_html_of_a_bare_report(tmp_path: Path) -> None:
@@ -314,10 +314,10 @@ def test_verdict_opens_the_page_and_leads_to_its_explanation(tmp_path: Path) -> 
     """Reasons stand before all figures, escaped; a code with a section of docs/verdict.md links to its text below."""
     write_report_html(str(tmp_path / "report.html"), report())
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.index("2 images tied to 0.18 px") < page.index("<dt>CE90") < page.index("<h2>Notes")
+    assert page.index("2 images, tie points 0.18 px RMSE") < page.index("<dt>CE90") < page.index("<h2>Notes")
     assert EVIL not in page
     assert "give <code>gcps</code>" in page
     assert "P11 … (40 in all)" in outline(tmp_path / "report.html").text
     assert page.index('href="#about-few-ties"') < page.index('id="about-few-ties"')
-    assert "an error in one of them would not show" in page[page.index('id="about-few-ties"') :]
+    assert "an error in one of them cannot be detected" in page[page.index('id="about-few-ties"') :]
     assert "#about-no-such-code" not in page

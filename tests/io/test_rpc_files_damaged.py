@@ -64,7 +64,7 @@ def test_the_middle_has_a_place_in_the_image(axis: str, numerator: float, denomi
     if there:
         assert read_rpc(str(path)).rpc == rpc
     else:
-        with pytest.raises(InputError, match="middle of its area"):
+        with pytest.raises(InputError, match="centre of its area"):
             read_rpc(str(path))
 
 
@@ -120,5 +120,5 @@ def test_a_number_that_stands_there_twice(key: str, first: bool, folder: Path) -
         return RPC_READERS[key].read(str(path)).rpc
 
     assert read(rpc.line_off) == rpc
-    with pytest.raises(InputError, match=r"(?i)line_?off(set)? stands there twice"):
+    with pytest.raises(InputError, match=r"(?i)line_?off(set)? occurs twice"):
         read(rpc.line_off + 1.0)

@@ -170,7 +170,7 @@ def test_an_items_image_travels_to_other_processes(folder: Path):
         (collection({"type": "Feature", "id": "x", "properties": {}}), "feature 1 has no assets"),
         (item(assets={"m": {"href": "a.png", "roles": ["thumbnail"]}}), "no asset that is an image"),
         (item(assets={"m": {"type": GEOTIFF}}), "item 'scene', asset 'm': has no href"),
-        (item("a/b"), "item 'a/b': results are named by the id"),
+        (item("a/b"), "item 'a/b': the id cannot be used"),
         (item(assets={"m": {"href": "ftp://h/a.tif"}}), "begin with ftp"),
         ({"type": "Catalog", "stac_version": "1.0.0", "links": []}, "refers to items elsewhere"),
     ],

@@ -64,7 +64,7 @@ def test_infinite_sigmas_are_coordinates_without_survey(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"corr_en": [0.5, 0, 0]}, r"line 2 \(id 'A'\): field 'corr_en' has no standard deviations of both"),
+        ({"corr_en": [0.5, 0, 0]}, r"line 2 \(id 'A'\): field 'corr_en' needs the standard deviations of both"),
         ({"sigma_xy": [1, 1, 1], "corr_en": [0, 1.0, 0]}, r"id 'B'\): field 'corr_en' is no correlation"),
         ({"sigma_xy": [1, 1, 1], "cov_en": [0, 0, 2]}, r"id 'C'\): field 'cov_en' is no correlation"),
         ({"sigma_east": [0.1, -1, 1]}, r"id 'B'\): field 'sigma_east' is -1"),

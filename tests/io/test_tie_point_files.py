@@ -55,7 +55,7 @@ def test_damaged_match_files_are_refused(tmp_path):
         read_points(str(path), image_ids=["a", "b"])
     other = tmp_path / "matches.match"
     other.write_bytes(content)
-    with pytest.raises(InputError, match="call it PREFIX-IMAGE1__IMAGE2"):
+    with pytest.raises(InputError, match="rename it to PREFIX-IMAGE1__IMAGE2"):
         read_points(str(other), image_ids=["a", "b"])
 
 
@@ -107,7 +107,7 @@ def test_the_image_may_be_named_behind_the_file(tmp_path):
         read_points(other, image_ids=["x", "y"])
     named = tmp_path / "named.csv"
     named.write_text("id,image,sample,line\nA,x,1,2\n")
-    with pytest.raises(InputError, match=r"leave \|image= out"):
+    with pytest.raises(InputError, match=r"remove \|image="):
         read_points(f"{named}|image=y", image_ids=["x", "y"])
 
 

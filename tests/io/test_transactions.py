@@ -264,7 +264,7 @@ def test_what_could_not_be_put_in_place_is_by_the_next_run(tmp_path: Path, monke
             for name in names:
                 (stage / name).write_text(name)
 
-    with pytest.raises(OutputError, match="run again, which finishes it"):
+    with pytest.raises(OutputError, match="run again to finish"):
         write()
     assert {name for name in names if (folder / name).exists()} == {"a.txt", "b.txt"}
     monkeypatch.setattr(transactions.os, "replace", replace)

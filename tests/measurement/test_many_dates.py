@@ -77,7 +77,7 @@ def test_hopeless_images_are_named_and_the_others_are_one_block(found: TiePoints
             assert "connected to no other image" in hold.sentence
             assert any(text.startswith(f"{hold.image}: no tie points") for text in found.warnings)
     assert set(found.image_points.image_ids.tolist()) == held
-    assert "px beside those of the other images" in next(
+    assert "its RPC differs from those of the other images by about" in next(
         hold.reason for hold in found.holds if hold.image == images[WRONG].id
     )
 

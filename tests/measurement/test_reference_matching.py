@@ -105,7 +105,7 @@ def test_another_place_is_refused(scene):
 def test_reference_that_does_not_cover_the_image_is_refused(scene):
     far = replace(scene.reference, to_pixels=lambda lonlat: scene.reference.to_pixels(lonlat) + 1e6)
     control = match_reference(scene.images[:1], far, scene.terrain, OPTIONS)
-    assert "no textured place" in control.images[0].refusal
+    assert "no textured window" in control.images[0].refusal
 
 
 def shifted(scene: scenes.Scene, east_m: float, north_m: float) -> scenes.Scene:
@@ -136,7 +136,7 @@ def test_displaced_reference_is_noticed(scene, east_m, north_m, noticed):
     assert bool(text) == noticed
     assert describe_far_shifts(shifts) == (describe_shifts(shifts) if noticed else [])  # 100 m are 23 sigmas
     if noticed:
-        assert "all 2 images" in text and "m beside the reference" in text and "ERR_BIAS" in text
+        assert "all 2 images" in text and "differ from the reference by" in text and "ERR_BIAS" in text
 
 
 def reference_error(scene: scenes.Scene) -> list[np.ndarray]:

@@ -32,7 +32,7 @@ def test_the_message_has_the_figure() -> None:
     (reason,) = check_block(make_block("pleiades", 43.4, 2, 0))
     assert reason.code == "rpc-biased" and reason.images == ("image_1", "image_2")
     # Position 1 m and attitude 6 microrad at 694 km and more, along an oblique ray: 4.3 to 4.6 m a coordinate
-    assert "43.5 m off, 4.6 times their figure (CE90 9.53 m" in reason.message
+    assert "43.5 m, 4.6 times the stated accuracy (CE90 9.53 m" in reason.message
     assert "NTF" in reason.advice and "NTF" not in reason.message
 
 

@@ -207,7 +207,7 @@ def test_an_extent_on_the_ground(image: Path, tmp_path: Path) -> None:
         ({"extent": "0,0,1,1", "height": 10.0}, "lies outside a"),
         ({"extent": "0,0,1"}, "west,south,east,north in degrees"),
         ({"window": "0,0,9,9", "extent": "0,0,1,1"}, "give one of them"),
-        ({}, "nothing says what to make"),
+        ({}, "the result is not defined"),
     ],
 )
 def test_what_cannot_be_cut_is_refused(options: dict[str, Any], words: str, image: Path, tmp_path: Path) -> None:

@@ -168,7 +168,7 @@ def test_enmap_has_an_rpc_a_band_and_the_first_of_each_camera_counts(capsys, sce
 def test_a_folder_without_rpcs_says_so(capsys, tmp_path: Path) -> None:
     (tmp_path / "readme.txt").write_text("nothing")
     _, log = told(capsys, "rpc-info", tmp_path, code=2)
-    assert "holds no image with an RPC" in log
+    assert "contains no image with an RPC" in log
 
 
 def test_a_list_that_names_itself_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +209,7 @@ def test_one_image_is_refined_with_its_own_rows_of_a_blocks_points(capsys, scene
                      "--image-points", scene / "image_points.csv", "--output-dir", tmp_path,
                      "--write", "none")  # fmt: skip
     assert list(report["images"]) == ["image_1"]
-    assert any("not in the block are left out (image_2)" in text for text in report["warnings"])
+    assert any("not in the block are not used (image_2)" in text for text in report["warnings"])
 
 
 def test_a_misspelt_image_of_a_point_file_is_still_an_error(capsys, scene: Path, tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def test_tracks_that_made_rpcs_do_not_judge_them(block: Path, tmp_path: Path) ->
     alone = evaluate(block, tmp_path / "alone", image_points=str(block / "made.csv"), report=False)
     assert alone["tracks"]["points"] == 120 and not alone["tracks"]["independent"]
     assert alone["best"]["predicted"] is None and alone["best"]["fit"] is None
-    assert any("all 120 tracks made RPCs refined" in text for text in alone["warnings"])
+    assert any("all 120 tracks were used for RPCs refined" in text for text in alone["warnings"])
 
 
 def test_held_out_tracks_judge_the_rpcs_that_they_did_not_make(block: Path, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_faults_are_told(block: Path, tmp_path: Path) -> None:
         ({"rpcs": ["own=x"]}, "choose a name"),
         ({"rpcs": [f"a={block / 'sim'}", f"a={block / 'refined'}"]}, "twice"),
         ({"rpcs": [f"a={tmp_path / 'nowhere'}"]}, "no such directory"),
-        ({"rpcs": [f"a={tmp_path / 'empty'}"]}, "holds no RPC for image_1"),
+        ({"rpcs": [f"a={tmp_path / 'empty'}"]}, "contains no RPC for image_1"),
     ):
         with pytest.raises(InputError, match=message):
             evaluate(block, tmp_path / "out", **options)

@@ -147,7 +147,7 @@ def test_the_verdict_doubts_laser_heights_that_are_far_from_the_rpcs(block, tmp_
     )["verdict"]
     assert verdict["level"] != "ok"
     (reason,) = [reason for reason in verdict["reasons"] if reason["code"] == "heights-off-rpcs"]
-    assert reason["message"].startswith("the heights of laser put the block")
+    assert reason["message"].startswith("the heights of laser move the block")
 
 
 @pytest.mark.rendered

@@ -301,7 +301,7 @@ def test_terrain_from_points(scene: Path, tmp_path: Path) -> None:
 
 def test_flat_ground_is_warned_about(scene: Path, tmp_path: Path) -> None:
     report = ortho(scene, tmp_path, dem=None, height=230.0, height_datum="layer")
-    assert any("taken as flat" in text and "3.6 m" in text for text in report["warnings"])  # 10 m times the tilt
+    assert any("assumed to be flat" in text and "3.6 m" in text for text in report["warnings"])  # 10 m times the tilt
 
 
 def test_gaps_of_the_dem_are_told_and_filled(scene: Path, tmp_path: Path) -> None:
@@ -397,13 +397,13 @@ def test_coarse_orthoimages_are_means(scene: Path, tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"dem": None}, "height of the ground: give `dem`"),
-        ({"height": 3.0}, "`dem` and `height` all say"),
+        ({"height": 3.0}, "`dem` and `height` all define"),
         ({"crs": "EPSG:0"}, "`crs`"),
         ({"extent": "1,2,3"}, "`extent`"),
         ({"extent": f"{BOX} [EPSG:0]"}, "`extent`: 'EPSG:0'"),
         ({"extent": f"{BOX} [EPSG:4326]"}, "no box in the orthoimages' CRS"),
-        ({"extent": "0,0,10,10"}, "holds nothing of a"),
-        ({"nodata": "300000"}, "UInt16 pixels, which cannot hold it"),
+        ({"extent": "0,0,10,10"}, "does not overlap a"),
+        ({"nodata": "300000"}, "UInt16 pixels, which cannot represent it"),
         ({"nodata": "none"}, "neither a number nor mask"),
     ],
 )

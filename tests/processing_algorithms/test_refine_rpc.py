@@ -47,7 +47,7 @@ def test_quickbird_is_written(orthority, real_data, tmp_path):
     assert report["model"] == "shift"
     assert after == pytest.approx(0.104, abs=0.001)
     assert entry["rpc_fit_max_px"] == 0.0
-    assert "predicted from the others" in report["image_models"]["qb2_basic1b"]["choice"]["reason"]
+    assert "leave-one-out error" in report["image_models"]["qb2_basic1b"]["choice"]["reason"]
     assert json.loads((tmp_path / "report.json").read_text())["control"]["points"] == 5
     dataset = gdal.OpenEx(str(tmp_path / "block.gpkg"))
     assert dataset.GetLayerByName("residuals_utm").GetFeatureCount() == 10
@@ -134,4 +134,4 @@ def test_adjust_takes_auto(hobart, tmp_path):
     report = run("adjust", **hobart, model="auto", output_dir=str(tmp_path))
     assert report["model"] == "shift"
     assert report["model_choice"]["rule"] == "auto"
-    assert "predicted from the others" in report["model_choice"]["reason"]
+    assert "leave-one-out error" in report["model_choice"]["reason"]

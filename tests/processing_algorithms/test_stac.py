@@ -160,7 +160,7 @@ def test_rpcs_alone_of_unknown_time(repository: Path, options: dict[str, Any], t
     """RPC files without pixels have no image to name; what no file tells is a span of time, and a warning."""
     files = [str(repository / "examples" / "hobart" / f"{name}_RPC.TXT") for name in IMAGES]
     report = run("adjust", images=files, output_dir=str(tmp_path / "out"), stac=True, **options)
-    assert any("no file tells when hobart_ikonos_1" in text for text in report["warnings"])
+    assert any("the acquisition time of hobart_ikonos_1" in text for text in report["warnings"])
     document = read(tmp_path / "out", "hobart_ikonos_1_stac.json")
     assert set(document["assets"]) == {"rpc", "report"}
     assert document["properties"]["datetime"] is None and document["properties"]["end_datetime"] == report["date"]
@@ -168,7 +168,7 @@ def test_rpcs_alone_of_unknown_time(repository: Path, options: dict[str, Any], t
 
 def test_items_need_refined_images(repository: Path, options: dict[str, Any], tmp_path: Path):
     files = [str(repository / "examples" / "hobart" / f"{name}_RPC.TXT") for name in IMAGES]
-    with pytest.raises(InputError, match="`stac` tells of refined images"):
+    with pytest.raises(InputError, match="`stac` describes refined images"):
         run("adjust", images=files, output_dir=str(tmp_path / "out"), stac=True, write="none", **options)
 
 

@@ -189,7 +189,7 @@ def test_virtual_file_systems(pair, result, tmp_path):
         "adjust", images=images, tie_points="/vsimem/ties/block.gpkg", output_dir="/vsimem/adjusted", write="none"
     )
     assert adjusted["ties"]["rmse_px"] < 0.1
-    with pytest.raises(InputError, match="already holds a result"):
+    with pytest.raises(InputError, match="already contains a result"):
         run("tie-points", images=images, output_dir="/vsimem/ties")
     assert not Path("/vsimem").exists()
 

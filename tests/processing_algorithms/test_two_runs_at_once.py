@@ -47,7 +47,7 @@ def test_two_command_lines_at_once(scene: Path, tmp_path: Path) -> None:
     said = [process.communicate(timeout=120)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]
     refusal = said[0] if both[0].returncode else said[1]
-    assert "another run writes there now" in refusal or "already holds a result" in refusal
+    assert "another run writes there now" in refusal or "already contains a result" in refusal
     assert sorted(path.name for path in output.iterdir()) == [
         "block.gpkg",
         "block.json",

@@ -133,7 +133,7 @@ def test_refused_before_anything_is_written(image: Path, new: Path, tmp_path: Pa
         "one image": lambda: run(image, tmp_path / "second.tif", rpc=new, output_dir=tmp_path / "out"),
         "no such file": lambda: run(image, rpc=tmp_path / "none.txt", output_dir=tmp_path / "out"),
         "has no RPC": lambda: run(image, bare, output_dir=tmp_path / "out"),
-        "holds no RPC file for bare": lambda: run(image, bare, rpc=new.parent, output_dir=tmp_path / "out"),
+        "contains no RPC file for bare": lambda: run(image, bare, rpc=new.parent, output_dir=tmp_path / "out"),
         "same id": lambda: run(image, new, write="sidecar", output_dir=tmp_path / "out"),
         "exists already": lambda: run(image, write="copy", output_dir=tmp_path),
         "is an input": lambda: run(image, write="copy", output_dir=tmp_path, overwrite=True),

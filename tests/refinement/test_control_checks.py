@@ -61,7 +61,7 @@ def test_arrays_of_one_image(image, control):
 def test_nan(image, control, column):
     values = getattr(control, column).copy()
     values[2, 0] = np.nan
-    with pytest.raises(InputError, match="GCP 3 has no number"):
+    with pytest.raises(InputError, match="coordinate of GCP 3 is missing"):
         refine_image(image, replace(control, **{column: values}))
 
 
@@ -98,7 +98,7 @@ def test_another_part_of_the_world(image, control):
 
 
 def test_projected_coordinates(image, control):
-    with pytest.raises(InputError, match="no longitude and latitude"):
+    with pytest.raises(InputError, match="invalid longitude or latitude"):
         refine_image(image, replace(control, ground=control.ground * [3e3, -1e5, 1.0]))
 
 
@@ -133,7 +133,9 @@ def test_a_height_outside_the_range(image, control):
     ground = control.ground.copy()
     ground[6, 2] = 3000.0
     said = warnings(image, replace(control, ground=ground))
-    assert "the height of ground point 7 (3000 to 3000 m) is outside the -300 to 700 m" in said
+    assert (
+        "the height of ground point 7 (3000 to 3000 m) is outside the height range of the RPCs, -300 to 700 m" in said
+    )
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.0 / FOOT_M, "are in feet"), (FOOT_M, "were converted from feet")])

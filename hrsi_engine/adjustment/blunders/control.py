@@ -41,7 +41,7 @@ from .discrepancies import HEIGHT, IMAGE, PLAN, Discrepancies
 class GCP_TESTS:
     """Which GCPs are wrong, what of them, and whether that is clear."""
 
-    of_stated_sigmas: float = threshold(2.0, "observations", "what the stated sigmas count for in a variance factor")
+    of_stated_sigmas: float = threshold(2.0, "observations", "weight of the stated sigmas in a variance factor")
     worse_significance: float = threshold(0.1, "", "of a kind of observations with a variance factor of its own")
     all_subsets: int = threshold(1000, "subsets", "so many are tried one by one; more GCPs are searched")
     starts: int = threshold(12, "starts", "random starts of the search", "Rousseeuw and Van Driessen 1999")

@@ -36,8 +36,8 @@ class SNOOPING:
     tie_rounds: int = threshold(6, "rounds", "in which cameras and decisions on tie measurements alternate")
     control_rounds: int = threshold(3, "rounds", "most rounds in which GCPs are tested")
     rare: float = threshold(2e-4, "", "share of the measurements whose change of decision is not worth another round")
-    strong_drift: float = threshold(10.0, "", "times the usual drift: GCPs that it explains are not accused")
-    survey_weight: float = threshold(1e-3, "", "factor of the surveys' weights while ties are judged")
+    strong_drift: float = threshold(10.0, "", "times the usual drift: GCPs that it explains are not suspected")
+    survey_weight: float = threshold(1e-3, "", "factor of the survey weights while tie points are tested")
 
 
 class Snooping:
@@ -263,18 +263,17 @@ def describe_suspect(problem: Problem, control: Discrepancies, suspect: Suspect)
         east, north, up = suspect.error if image is None else (0.0, 0.0, 0.0)
         wrong = {
             "height": f"its height is {size:.1f} m too {'high' if up > 0.0 else 'low'} {sigmas}",
-            "image": f"its measurement on image {image} is off by {size:.1f} px {sigmas}",
-            "ground": f"its ground position is wrong by {east:+.1f} {north:+.1f} {up:+.1f} m east, north, up {sigmas}",
-            "all": f"its ground position (off by {size:.1f} m) or its measurements are wrong and cannot be told apart "
-            f"{sigmas}",
+            "image": f"its measurement on image {image} has an error of {size:.1f} px {sigmas}",
+            "ground": f"its position has an error of {east:+.1f} {north:+.1f} {up:+.1f} m east, north, up {sigmas}",
+            "all": f"its ground position (error {size:.1f} m) or its measurements are wrong {sigmas}",
         }[suspect.what]
-        message = f"GCP {name}: by the rest of the block {wrong}; it is left out"
+        message = f"GCP {name}: according to the other observations {wrong}; it is not used"
     else:
         apart = f"{size:.1f} {unit} {sigmas}"
         here, there = list_ids(ids[list(suspect.group)]), list_ids(ids[list(suspect.rivals)])
         message = (
-            f"GCP {here} and {there} disagree, {name} by {apart}; which of them are wrong cannot be told, all are "
-            "kept: check them, or measure more"
+            f"GCP {here} and {there} contradict each other, {name} by {apart}; the wrong ones cannot be identified, so "
+            "all are used: check them, or measure more GCPs"
         )
     return Finding(
         id=name, what={"image": image or "", "height": "height"}.get(suspect.what, "ground"),

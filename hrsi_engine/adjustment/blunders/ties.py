@@ -42,16 +42,20 @@ MEDIAN_EFFICIENCY = 0.4  # of a variance from the median of squares, against the
 class RAYS:
     """Which measurements of a tie point are blunders."""
 
-    credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are believed (see the module)")
+    credit: float = threshold(0.05, "", "odds of agreeing by chance up to which two rays are accepted (see the module)")
     least_sigma_px: float = threshold(
-        0.025, "px", "of a measurement when it is tested: a tenth of a pixel does no harm",
-        "rendered strip of 20 frames: 2 % of its ties fail at 4 sigma of 0.01 px, off by 0.04 px and more",
+        0.025, "px", "of a measurement when it is tested: a tenth of a pixel has no effect",
+        "rendered strip of 20 frames: 2 % of its tie points fail at 4 sigma of 0.01 px, with errors from 0.04 px",
     )  # fmt: skip
-    gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder, and not bad luck")
+    gross: float = threshold(1.5, "", "times the user's limit: beyond it a point has a blunder")
     false_share: float = threshold(
-        0.002, "", "share of clean blocks in which a tie point is accused; of the points accused, share of right ones"
+        0.002,
+        "",
+        "share of error-free blocks in which a tie point is rejected; of the rejected points, share of correct ones",
     )
-    least_variance: float = threshold(1e-12, "", "variance factor of ties below which their residuals are rounding")
+    least_variance: float = threshold(
+        1e-12, "", "variance factor of tie points below which their residuals are rounding"
+    )
 
 
 @thresholds
@@ -59,7 +63,7 @@ class TREND:
     """How far residuals that the neighbours share count as the cameras', and not as blunders."""
 
     least: int = threshold(60, "measurements", "on an image, ten for each coefficient")
-    sample: int = threshold(600, "measurements", "of an image that tell it: each coefficient to 0.1 sigma")
+    sample: int = threshold(600, "measurements", "of an image that determine it: each coefficient to 0.1 sigma")
     steps: int = threshold(4, "steps", "of the robust fit")
     levelling: float = threshold(1e-3, "", "relative weight that keeps coefficients of poorly spread points at zero")
 

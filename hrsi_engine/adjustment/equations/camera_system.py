@@ -23,9 +23,9 @@ class SYSTEM:
 
     most_factored: int = threshold(
         300_000, "cameras",
-        "more are solved by conjugate gradients: the factors of an affine block that large take some 12 GB",
+        "more are solved by conjugate gradients: the factors of an affine block that large take about 12 GB",
     )  # fmt: skip
-    nearby: float = threshold(1e-7, "", "relative error by a nearby matrix's factors; the next pass mends it")
+    nearby: float = threshold(1e-7, "", "relative error by a nearby matrix's factors; the next pass corrects it")
     nearby_unknowns: int = threshold(500, "unknowns", "of fewer, new factors cost nothing and are exact")
     nearby_iterations: int = threshold(10, "iterations", "with a nearby matrix; each costs 1/20 of new factors")
 
@@ -57,7 +57,7 @@ class _UnitDiagonal:
         pattern, own, fixed = self.pattern, np.arange(self.pattern.parameters), np.isinf(prior_weight)
         total = np.einsum("cpp->cp", blocks[pattern.diagonal]) + np.where(fixed, 0.0, prior_weight)
         if not np.all(fixed | (total > 0.0)):
-            raise SolveError("the normal equations are not positive definite: the images' cameras are unusable")
+            raise SolveError("the normal equations are not positive definite: check the RPCs of the images")
         self.scale, self.damping = np.where(fixed, 0.0, 1.0 / np.sqrt(np.where(fixed, 1.0, total))), damping
         result = blocks * self.scale[pattern.rows][:, :, None]
         result *= self.scale[pattern.columns][:, None, :]

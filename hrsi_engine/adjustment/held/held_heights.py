@@ -45,7 +45,7 @@ class HEIGHTS:
 
     least_by_rays: float = threshold(1e-4, "", "share of a height from rays that judges the observed height")
     dem_whole: float = threshold(
-        0.8, "", "share of a DEM's standard deviation by which all of it is off, in weights and predictions",
+        0.8, "", "share of a DEM's standard deviation that is a common error of all cells, in weights and predictions",
         "GLO-30: 4 m LE90 with noise of 1 to 3 m",
     )  # fmt: skip
     most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")

@@ -48,7 +48,9 @@ class SURFACE_FIT:
     )
     most_matches: int = threshold(12, "matches", "of a part; what is left then follows the block")
     moved_cells: float = threshold(0.05, "cells", "move of the block after which it is matched again")
-    fewest_cells: float = threshold(12.0, "cells", "independent ones, with fewer of which the relief holds no plan")
+    fewest_cells: float = threshold(
+        12.0, "cells", "independent ones; with fewer the relief does not determine the position in plan"
+    )
     flat: float = threshold(0.7, "", "scatter about the surface over that of the ground's heights: half is unexplained")
     left_of_relief: float = threshold(0.5, "", "scatter about the surface over that of the ground's heights …")
     left_sigmas: float = threshold(4.0, "sigma", "… or in standard deviations of the surface: beyond, another ground")
@@ -104,16 +106,19 @@ class SurfacePlan:
         """Why the relief does not hold the block in plan; empty where it does."""
         match = self.first
         if match.scatter_m > max(SURFACE_FIT.left_of_relief * self.relief_m, SURFACE_FIT.left_sigmas * self.sigma_m):
-            return f"it does not show this ground ({match.scatter_m:.1f} m scatter are left)"
+            return f"it does not show this terrain (a scatter of {match.scatter_m:.1f} m remains)"
         if match.scatter_m > SURFACE_FIT.flat * self.relief_m:
-            return f"the ground is flat: its relief of {self.relief_m:.1f} m does not stand out of the misclosures"
+            return f"the ground is flat: its relief of {self.relief_m:.1f} m is not larger than the misclosures"
         if match.cells < SURFACE_FIT.fewest_cells:
             return f"only {match.cells:.0f} of its parts are independent"
         if not match.is_decided:
-            return "another displacement fits about as well"
+            return "another displacement fits equally well"
         along_m = float(np.sqrt(np.linalg.eigvalsh(match.covariance_m2[:2, :2])[1]))
         if along_m > self.pointing_m:
-            return f"it tells the displacement to {along_m:.1f} m only (standard deviation along the weakest direction)"
+            return (
+                f"the displacement is determined to {along_m:.1f} m only (standard deviation along the weakest "
+                "direction)"
+            )
         return ""
 
     @property

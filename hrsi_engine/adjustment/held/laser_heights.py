@@ -37,14 +37,14 @@ NAME = "laser"
 class LASER_FIT:
     """How ground and laser points are related."""
 
-    ties: int = threshold(12, "tie points", "nearest tie points that tell the ground around a laser point")
+    ties: int = threshold(12, "tie points", "nearest tie points that determine the ground around a laser point")
     slope_sigma: float = threshold(0.2, "m/m", "a priori standard deviation of the ground's slope")
     roughness: float = threshold(0.02, "m/m", "standard deviation of the ground about the plane, over the distance")
     least_scatter_m: float = threshold(0.1, "m", "least scatter of the tie points about their plane")
     place_sigma_m: float = threshold(4.0, "m", "of a laser point in plan", "ICESat-2: 3.5 m (Luthcke et al. 2021)")
     track_sigma_m: float = threshold(0.1, "m", "standard deviation of what a track shares: orbit and pointing")
     overall_sigma_m: float = threshold(0.05, "m", "standard deviation of what all laser points share: tides, datum")
-    uneven_m: float = threshold(2.0, "m", "scatter of ties about their plane: the ground has no height there")
+    uneven_m: float = threshold(2.0, "m", "scatter of tie points about their plane: the ground has no height there")
     moved_m: float = threshold(1.0, "m", "shift of the block in plan after which the planes are found again")
     cut: float = threshold(2.5, "sigma", "a tie point farther off the plane loses weight")
 

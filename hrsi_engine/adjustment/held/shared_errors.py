@@ -36,15 +36,17 @@ from ..result import SourceGroup
 class SOURCE_FIT:
     """Which external heights and positions fit, alone and in groups."""
 
-    fitting: float = threshold(2.5, "sigma", "one off by less keeps its weight", "redescending weights (Hampel 1974)")
-    wrong: float = threshold(4.0, "sigma", "one that is off by more has none", "redescending weights (Hampel 1974)")
+    fitting: float = threshold(
+        2.5, "sigma", "one with a smaller error keeps its weight", "redescending weights (Hampel 1974)"
+    )
+    wrong: float = threshold(4.0, "sigma", "one with a larger error has none", "redescending weights (Hampel 1974)")
     left_out: float = threshold(1e-3, "", "factor of the weight below which an observation counts as left out")
     core: float = threshold(2.5, "robust sigma", "differences farther from the median do not count")
-    group_wrong: float = threshold(3.5, "sigma", "a group that is off by more disagrees with the others")
+    group_wrong: float = threshold(3.5, "sigma", "a group with a larger error contradicts the others")
     decided: float = threshold(4.0, "chi²", "by which a place of the block must be better to decide on groups")
     most_returns: int = threshold(3, "returns", "a group that has come back so often stays out")
     least_of_group: int = threshold(3, "observations", "a group of fewer is judged by its members alone")
-    prior_redundancy: float = threshold(20.0, "observations", "what the given sigma counts for in its variance")
+    prior_redundancy: float = threshold(20.0, "observations", "weight of the given sigma in its variance")
     sigma_factors: tuple[float, float] = threshold((0.5, 5.0), "", "least and largest factor of a sigma")
 
 

@@ -31,7 +31,7 @@ from ..gauss_newton import GaussNewton, Solution
 class RELIABILITY:
     """Which residuals tell of their own observation."""
 
-    least_redundancy: float = threshold(1e-3, "", "a residual with less says nothing of its observation")
+    least_redundancy: float = threshold(1e-3, "", "a residual with less is not a measure of its observation")
     farthest_m: float = threshold(1e5, "m", "a larger error or standard deviation is not determined")
 
 

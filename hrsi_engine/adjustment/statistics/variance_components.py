@@ -42,9 +42,11 @@ class VARIANCE:
         "1 / sqrt(2 r) of a variance component with redundancy r",
     )  # fmt: skip
     least_matched_px: float = threshold(0.02, "px", "no matching is better", "Förstner 1982, Grün 1985")
-    of_ties: float = threshold(2.0, "observations", "what the factor of ties counts for in that of GCPs' image points")
-    of_group: float = threshold(30.0, "observations", "what the factor of a group of image points counts for in images")
-    of_surveys: float = threshold(6.0, "observations", "what the factor of all surveys counts for in groups")
+    of_ties: float = threshold(
+        2.0, "observations", "weight of the factor of tie points in that of the image points of GCPs"
+    )
+    of_group: float = threshold(30.0, "observations", "weight of the factor of a group of image points in images")
+    of_surveys: float = threshold(6.0, "observations", "weight of the factor of all surveys in groups")
     least_survey_share: float = threshold(1e-5, "", "least redundancy number of a survey that counts")
     same_gsd: float = threshold(1.25, "", "ratio of pixel sizes of one sensor, seen more or less obliquely")
 
@@ -313,9 +315,13 @@ def describe_wrong_sigmas(found: Sequence[VarianceComponent], cautious: frozense
     ]  # fmt: skip
     wrong.sort(key=lambda part: -abs(np.log(part.factor)))
     said = [
-        f"{part.group}: the sigma given is {'too small' if part.factor > 1.0 else 'too large'}, residuals show "
-        f"{part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
+        f"{part.group}: the given sigma is {'too small' if part.factor > 1.0 else 'too large'}: from the residuals it "
+        f"is {part.sigma:.3g} {part.unit} ({part.factor:.2f} times)"
         for part in wrong[:8]
     ]
     more = len(wrong) - len(said)
-    return [*said, f"the sigmas of {more} more groups were given wrong: see variance_components"] if more else said
+    return (
+        [*said, f"the given sigmas of {more} more groups are wrong: see variance_components in the report"]
+        if more
+        else said
+    )

@@ -45,8 +45,8 @@ def open_client(address: str, certificates: Certificates) -> Iterator[Any]:
             raise
         reason = "its workers died again and again" if isinstance(error, KilledWorker) else "it is gone"
         raise SolveError(
-            f"`scheduler` {address} was lost ({reason}): what is finished is kept, and the same command goes "
-            "on with the rest, with this scheduler, another one or none"
+            f"`scheduler` {address} was lost ({reason}): finished parts are kept; run the same command again, with "
+            "this scheduler, another one or none"
         ) from None
     finally:
         client.close(timeout=2)

@@ -52,7 +52,7 @@ def read_record(folder: str) -> BlockRecord:
     """Return the block record of a result folder; raise `InputError` where it is missing or invalid."""
     path = os.path.join(folder, RECORD_FILE)
     if not os.path.exists(path):
-        raise InputError(f"{folder}: holds no {RECORD_FILE}: name the output directory of an earlier adjustment")
+        raise InputError(f"{folder}: contains no {RECORD_FILE}: name the output directory of an earlier adjustment")
     try:
         found = read_json(path, "report")
         images = tuple(
@@ -73,8 +73,8 @@ def read_cameras(folder: str) -> dict[str, np.ndarray]:
     path = os.path.join(folder, CAMERAS_FILE)
     if not os.path.exists(path):
         raise InputError(
-            f"{folder}: holds no {CAMERAS_FILE}, so nothing is known of its cameras together: adjust that block again, "
-            "or let `earlier_cameras` be free"
+            f"{folder}: contains no {CAMERAS_FILE} with the joint accuracy of its cameras: adjust that block again, or "
+            "set `earlier_cameras` to free"
         )
     try:
         return read_arrays(path)

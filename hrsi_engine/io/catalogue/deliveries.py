@@ -97,7 +97,7 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
         images = [*_with_rpc(name, texts, faults)]
     if not images:
         reason = f" ({faults[0]})" if faults else ""
-        raise InputError(f"{name}: holds no image with an RPC{reason}: name the images, or another folder")
+        raise InputError(f"{name}: contains no image with an RPC{reason}: name the images, or another folder")
     return sorted(images)
 
 
@@ -110,12 +110,14 @@ def _list_files(name: str, folder: str) -> list[str]:
         held = list_archive(name)
         packed, unfolded = os.path.getsize(name), sum(size for _name, size in held)
         if unfolded > max(FILE_BUDGETS.points_bytes, FILE_BUDGETS.packed_factor * packed):
-            raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: get it again")
+            raise InputError(f"{name}: {packed} bytes that unfold to {unfolded} are no images: obtain it again")
         require_delivery(name, len(held))
         may_be = sum(one.lower().endswith((*IMAGE_ENDINGS, ".xml", ".dim")) for one, _size in held)
         require_delivery(name, may_be, FILE_BUDGETS.archive_images, "files that may be images")
         if any(one.count("/") > FILE_BUDGETS.delivery_depth for one, _size in held):
-            raise InputError(f"{name}: holds folders deeper than {FILE_BUDGETS.delivery_depth}: unpack what you need")
+            raise InputError(
+                f"{name}: contains folders deeper than {FILE_BUDGETS.delivery_depth}: unpack what you need"
+            )
         listed = [file for file in gdal.ReadDirRecursive(folder) or [] if isinstance(file, str)]
         return sorted(file for file in listed if file[-1] != "/")
     found: list[str] = []

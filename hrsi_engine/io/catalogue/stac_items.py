@@ -52,7 +52,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     try:
         document = json.loads(read_bytes(file, MOST_BYTES["items"]))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: is no JSON that can be read ({error}): get the file again") from None
+        raise InputError(f"{file}: is no JSON that can be read ({error}): obtain the file again") from None
     kind = document.get("type") if isinstance(document, dict) else None
     if kind in ("Collection", "Catalog") and "stac_version" in document:
         raise InputError(
@@ -62,7 +62,7 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
     features = document.get("features") if kind == COLLECTION_OF_ITEMS else [document] if kind == ITEM else None
     if not isinstance(features, list):
         if given:
-            raise InputError(f"{file}: holds no STAC items: name an item or an item collection")
+            raise InputError(f"{file}: contains no STAC items: name an item or an item collection")
         return None
     if not features:
         raise InputError(f"{file}: is an item collection without items: search again")
@@ -96,10 +96,10 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
         raise InputError(f"{file}: feature {number} has no assets, it is no STAC item: name an item collection")
     name = feature.get("id")
     if not isinstance(name, str) or not name:
-        raise InputError(f"{file}: item {number} has no id: mend the file")
+        raise InputError(f"{file}: item {number} has no id: correct the file")
     where = f"{file}, item {name!r}"
     if {"/", "\\", "\0"} & set(name) or name in (".", ".."):
-        raise InputError(f"{where}: results are named by the id, which is no name of a file: mend the id")
+        raise InputError(f"{where}: the id cannot be used as a file name of the results: correct the id")
     assets = {key: asset for key, asset in feature["assets"].items() if isinstance(asset, dict)}
     base = file if alone else next(
         (link["href"] for link in _pick_dicts(feature.get("links"))
@@ -111,7 +111,7 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
     def path_of(key: str) -> str:
         href = assets[key].get("href")
         if not isinstance(href, str) or not href:
-            raise InputError(f"{where}, asset {key!r}: has no href: mend the file")
+            raise InputError(f"{where}, asset {key!r}: has no href: correct the file")
         return href_path(href, base)
 
     place = file if file.startswith("/vsi") else os.path.abspath(file)

@@ -16,7 +16,7 @@ class ImageRows(LayerRows, layer="images"):
     path: TextColumn = column()
     samples: IntegerColumn = column()
     lines: IntegerColumn = column()
-    observations: IntegerColumn = column("Measurements on the image that took part")
+    observations: IntegerColumn = column("Measurements on the image that were used")
     footprint_height_m: FloatColumn = column("Ellipsoidal height at which the footprint is drawn", "m")
 
 
@@ -52,7 +52,7 @@ class ImagePointRows(LayerRows, layer="image_points"):
     residual_line_px: FloatColumn = column()
     sigma_sample_px: FloatColumn = column()
     sigma_line_px: FloatColumn = column()
-    weight: FloatColumn = column("Weight of the measurement in the adjustment; 0 took no part")
+    weight: FloatColumn = column("Weight of the measurement in the adjustment; 0: not used")
     flag: TextColumn = column()
 
 
@@ -82,9 +82,9 @@ class LaserPointRows(LayerRows, layer="laser_points"):
     id: TextColumn = column()
     track: TextColumn = column("Track of the laser altimeter")
     used: FlagColumn = column()
-    reason: TextColumn = column("Why it does not take part")
+    reason: TextColumn = column("Why it is not used")
     residual_height_m: FloatColumn = column()
-    ties: IntegerColumn = column("Tie points that it holds")
+    ties: IntegerColumn = column("Tie points that it constrains")
     sigma_m: FloatColumn = column("Standard deviation of the height", "m")
     stated_sigma_m: FloatColumn = column("Standard deviation of the height as the file states it", "m")
     misfit_m: FloatColumn = column("Misfit of the segment as the file states it", "m")
@@ -99,7 +99,7 @@ class SurfaceResidualRows(LayerRows, layer="surface_residuals"):
     id: TextColumn = column()
     residual_before_m: FloatColumn = column("Height above the surface by the RPCs as given", "m")
     residual_height_m: FloatColumn = column("Height above the surface after the adjustment", "m")
-    holds: FlagColumn = column("Whether the surface holds the part of the block in plan")
+    holds: FlagColumn = column("Whether the surface determines the position in plan of the part of the block")
 
 
 # ---- what is measured in images --------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class ViewRows(LayerRows, layer="images"):
 
     id: TextColumn = column("Id of the image")
     path: TextColumn = column()
-    rpc_source: TextColumn = column("Where the RPC stands")
+    rpc_source: TextColumn = column("Source of the RPC")
     samples: FloatColumn = column()
     lines: FloatColumn = column()
     lon: FloatColumn = column("Longitude of the image's middle", "degrees")
@@ -261,7 +261,7 @@ class ViewRows(LayerRows, layer="images"):
     azimuth_deg: FloatColumn = column("Azimuth from the ground to the sensor", "degrees")
     sun_azimuth_deg: FloatColumn = column("Azimuth of the sun", "degrees")
     sun_elevation_deg: FloatColumn = column("Elevation of the sun", "degrees")
-    sun_source: TextColumn = column("File that tells where the sun stood")
+    sun_source: TextColumn = column("File with the position of the sun")
     rpc_height_min_m: FloatColumn = column("Lowest height for which the RPC was made", "m")
     rpc_height_max_m: FloatColumn = column("Highest height for which the RPC was made", "m")
     err_bias_m: FloatColumn = column("Bias error that the RPC states", "m")
@@ -273,8 +273,8 @@ class PairRows(LayerRows, layer="pairs"):
 
     first: TextColumn = column()
     second: TextColumn = column()
-    overlap_first: FloatColumn = column("Share of the first image that the second one sees too")
-    overlap_second: FloatColumn = column("Share of the second image that the first one sees too")
+    overlap_first: FloatColumn = column("Share of the first image that the second one covers")
+    overlap_second: FloatColumn = column("Share of the second image that the first one covers")
     convergence_deg: FloatColumn = column("Convergence angle of the two rays", "degrees")
     base_to_height: FloatColumn = column("Base over height")
 

@@ -261,7 +261,9 @@ def _complete_description(cls: type, name: str, part: DeclaredColumn) -> Declare
     if part.description:
         return part
     if name not in SHARED_COLUMNS:
-        raise TypeError(f"`{cls.__name__}.{name}`: say what it holds, or enter a text for all layers in SHARED_COLUMNS")
+        raise TypeError(
+            f"`{cls.__name__}.{name}`: describe its content, or enter a text for all layers in SHARED_COLUMNS"
+        )
     description, unit = SHARED_COLUMNS[name]
     return replace(part, description=description, unit=unit)
 
@@ -285,7 +287,10 @@ SHARED_COLUMNS: dict[str, tuple[str, str]] = {
     "path": ("File of the image", ""),
     "samples": ("Columns of the image", "px"),
     "lines": ("Rows of the image", "px"),
-    "role": ("gcp: control; check: known, and took no part; tie: unknown; held_out: tie that took no part", ""),
+    "role": (
+        "gcp: control point; check: check point, not used; tie: tie point; held_out: tie point that was not used",
+        "",
+    ),
     "height": ("Height above the WGS84 ellipsoid", "m"),
     "views": ("Images on which the point was found", ""),
     "image": ("Id of the image", ""),
@@ -319,8 +324,8 @@ SHARED_COLUMNS: dict[str, tuple[str, str]] = {
     "sigma_height_m": ("Standard deviation of the height or its residual", "m"),
     "sigma_sample_px": ("Standard deviation of residual_sample_px, from whose quotient the flag is made", "px"),
     "sigma_line_px": ("Standard deviation of residual_line_px, from whose quotient the flag is made", "px"),
-    "flag": ("ok, or what is to be said of the residual", ""),
-    "used": ("Whether it takes part", ""),
+    "flag": ("ok, or a remark on the residual", ""),
+    "used": ("Whether it is used", ""),
     "rmse_px": ("Root mean square of the residuals", "px"),
     "correlation": ("Correlation of the grey values after matching", ""),
 }

@@ -42,12 +42,12 @@ class FILE_BUDGETS:
     )
     gcp_rows: int = threshold(
         600_000, "rows", "most rows of a text file of GCPs",
-        "surveys have hundreds, matches with a reference some 1e5; image points and ties may have more",
+        "surveys have hundreds, matches with a reference about 1e5; image points and tie points may have more",
     )  # fmt: skip
     matches_bytes: int = threshold(2048 * MIB, "byte", "largest binary file of matches")
-    report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: some 20 MB")
+    report_bytes: int = threshold(128 * MIB, "byte", "largest report", "ten thousand images and points: about 20 MB")
     items_bytes: int = threshold(
-        256 * MIB, "byte", "largest file of STAC items", "as many images as a block can have, some 10 kB each"
+        256 * MIB, "byte", "largest file of STAC items", "as many images as a block can have, about 10 kB each"
     )
     names_bytes: int = threshold(32 * MIB, "byte", "largest list of images")
     journal_bytes: int = threshold(256 * MIB, "byte", "largest journal of points measured by hand")
@@ -57,19 +57,20 @@ class FILE_BUDGETS:
     )
     line_characters: int = threshold(4 * MIB, "characters", "longest line of a text file")
     text_characters: int = threshold(4096, "characters", "longest id or image name", "paths and signed addresses fit")
-    plain_text_characters: int = threshold(64, "characters", "names up to this length may stand in any number of rows")
+    plain_text_characters: int = threshold(64, "characters", "names up to this length may occur in any number of rows")
     wide_text_bytes: int = threshold(
         512 * MIB, "byte", "largest column of longer texts", "NumPy gives every row the width of the longest"
     )
     unfolded_bytes: int = threshold(2048 * MIB, "byte", "largest sum of a spreadsheet's parts")
     directory_bytes: int = threshold(
-        32 * MIB, "byte", "largest directory of a zip archive", "an entry has some 100 bytes, and takes 1 kB of memory"
+        32 * MIB, "byte", "largest directory of a zip archive", "an entry has about 100 bytes, and takes 1 kB of memory"
     )
     delivery_files: int = threshold(
         200_000, "files", "most files of a folder or archive that is looked through", "all of an archive of orders"
     )
     delivery_in_vain: int = threshold(
-        5_000, "files", "most files of a folder or archive that are opened in vain: they are no images with RPCs",
+        5_000, "files",
+        "most files of a folder or archive that are opened without result: they are no images with RPCs",
         "each takes 1 ms; as many more as there are images before them, which may have masks and browse images",
     )  # fmt: skip
     archive_images: int = threshold(
@@ -116,7 +117,7 @@ class GROUND_HEIGHTS:
     lowest_m: float = threshold(-12_000.0, "m", "lowest height", "the deepest trench and the error of a datum")
     highest_m: float = threshold(9_000.0, "m", "greatest height", "the highest mountain and the error of a datum")
     no_data_m: float = threshold(
-        -9999.0, "m", "height that stands for none in files that do not declare it",
+        -9999.0, "m", "height that means nodata in files that do not declare it",
         "no ground that images show is so deep",
     )  # fmt: skip
 
@@ -193,8 +194,8 @@ def require_texts(source: str, field: str, rows: int, longest: int) -> None:
         longest > FILE_BUDGETS.plain_text_characters and rows * longest * 4 > FILE_BUDGETS.wide_text_bytes
     ):
         raise InputError(
-            f"{source}: field {field!r} holds a text of {longest} characters ({rows} rows): no name is that long; "
-            "correct it, or get the file again"
+            f"{source}: field {field!r} contains a text of {longest} characters ({rows} rows): names are shorter; "
+            "correct it, or obtain the file again"
         )
 
 
@@ -204,7 +205,7 @@ def require_small_archive(path: str) -> None:
     if not path.startswith("/vsi") and zipfile.is_zipfile(path):
         size = sum(size for _name, size in list_archive(path))
         if size > FILE_BUDGETS.unfolded_bytes:
-            raise InputError(f"{path}: unfolds to {size // MIB} MiB, no table does: get it again, or save it as CSV")
+            raise InputError(f"{path}: unfolds to {size // MIB} MiB, no table does: obtain it again, or save it as CSV")
 
 
 def list_archive(path: str) -> list[tuple[str, int]]:
@@ -233,7 +234,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                 tar.members.clear()  # type: ignore[attr-defined]  # TarFile keeps all of them
                 unfolded = member.offset_data + member.size
                 if len(found) > FILE_BUDGETS.delivery_files:
-                    raise InputError(f"{path}: holds more than {FILE_BUDGETS.delivery_files} files: name its images")
+                    raise InputError(f"{path}: contains more than {FILE_BUDGETS.delivery_files} files: name its images")
                 if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a packed one
                     raise InputError(
                         f"{path}: unfolds to more than {unfolded // MIB} MiB: unpack it, and name the folder"
@@ -243,14 +244,15 @@ def list_archive(path: str) -> list[tuple[str, int]]:
         OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile, tarfile.TarError, NotImplementedError,
     ) as error:  # fmt: skip
         why = (str(error).splitlines() or [type(error).__name__])[0].rstrip(":")  # tarfile adds a line for each method
-        raise InputError(f"{path}: is a damaged archive ({why}): get it again") from None
+        raise InputError(f"{path}: is a damaged archive ({why}): obtain it again") from None
 
 
 def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:
     """Raise `InputError` for a folder or archive that holds more of something than a delivery does."""
     if count > most:
-        raise InputError(f"{name}: holds more than {most} {what}: name the images themselves (by a pattern such as "
-                         "FOLDER/*.tif, or @LIST), or parts of it")  # fmt: skip
+        raise InputError(
+            f"{name}: contains more than {most} {what}: name the images themselves (by a pattern such as FOLDER/*.tif, "
+            "or @LIST), or parts of it")  # fmt: skip
 
 
 def database_seconds(size: int) -> float:
@@ -267,13 +269,13 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
     columns, rows = dataset.RasterXSize, dataset.RasterYSize
     claim = f"{path}: claims {columns} x {rows} pixels"
     if max(columns, rows) > RASTER_BUDGETS.side_px or columns * rows > RASTER_BUDGETS.pixels:
-        raise InputError(f"{claim}, more than any image or DEM has: get the file again, or cut out what is needed")
+        raise InputError(f"{claim}, more than any image or DEM has: obtain the file again, or cut out what is needed")
     if columns * rows > RASTER_BUDGETS.empty_pixels:
         sizes = [file_bytes(file) for file in dataset.GetFileList() or [path]]
         held = sum(size for size in sizes if size is not None)
         if None not in sizes and columns * rows > RASTER_BUDGETS.pixels_per_byte * held:
             raise InputError(
-                f"{claim} in {held} bytes: nearly all of it is empty, or the file is damaged: get it again, or cut out "
+                f"{claim} in {held} bytes: nearly all of it is empty, or the file is damaged: obtain it again, or cut "
                 "what is needed"
             )
     band = dataset.GetRasterBand(1)
@@ -299,5 +301,5 @@ def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
         share = f"{wrong.sum()} of {len(heights_m)}"
         raise InputError(
             f"{where(index)}: the height {heights_m[index]:g} m is on no ground of the Earth (so are {share} there): "
-            "declare the value that means no data, correct units or values, or get the file again"
+            "declare the value that means no data, correct units or values, or obtain the file again"
         )

@@ -78,7 +78,9 @@ def sound_database(path: str) -> Iterator[sqlite3.Connection]:
             yield database
     except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
         said = f"no answer after {most:.0f} s" if "interrupt" in str(error) else str(error)
-        raise InputError(f"{path}: is a damaged database ({said}): get it again, or try sqlite3's .recover") from None
+        raise InputError(
+            f"{path}: is a damaged database ({said}): obtain it again, or try sqlite3's .recover"
+        ) from None
 
 
 def sql_text(template: str, **names: str | Sequence[str]) -> str:
@@ -98,6 +100,6 @@ def insert_text(table: str, columns: Sequence[str], template: str = "INSERT INTO
 
 def _quote(name: str) -> str:
     if "\0" in name:
-        raise OutputError(f"{name!r} holds a zero byte, which no table or column can: rename it")
+        raise OutputError(f"{name!r} contains a zero byte, which names of tables and columns cannot have: rename it")
     doubled = name.replace('"', '""')
     return f'"{doubled}"'

@@ -45,8 +45,8 @@ def check_advice(path: str, otherwise: str = "check the path") -> str:
     if not any(server in path for server in servers):
         return otherwise
     return (
-        "check the address, and whether its server answers (GDAL's options GDAL_HTTP_CONNECTTIMEOUT and "
-        "GDAL_HTTP_LOW_SPEED_TIME say how long it is waited for)"
+        "check the address, and whether its server answers (the GDAL options GDAL_HTTP_CONNECTTIMEOUT and "
+        "GDAL_HTTP_LOW_SPEED_TIME set the time limit)"
     )
 
 

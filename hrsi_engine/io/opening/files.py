@@ -22,7 +22,7 @@ def read_json(path: str, kind: str) -> Any:
         with open(path, encoding="utf-8-sig") as file:
             return json.load(file)
     except (OSError, ValueError, RecursionError) as error:  # the last: brackets nested thousands deep
-        raise InputError(f"{path}: is no JSON that can be read ({error}): get the file again") from None
+        raise InputError(f"{path}: is no JSON that can be read ({error}): obtain the file again") from None
 
 
 def open_raster(path: str) -> gdal.Dataset:

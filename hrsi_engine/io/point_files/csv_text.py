@@ -194,7 +194,9 @@ def _find_encoding(path: str) -> str:
         while block := file.read(1 << 20):
             unbroken = 0 if b"\n" in block or b"\r" in block else unbroken + len(block)
             if unbroken > FILE_BUDGETS.line_characters:
-                raise InputError(f"{path}: holds {unbroken} bytes without a line break: it is no table, check the file")
+                raise InputError(
+                    f"{path}: contains {unbroken} bytes without a line break: it is no table, check the file"
+                )
             if marked is None and is_utf8:
                 try:
                     decoder.decode(block, final=len(block) < 1 << 20)

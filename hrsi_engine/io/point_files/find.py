@@ -85,7 +85,7 @@ def read_points(
     if image is not None:
         # The table with all points measured on one image
         if "image" in match_fields(table.field_names) or table.pairwise:
-            raise InputError(f"{table.source}: says itself on which image a point was measured: leave |image= out")
+            raise InputError(f"{table.source}: has the image of each point in a field: remove |image=")
         if image not in image_ids:
             listed = ", ".join(image_ids) or "none"
             raise InputError(f"{table.source}: |image={image} is not in the block (images: {listed}): correct it")
@@ -240,7 +240,7 @@ def _read_sample_line(spec: str) -> tuple[PointTable, np.ndarray]:
     """Return the rows of a file and their sample and line ``(n, 2)``, which all of them must have."""
     table = spec.table() if isinstance(spec, PointsInMemory) else read_table(spec)
     if not len(table):
-        raise InputError(f"{table.source}: holds no points: add some, or name another layer")
+        raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     image = np.column_stack([require_field(table, "sample"), require_field(table, "line")])
     missing = np.flatnonzero(np.isnan(image).any(axis=1))
     if missing.size:

@@ -71,7 +71,7 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
         columns |= {f"cov_{'enh'[i]}{'enh'[j]}": covariance[:, i, j] for i in range(3) for j in range(i, 3)}
         notes = (
             f"{path}: the three sigmas of a point differ: they are taken along the geocentric x, y and z axes, as "
-            "bundle_adjust does unless told otherwise",
+            "bundle_adjust does by default",
         )
     geometry = np.column_stack([lon, lat, height])
     return PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)

@@ -55,7 +55,7 @@ class PointTables:
 def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str]) -> PointTables:
     """Return a table's ground points and image points; raise `InputError` naming the row and what to do."""
     if not len(table):
-        raise InputError(f"{table.source}: holds no points: add some, or name another layer")
+        raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     measures, known = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
     if not (measures or known):
         raise InputError(
@@ -190,8 +190,8 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
             at = np.flatnonzero(wrong)[0]
             what = "with another position" if measures else "a second time"
             raise InputError(
-                f"{table.name_row(rows[at])}: stands in {table.row_name(int(before[at]))} already, here {what}: "
-                f"keep one, or rename it"
+                f"{table.name_row(rows[at])}: occurs in {table.row_name(int(before[at]))} already, here {what}: keep "
+                "one, or rename it"
             )
     if not len(ids):
         return None, warnings
@@ -257,7 +257,7 @@ def _covariance(table: PointTable, first: np.ndarray, second: np.ndarray, elemen
         share = np.where(np.isnan(value), share, value / (first * second))
     field = element if element in table.columns else correlation
     for wrong, why in (
-        (given & np.isnan(first * second), "has no standard deviations of both coordinates beside it: add them"),
+        (given & np.isnan(first * second), "needs the standard deviations of both coordinates: add them"),
         (given & ~(np.abs(share) < 1.0), "is no correlation between -1 and 1: correct it or its standard deviations"),
     ):
         if wrong.any():

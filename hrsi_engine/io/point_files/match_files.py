@@ -77,7 +77,7 @@ def _match_keypoints(
         )
     xy = np.concatenate([first_xy[rows[:, 0]], second_xy[rows[:, 1]]])
     if not np.isfinite(xy).all():
-        raise InputError(f"{path}: keypoints of {first} or {second} are no numbers: get the file again")
+        raise InputError(f"{path}: keypoints of {first} or {second} are no numbers: obtain the file again")
     return first, second, xy
 
 
@@ -92,7 +92,7 @@ def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     """Return two rows a match; raise `InputError` where the file is damaged or its name says no images."""
     named = _PAIR_NAME.match(os.path.basename(path))
     if named is None:
-        raise InputError(f"{path}: its name does not say its images: call it PREFIX-IMAGE1__IMAGE2.match")
+        raise InputError(f"{path}: its name does not contain the images: rename it to PREFIX-IMAGE1__IMAGE2.match")
     is_binary = path.lower().endswith(".match")
     require_size(path, "matches" if is_binary else "points")
     try:
@@ -112,7 +112,7 @@ def _parse_text(path: str, content: bytes) -> np.ndarray:
     except ValueError:
         numbers = np.full((1, _NUMBERS), np.nan)
     if not np.isfinite(numbers).all():
-        raise InputError(f"{path}: a match is six numbers a line, x, y and uncertainty in both images: get it again")
+        raise InputError(f"{path}: a match is six numbers a line, x, y and uncertainty in both images: obtain it again")
     return np.concatenate([numbers[:, 0:2], numbers[:, 3:5]])
 
 
@@ -121,7 +121,7 @@ def _parse_records(path: str, content: bytes) -> np.ndarray:
     try:
         first, second = _COUNTS.unpack_from(content)
         if first != second or _COUNTS.size + 2 * first * _RECORD.size > len(content):
-            raise ValueError(f"it tells of {first} and {second} interest points")
+            raise ValueError(f"it declares {first} and {second} interest points")
         xy, offset = np.empty((2 * first, 2)), _COUNTS.size
         for row in range(2 * first):
             record = _RECORD.unpack_from(content, offset)
@@ -130,9 +130,9 @@ def _parse_records(path: str, content: bytes) -> np.ndarray:
         if offset != len(content):
             raise ValueError(f"{len(content)} bytes instead of {offset}")
     except (struct.error, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: is no complete match file ({error}): get it again") from None
+        raise InputError(f"{path}: is no complete match file ({error}): obtain it again") from None
     if not np.isfinite(xy).all():
-        raise InputError(f"{path}: holds positions that are no numbers: get it again")
+        raise InputError(f"{path}: contains positions that are no numbers: obtain it again")
     return xy
 
 
@@ -172,7 +172,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
         verified = database.execute(_VERIFIED).fetchall() if "two_view_geometries" in tables else []
         pairs = verified or database.execute(_MATCHED).fetchall()
     if not pairs:
-        raise InputError(f"{path}: holds no matches: run a matcher of COLMAP first")
+        raise InputError(f"{path}: contains no matches: run a matcher of COLMAP first")
     keypoints = {
         int(number): _parse_blob(path, "keypoints", data, rows, cols, "<f4")[:, :2].astype(np.float64) - 0.5
         for number, rows, cols, data in stored
@@ -182,7 +182,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
         first, second = divmod(int(pair_id), 2147483647)
         for number in (first, second):
             if number not in names or number not in keypoints:
-                raise InputError(f"{path}: has matches of image {number} and no keypoints of it: get the file again")
+                raise InputError(f"{path}: has matches of image {number} and no keypoints of it: obtain the file again")
         index = _parse_blob(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
         between = (names[first], names[second]), (keypoints[first], keypoints[second])
         found.append(_match_keypoints(path, *between, index))
@@ -194,7 +194,7 @@ def _parse_blob(path: str, table: str, data: object, rows: object, cols: object,
     content = data if isinstance(data, bytes) else b""
     whole = isinstance(rows, int) and isinstance(cols, int) and rows >= 0 and cols >= 2
     if not whole or len(content) != rows * cols * np.dtype(dtype).itemsize:  # type: ignore[operator]
-        raise InputError(f"{path}: a row of {table!r} holds {len(content)} bytes for {rows} x {cols}: get it again")
+        raise InputError(f"{path}: a row of {table!r} has {len(content)} bytes for {rows} x {cols}: obtain it again")
     return np.frombuffer(content, dtype).reshape(rows, cols)  # type: ignore[call-overload]
 
 
@@ -213,8 +213,8 @@ def read_hloc(path: str, features: str = "") -> PointTable:
     pairs = {name: group for name, group in _list_groups(path) if _has_item(group, _MATCHES)}
     if not pairs:
         raise InputError(
-            f"{path}: holds no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, and "
-            "that of the features as FILE|features=FILE"
+            f"{path}: contains no matches of hloc (groups NAME1/NAME2 with {_MATCHES!r}): name the file of matches, "
+            "and that of the features as FILE|features=FILE"
         )
     known = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
     found = [_read_pair(path, name, group, known) for name, group in pairs.items()]
@@ -250,11 +250,13 @@ def _find_features(path: str, features: str) -> dict[str, tuple[str, gdal.Group]
         others = [other for other in os.listdir(folder or ".") if other.endswith(".h5") and other != name]
         fitting = [other for other in others if name.startswith(f"{other.removesuffix('.h5')}_")]
         if not fitting:
-            raise InputError(f"{path}: the file of its features is not beside it: name it as {name}|features=FILE")
+            raise InputError(
+                f"{path}: the file of its features is not in the same folder: name it as {name}|features=FILE"
+            )
         features = os.path.join(folder, max(fitting, key=len))
     found = {name.replace("/", "-"): (name, at) for name, at in _list_groups(features) if _has_item(at, "keypoints")}
     if not found:
-        raise InputError(f"{features}: holds no features of hloc (groups with 'keypoints'): name another file")
+        raise InputError(f"{features}: contains no features of hloc (groups with 'keypoints'): name another file")
     return found
 
 
@@ -278,8 +280,8 @@ def _list_groups(path: str) -> list[tuple[str, gdal.Group]]:
             inner = group.GetGroupNames() or ()
             waiting += [(f"{name}/{part}".lstrip("/"), group.OpenGroup(part)) for part in reversed(inner)]
     if not groups:
-        said = messages[0] if messages else "no sound HDF5 file"
-        raise InputError(f"{path}: cannot be read ({said}): get the file again")
+        said = messages[0] if messages else "no valid HDF5 file"
+        raise InputError(f"{path}: cannot be read ({said}): obtain the file again")
     return groups
 
 
@@ -291,7 +293,7 @@ def _read_positions(path: str, group: gdal.Group, name: str) -> np.ndarray:
     """Return keypoints ``(n, 2)``, float64."""
     values = _read_array(path, group, name)
     if values.ndim != 2 or values.shape[1] < 2:
-        raise InputError(f"{path}: {name!r} is {values.shape}, not (n, 2): get the file again")
+        raise InputError(f"{path}: {name!r} is {values.shape}, not (n, 2): obtain the file again")
     return values[:, :2].astype(np.float64)
 
 
@@ -304,10 +306,12 @@ def _read_array(path: str, group: gdal.Group, name: str) -> np.ndarray:
         if 0 in sizes:
             return np.zeros(sizes)
         if np.prod(sizes, dtype=float) > FILE_BUDGETS.hdf_values:
-            raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: get the file again")
+            raise InputError(f"{path}: {name!r} claims {sizes} numbers, more than any image has: obtain the file again")
         values = array.ReadAsArray()
     if values is None or values.dtype.kind not in "iuf":
-        raise InputError(f"{path}: {name!r} cannot be read ({'; '.join(messages) or 'no numbers'}): get the file again")
+        raise InputError(
+            f"{path}: {name!r} cannot be read ({'; '.join(messages) or 'no numbers'}): obtain the file again"
+        )
     return values
 
 
@@ -342,9 +346,9 @@ def _load_npy(path: str, columns: int) -> np.ndarray:
         require_size(path, "matches")
         found = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read ({error}): get the file again") from None
+        raise InputError(f"{path}: cannot be read ({error}): obtain the file again") from None
     if found.ndim != 2 or found.shape[1] < columns or found.dtype.kind not in "iuf":
-        raise InputError(f"{path}: is no table of {columns} columns of numbers or more: get the file again")
+        raise InputError(f"{path}: is no table of {columns} columns of numbers or more: obtain the file again")
     return np.asarray(found)
 
 

@@ -56,7 +56,7 @@ def read(path: str, layer_wanted: str = "") -> PointTable:
         table = _read_layer(path, source, layer, dataset.GetDriver().ShortName)
     if table is None or messages:
         reason = messages[-1] if messages else "unknown reason"
-        raise InputError(f"{source}: cannot be read to the end ({reason}): get it again")
+        raise InputError(f"{source}: cannot be read to the end ({reason}): obtain it again")
     return replace(table, operations=layer.GetMetadataItem(POINT_OPERATIONS) or "")
 
 

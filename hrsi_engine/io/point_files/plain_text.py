@@ -31,7 +31,7 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     most = FILE_BUDGETS.gcp_rows
     numbered = [(number, line) for number, line in enumerate(islice(lines, most), 1) if line.strip() and line[0] != "#"]
     if len(numbered) == most:
-        raise InputError(f"{path}: holds {most} lines or more, and no names of columns: add a header line")
+        raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
     separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
     rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
     if rows and not names and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):
@@ -77,6 +77,4 @@ def tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:
         if max(largest) <= 180.0 and (largest[0] > 90.0) != (largest[1] > 90.0):
             return ["id", "lon", "lat", "height"] if largest[0] > 90.0 else ["id", "lat", "lon", "height"]
     first_row = ", ".join(rows[0]) if rows else "nothing"
-    raise InputError(
-        f"{path}: has no header line, and what its {len(texts)} columns are ({first_row}) cannot be told: {ADVICE}"
-    )
+    raise InputError(f"{path}: has no header line, and its {len(texts)} columns ({first_row}) are ambiguous: {ADVICE}")

@@ -109,8 +109,8 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
             used = tuple(use._replace(operation=with_geoid(use.operation, geoid), geoid=geoid) for use in used)
         elif is_flat and reference.height_datum == "layer":
             warnings.append(
-                f"{table.source}: says nothing about its heights; they are taken as ellipsoidal "
-                f"(`height_datum` ellipsoidal|egm96|egm2008|FILE says what they are)"
+                f"{table.source}: the height datum is not known; the heights are used as ellipsoidal (set "
+                "`height_datum` to ellipsoidal, egm96, egm2008 or FILE)"
             )
         place = {use.number: len(uses) + at for at, use in enumerate(used)}
         operation[chosen] = [place.get(one, -1) for one in number.tolist()]
@@ -182,4 +182,4 @@ def _take_heights(table: PointTable, rows: np.ndarray, ground: np.ndarray, surfa
     outside = rows[np.isnan(ground[rows, 2])]
     if len(outside):
         raise InputError(f"{table.name_row(outside[0])}: has no height, and the DEM has none there: {_ADD_HEIGHTS}")
-    return f"{table.source}: {len(rows)} points have no height; it is taken from the DEM"
+    return f"{table.source}: {len(rows)} points have no height; the height of the DEM is used"

@@ -81,7 +81,7 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
         ),
         "dense/fused.ply",
         tuple(
-            f"{name}: its perspective camera is off its RPC by {error['rms_px']:.2f} px (RMS), at most "
+            f"{name}: its perspective camera differs from its RPC by {error['rms_px']:.2f} px (RMS), at most "
             f"{error['max_px']:.2f} px: take a smaller `extent`"
             for name, error in errors.items() if error["max_px"] > PROJECTS.perspective_px
         ),

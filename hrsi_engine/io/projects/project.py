@@ -49,7 +49,7 @@ class PROJECTS:
     perspective_px: float = threshold(
         0.5,
         "px",
-        "between a perspective camera and the RPC it stands for, beyond which it is told",
+        "between a perspective camera and its RPC, beyond which a message is given",
         "as COLMAP filters",
     )
     height_margin_m: float = threshold(30.0, "m", "below and above the terrain, of the volume that is modelled")

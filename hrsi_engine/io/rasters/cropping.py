@@ -58,7 +58,7 @@ def open_window(path: str, window: CropWindow, resampling: str) -> gdal.Dataset:
         )  # fmt: skip
     if virtual is None:
         reason = messages[-1] if messages else "unknown reason"
-        raise InputError(f"{path}: cannot be read ({reason}): get the file again")
+        raise InputError(f"{path}: cannot be read ({reason}): obtain the file again")
     virtual.SetMetadata(metadata_of(whole, "IMAGERY"), "IMAGERY")  # the vendor's words on sensor and time
     for number in range(1, whole.RasterCount + 1):  # without overviews GDAL forgets what the bands are called
         virtual.GetRasterBand(number).SetDescription(whole.GetRasterBand(number).GetDescription())

@@ -81,8 +81,8 @@ def _find_heights(
     flat = place.operations
     if height_datum == "layer" and not has_heights(place.crs):
         raise InputError(
-            f"{path}: does not say what its heights refer to: name egm96, egm2008, ellipsoidal or the file of a geoid "
-            "grid with `dem_datum` or `height_datum`, whichever the command has"
+            f"{path}: has no height datum: give egm96, egm2008, ellipsoidal or the file of a geoid grid with "
+            "`dem_datum` (or `height_datum`)"
         )
     if height_datum == "layer":
         try:
@@ -176,8 +176,8 @@ def open_geoid(datum: str) -> Geoid:
         rows, columns = struct.unpack(">4d2i", head)[4:] if len(head) == 40 else (0, 0)
         if min(rows, columns) < 2 or os.path.getsize(datum) < 40 + 4 * rows * columns:  # float32 follow
             raise InputError(
-                f"{datum}: is no geoid grid: its head tells of {rows} x {columns} cells, the file does not hold them: "
-                "get it again"
+                f"{datum}: is no geoid grid: its header declares {rows} x {columns} cells, which the file does not "
+                "contain: obtain it again"
             )
     return call_quiet(find_geoid, datum)
 

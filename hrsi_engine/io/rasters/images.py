@@ -35,7 +35,10 @@ class OPEN_IMAGES:
     """How many images are held open, and how much is read of one at once."""
 
     open_per_thread: int = threshold(
-        32, "files", "most files that a thread holds open", "a block of a thousand images must not hold them all"
+        32,
+        "files",
+        "most files that a thread keeps open",
+        "a block of a thousand images must not keep all of them in memory",
     )
     strip_pixels: int = threshold(4_000_000, "px", "read at once of an image wanted at a lower resolution", "memory")
 
@@ -116,7 +119,7 @@ def path_of(source: ImageSource) -> str:
     encoding = getattr(source, "encoding", None)
     path = encoding.get("source") if isinstance(encoding, Mapping) else getattr(source, "name", None)
     if not isinstance(path, str) or not path:
-        raise InputError(f"an image given as {type(source).__name__} stands for no file: save it and give its path")
+        raise InputError(f"an image given as {type(source).__name__} has no file: save it and give its path")
     return path
 
 
@@ -251,7 +254,7 @@ class GdalRaster:
         if grey is None or (mask is None and messages):
             reason = messages[-1] if messages else "unknown reason"
             raise InputError(
-                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): get the file again"
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): obtain the file again"
             )
         valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
         if np.issubdtype(grey.dtype, np.inexact):
@@ -285,7 +288,7 @@ class GdalRaster:
             if part is None or (masked and mask is None):
                 reason = messages[-1] if messages else "unknown reason"
                 raise InputError(
-                    f"{self.path}: lines from {window[1]} on cannot be read ({reason}): get the file again"
+                    f"{self.path}: lines from {window[1]} on cannot be read ({reason}): obtain the file again"
                 )
             known = np.isfinite(part) if mask is None else np.isfinite(part) & (mask >= 254.5)
             grey[first : first + count], valid[first : first + count] = np.where(known, part, np.float32(0.0)), known

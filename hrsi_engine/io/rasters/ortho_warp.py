@@ -33,7 +33,7 @@ class CHUNKS:
 
     tile_px: int = threshold(512, "px", "side of the tiles of a file", "GDAL's COG driver")
     columns_per_row: int = threshold(
-        2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as some 50 rows"
+        2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as about 50 rows"
     )
     least_rows: int = threshold(128, "px", "fewest rows of a chunk")
     same_size: float = threshold(1.5, "", "share by which a chunk's part of the image may be longer than a tile")
@@ -112,7 +112,7 @@ class OrthoSource:
         if len(found) < len(self.bands) or (self.masked and mask is None):
             reason = messages[-1] if messages else "unknown reason"
             raise InputError(
-                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): get the file again"
+                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): obtain the file again"
             )
         return found, mask
 

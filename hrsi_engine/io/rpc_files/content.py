@@ -72,7 +72,7 @@ def read_xml(path: str) -> Element:
     tree, parser = TreeBuilder(), expat.ParserCreate()
 
     def refuse(*_declaration: object) -> None:
-        raise InputError(f"{path}: holds a DOCTYPE declaration, which RPC files do not need: remove it")
+        raise InputError(f"{path}: contains a DOCTYPE declaration, which RPC files do not need: remove it")
 
     parser.StartDoctypeDeclHandler = refuse
     parser.StartElementHandler = lambda name, values: tree.start(
@@ -84,7 +84,7 @@ def read_xml(path: str) -> Element:
         parser.Parse(content, True)
         return tree.close()
     except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
-        raise InputError(f"{path}: not well-formed XML ({error}): get the file again") from None
+        raise InputError(f"{path}: not well-formed XML ({error}): obtain the file again") from None
 
 
 def xml_bytes(root: Element) -> bytes:

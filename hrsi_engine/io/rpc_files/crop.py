@@ -44,7 +44,7 @@ class CROPS:
     )
     same_end_share: float = threshold(0.05, "", "share by which a scene and an image of all of it may differ in size")
     first_px: float = threshold(
-        2.0, "px", "of a crop whose pixels are not the scene's: a beginning nearer to the scene's tells nothing"
+        2.0, "px", "of a crop with another pixel size: an origin nearer to that of the scene is ambiguous"
     )
     turned_px: float = threshold(1e-3, "px", "largest difference to which an RPC follows a turned or sheared crop")
     chip_corner_px: float = threshold(
@@ -115,8 +115,8 @@ def require_place_in_scene(rpc: RPC, geotransform: Geotransform | None, has_crs:
         low, high = _range_of(rpc)
         raise InputError(
             f"its RPC is of a scene of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} px, and its geotransform "
-            f"{tuple(geotransform)} says no place in that: give the crop's first sample and line there, or put the RPC "
-            "of these pixels into the image"
+            f"{tuple(geotransform)} does not give a position in it: set it to the first sample and line of the crop, "
+            "or write the RPC of these pixels into the image"
         )
 
 
@@ -139,8 +139,8 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
     if not inside:
         if _begins_a_larger_scene(rpc, size):
             raise InputError(
-                f"its RPC is of a scene of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} px, and its geotransform "
-                f"puts it outside ({place}): correct that, or put the RPC of these pixels into the image"
+                f"its RPC is of a scene of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} px, and its geotransform is "
+                f"outside of it ({place}): correct it, or write the RPC of these pixels into the image"
             )
         return False
     if place.mirrored:
@@ -161,8 +161,8 @@ def is_of_full_scene(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> bool:
     if of_scene != of_image:
         return bool(of_scene)
     raise InputError(
-        f"its geotransform puts it {place}, and nothing tells whether the RPC beside it is that of the scene or of "
-        "these pixels: put the RPC of these pixels into the image (write-rpc), or remove the geotransform"
+        f"according to its geotransform it is {place}, but it is not known whether the RPC file belongs to the scene "
+        "or to these pixels: write the RPC of these pixels into the image (write-rpc), or remove the geotransform"
     )
 
 
@@ -184,7 +184,8 @@ def crop_rpc(rpc: RPC, place: CropPlace, size: tuple[int, int]) -> RPC:
         raise InputError(f"no RPC of the crop {place}: {error}") from error
     if not found.max_px <= CROPS.turned_px:
         raise InputError(
-            f"no RPC follows the crop {place} ({found.max_px:.3g} px off): put an RPC of these pixels into the image"
+            f"no RPC follows the crop {place} ({found.max_px:.3g} px difference): write an RPC of these pixels into "
+            "the image"
         )
     return found.rpc
 
@@ -217,11 +218,11 @@ def _fit_axis(path: str, metadata: Mapping[str, str], axis: str) -> tuple[float,
     values = {name: parse_finite(metadata.get(name, "")) for name in fields}
     if None in values.values():
         missing = next(name for name, value in values.items() if value is None)
-        raise InputError(f"{path}: ICHIPB field {missing} is missing or no number: get the file again")
+        raise InputError(f"{path}: ICHIPB field {missing} is missing or no number: obtain the file again")
     chip, full = np.array([*values.values()], dtype=np.float64).reshape(2, 4) - 0.5
     extent = chip.max() - chip.min()
     if not extent > 0.0:
-        raise InputError(f"{path}: ICHIPB gives the chip no extent along {axis}: the file is damaged, get it again")
+        raise InputError(f"{path}: ICHIPB gives the chip no extent along {axis}: the file is damaged, obtain it again")
     first, last = chip.argmin(), chip.argmax()
     scale = (full[last] - full[first]) / extent
     shift = full[first] - scale * chip[first]

@@ -58,7 +58,7 @@ def rpc_from_text(where: str, values: Mapping[str, Text | None], names: Mapping[
         texts = values.get(field)
         found = 0 if texts is None else len(texts)
         if texts is None or isinstance(texts, str) or found != 20:
-            raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: get the file again")
+            raise InputError(f"{where}: {name} has {found} coefficients, 20 are needed: obtain the file again")
         if all(map(_PLAIN_NUMBER.fullmatch, texts)):  # nearly always: then no text needs a look of its own
             numbers[field] = np.array([*map(float, texts)])
         else:
@@ -126,37 +126,39 @@ def check_rpc(where: str, rpc: RPC, names: Mapping[str, str]) -> RPC:
         if not math.isfinite(value):
             raise InputError(f"{where}: {names[field]} is {value}: a finite number is needed")
         if field.endswith("_scale") and value == 0.0:
-            raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, get the file again")
+            raise InputError(f"{where}: {names[field]} is 0: the RPC is damaged, obtain the file again")
     for field, (low, high) in RPC_RANGES.items():
         value = getattr(rpc, field)
         if not low <= abs(value) <= high:
-            raise InputError(f"{where}: {names[field]} is {value:g}, no RPC has that: get the file again")
+            raise InputError(
+                f"{where}: {names[field]} is {value:g}, which is not possible for an RPC: obtain the file again"
+            )
     for field in POLYNOMIALS:
         values = getattr(rpc, field)
         largest, first = float(np.abs(values).max()), float(values[0])  # NaN goes through a maximum
         if not math.isfinite(largest):
-            raise InputError(f"{where}: {names[field]} holds a number that is not finite: get the file again")
+            raise InputError(f"{where}: {names[field]} contains a number that is not finite: obtain the file again")
         if largest > RPC_BUDGETS.coefficient:
             raise InputError(
-                f"{where}: {names[field]} holds {values[np.abs(values).argmax()]:g}, no RPC does: get the file again"
+                f"{where}: {names[field]} has {values[np.abs(values).argmax()]:g}, which is not possible for an RPC: "
+                "obtain the file again"
             )
         if field.endswith("_den") and largest == 0.0:
-            raise InputError(f"{where}: all coefficients of {names[field]} are 0: get the file again")
+            raise InputError(f"{where}: all coefficients of {names[field]} are 0: obtain the file again")
         if field.endswith("_den") and largest > RPC_BUDGETS.denominator * abs(first):
-            raise InputError(f"{where}: {names[field]} begins with {first:g}, which the others exceed by far: "
-                             "get the file again")  # fmt: skip
+            raise InputError(f"{where}: {names[field]} starts with {first:g}, others are larger: obtain the file again")
     # In the middle all terms but the constant ones are 0.
     samp = float(rpc.samp_num[0]) / float(rpc.samp_den[0]) * rpc.samp_scale + rpc.samp_off
     line = float(rpc.line_num[0]) / float(rpc.line_den[0]) * rpc.line_scale + rpc.line_off
     if not (math.isfinite(samp) and math.isfinite(line)):
-        raise InputError(f"{where}: gives the middle of its area no place in the image: get the file again")
+        raise InputError(f"{where}: has no image position for the centre of its area: obtain the file again")
     return rpc
 
 
 def _parse_number(where: str, name: str, text: Text | None) -> float:
     """Return the number at the start of ``text``; a unit (``pixels``, ``degrees``) may follow it."""
     if not isinstance(text, str) or not text.strip():
-        raise InputError(f"{where}: {name} is missing: this is not a whole RPC, get the file again")
+        raise InputError(f"{where}: {name} is missing: this is not a whole RPC, obtain the file again")
     match, unit = _NUMBER.match(text.strip()), r"\s*[,;]?(\s+[^\d\s.+-].*)?"
     is_number = match is not None and re.fullmatch(unit, text.strip()[match.end() :], re.ASCII)
     value = _parse_double(match.group()) if match is not None and is_number else math.nan
@@ -182,7 +184,7 @@ def entries_of(where: str, pairs: Iterable[tuple[str, str]], names: Collection[s
         if before is value or re.sub(r"_\d+$", "", name) not in names or _find_numbers(before) == _find_numbers(value):
             continue
         raise InputError(
-            f"{where}: {name} stands there twice, as {shorten(before)} and as {shorten(value)}: get the file again"
+            f"{where}: {name} occurs twice, as {shorten(before)} and as {shorten(value)}: obtain the file again"
         )
     return entries
 

@@ -126,8 +126,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
     sources = _rank_sources(path, dataset)
     if not sources:
         raise InputError(
-            f"{path}: has no RPC, inside or beside it: "
-            "put its _RPC.TXT, .RPB, XML or .geom file beside it under the same name"
+            f"{path}: has no RPC: copy its _RPC.TXT, .RPB, XML or .geom file into the same folder, with the same name"
         )
     found = sources[0][1]()
     ignored = tuple(title + _describe_difference(found.rpc, read) for title, read in sources[1:])
@@ -170,7 +169,7 @@ def rpc_in_folder(folder: str, image_path: str) -> str:
     found = [file for files in beside.values() for file in files]
     if not found:
         stem = os.path.splitext(os.path.basename(image_path))[0]
-        raise InputError(f"{folder}: holds no RPC file for {stem} ({stem}_RPC.TXT, {stem}.RPB …): check the folder")
+        raise InputError(f"{folder}: contains no RPC file for {stem} ({stem}_RPC.TXT, {stem}.RPB …): check the folder")
     return found[0]
 
 
@@ -310,7 +309,7 @@ def _require_whole_numbers(path: str, tre: str, text: str) -> None:
         field, end = text[end : end + width], end + width
         unknown_error = number in (1, 2) and not field.strip()
         if parse_finite(field) is None and not unknown_error:
-            raise InputError(f"{path}: field {number + 1} of its {tre} is {field!r}, no number: get the file again")
+            raise InputError(f"{path}: field {number + 1} of its {tre} is {field!r}, no number: obtain the file again")
 
 
 def _read_tag(path: str, title: str) -> FoundRpc:
@@ -376,5 +375,5 @@ def read_back_px(path: str, rpc: RPC) -> float:
         raise OutputError(f"{path}: GDAL finds no RPC in it: check the version of GDAL")
     apart = difference_px(rpc, fields.rpc_from_gdal(path, metadata), (dataset.RasterXSize, dataset.RasterYSize))
     if not apart <= RPC_SOURCES.gdal_rounding_px:
-        raise OutputError(f"{path}: GDAL gives another RPC, {apart:.3g} px away: remove older RPC files beside it")
+        raise OutputError(f"{path}: GDAL gives another RPC, {apart:.3g} px away: remove older RPC files in its folder")
     return apart

@@ -34,7 +34,7 @@ class IGNORED_RESAMPLING:
     """When the size of an image and its RPC show a resampling that the RPC ignores."""
 
     same_px: float = threshold(1e-3, "px", "largest difference of an RPC from the one that is looked for")
-    factor: float = threshold(1.05, "", "smallest factor of a resampling that is told from an RPC's range")
+    factor: float = threshold(1.05, "", "smallest factor of a resampling that is detected from the range of an RPC")
     same_factor: float = threshold(
         0.003, "", "largest difference of the factors along samples and lines", "centres of vendors' RPCs"
     )
@@ -57,7 +57,10 @@ class IgnoredResampling(NamedTuple):
         return self.offset_px > IGNORED_RESAMPLING.gross_px
 
     def __str__(self) -> str:
-        return f"{self.reason}: up to {self.offset_px:.3g} px off. Make it again from the original with 'crop'"
+        return (
+            f"{self.reason}: the error is up to {self.offset_px:.3g} px. Make the image again from the original "
+            "with 'crop'"
+        )
 
 
 def find_ignored_resampling(

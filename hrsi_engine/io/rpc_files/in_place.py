@@ -118,7 +118,9 @@ def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-
     stale = [set_aside(file, changes) for file in stale_files(image, rpc) if file.lower().endswith(".rpb")]
     if kind == "isd":
         return tuple(stale)
-    winning = [f"{file}: wins over a _RPC.TXT in GDAL; an .RPB would win over it" for file in side_files(image)["isd"]]
+    winning = [
+        f"{file}: GDAL prefers it to a _RPC.TXT, and would prefer an .RPB to it" for file in side_files(image)["isd"]
+    ]
     return (*stale, *winning)
 
 

@@ -59,10 +59,10 @@ def set_aside(path: str, changes: Transaction) -> str:
     """Schedule the removal of our own RPC file, or the renaming of a vendor's; return a notice for the log."""
     if is_ours(path) and not is_only_rpc(path):
         changes.remove(path)
-        return f"{path}: an RPC file of an earlier run would win over the new RPC and was removed"
+        return f"{path}: GDAL would read this RPC file of an earlier run instead of the new RPC; it was removed"
     kept = _free_name(path)
     changes.rename(path, kept)
-    return f"{path}: would win over the new RPC and was set aside as {os.path.basename(kept)}"
+    return f"{path}: GDAL would read it instead of the new RPC; it was renamed to {os.path.basename(kept)}"
 
 
 def keep_original(path: str, changes: Transaction, is_alone: bool = False) -> None:
@@ -126,6 +126,7 @@ def free_the_way(target_path: str, source_path: str, rpc: RPC, changes: Transact
     foreign = vendor_xml(target_path) + (stale if same_folder else [])
     if foreign:
         raise InputError(
-            f"{foreign[0]}: would win over the RPC of {os.path.basename(target_path)}: choose another output directory"
+            f"{foreign[0]}: would be read instead of the RPC of {os.path.basename(target_path)}: choose another output "
+            "directory"
         )
     return tuple(set_aside(file, changes) for file in stale)

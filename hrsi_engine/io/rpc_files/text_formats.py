@@ -147,12 +147,12 @@ def read_rpcm_json(path: str) -> RpcReading:
     try:
         document = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid JSON ({error}): get the file again") from None
+        raise InputError(f"{path}: not valid JSON ({error}): obtain the file again") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: an object with the member 'rpc' is needed")
     members = document.get("rpc", document)
     if not isinstance(members, dict):
-        raise InputError(f"{path}: the member 'rpc' is not an object: get the file again")
+        raise InputError(f"{path}: the member 'rpc' is not an object: obtain the file again")
     size = positive_size(str(document.get("width")), str(document.get("height")))
     return RpcReading(fields.rpc_from_json(path, members, RPCM_NAMES), size)
 

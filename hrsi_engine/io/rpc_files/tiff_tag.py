@@ -101,7 +101,7 @@ def read_directory(path: str) -> Directory | None:
         with open(path, "rb") as file:
             return _parse_directory(path, file)
     except (struct.error, OSError, OverflowError, ValueError):  # the last: an offset of 2^63 or more
-        raise InputError(f"{path}: the TIFF directory is cut short or damaged: get the file again") from None
+        raise InputError(f"{path}: the TIFF directory is cut short or damaged: obtain the file again") from None
 
 
 def _parse_directory(path: str, file: BinaryIO) -> Directory | None:
@@ -118,7 +118,7 @@ def _parse_directory(path: str, file: BinaryIO) -> Directory | None:
     file.seek(offset)
     (count,) = struct.unpack(count_code, file.read(struct.calcsize(count_code)))
     if count > FILE_BUDGETS.tiff_tags:
-        raise InputError(f"{path}: the TIFF directory claims {count} entries: the file is damaged, get it again")
+        raise InputError(f"{path}: the TIFF directory claims {count} entries: the file is damaged, obtain it again")
     code = f"{order}HH{word}{word_bytes}s"
     size = struct.calcsize(code)
     table = file.read(size * count + word_bytes)
@@ -135,7 +135,7 @@ def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
         return entry.field[: entry.length]
     offset = directory.place(entry)
     if offset + entry.length > os.path.getsize(path):
-        raise InputError(f"{path}: tag {tag} points behind the end of the file: it is cut short, get it again")
+        raise InputError(f"{path}: tag {tag} points behind the end of the file: it is cut short, obtain it again")
     with open(path, "rb") as file:
         file.seek(offset)
         return file.read(entry.length)
@@ -248,8 +248,8 @@ def read_numbers(path: str) -> list[float] | None:
         return None
     if entry.kind != DOUBLE or entry.count != COUNT:
         raise InputError(
-            f"{path}: tag {TAG_RPC} has {entry.count} values of type {entry.kind}, {COUNT} doubles are needed: "
-            "write the RPC anew"
+            f"{path}: tag {TAG_RPC} has {entry.count} values of type {entry.kind}, {COUNT} doubles are needed: write "
+            "the RPC again"
         )
     content = read_value(path, directory, TAG_RPC)
     return list(struct.unpack(f"{directory.order}{COUNT}d", content or b""))
@@ -352,5 +352,5 @@ def parse_original(path: str, kept: Mapping[str, str]) -> list[float] | None:
     except (ValueError, OverflowError):
         numbers = []
     if len(numbers) != COUNT:
-        raise InputError(f"{path}: the original RPC in domain {ORIGINAL_DOMAIN} is damaged: write the RPC anew")
+        raise InputError(f"{path}: the original RPC in domain {ORIGINAL_DOMAIN} is damaged: write the RPC again")
     return numbers

@@ -115,7 +115,7 @@ def read_dimap(path: str) -> RpcReading:
 def _read_model(path: str, root: Element) -> RpcReading:
     model, validity = _find_first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
     if model is None or validity is None:
-        raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: get the file again")
+        raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: obtain the file again")
     coefficients = {element.tag: element.text or "" for element in model}
     values: dict[str, Text | None] = {name: element_text(validity, DIMAP_NAMES[name]) for name in SCALARS}
     values |= {name: values_by_number(coefficients, f"{DIMAP_NAMES[name]}_", range(1, 21)) for name in POLYNOMIALS}
@@ -149,7 +149,9 @@ def _find_rpc_file(path: str, product: Element) -> str:
     named = model.get("href", "").replace("\\", "/")
     file = siblings(path).get(named.removeprefix("./").lower())
     if file is None:
-        raise InputError(f"{path}: names the RPC file {shorten(named, 80)!r}, which is not beside it: put it there")
+        raise InputError(
+            f"{path}: names the RPC file {shorten(named, 80)!r}, which is not in its folder: copy it there"
+        )
     return file
 
 
@@ -195,11 +197,11 @@ def _find_dimap_tile(image_path: str, side_file: str) -> Origin | None:
         return 0.0, 0.0
     name, product = _find_product(side_file)
     if product is None:
-        raise InputError(f"{image_path}: is a tile, and {name} with the tile size is not beside it: put it there")
+        raise InputError(f"{image_path}: is a tile, and {name} with the tile size is not in its folder: copy it there")
     size = next(read_xml(product).iter("NTILES_SIZE"), None)
     tile = None if size is None else positive_size(size.get("ncols"), size.get("nrows"))
     if tile is None:
-        raise InputError(f"{product}: NTILES_SIZE with ncols and nrows is missing: get the file again")
+        raise InputError(f"{product}: NTILES_SIZE with ncols and nrows is missing: obtain the file again")
     return float((column - 1) * tile[0]), float((row - 1) * tile[1])
 
 
@@ -221,7 +223,9 @@ def read_enmap(image_path: str, path: str) -> RpcReading:
     before = (root.findtext(".//vnir//channels") or "") if swir else "0"
     number = int(before) if before.strip().isdigit() else -1
     if not 0 <= number < len(bands):
-        raise InputError(f"{path}: has {len(bands)} RPCs and does not say which is the image's: get the file again")
+        raise InputError(
+            f"{path}: has {len(bands)} RPCs, and the one of the image is not marked: obtain the file again"
+        )
     entries = {element.tag.upper().replace("_", ""): element.text or "" for element in bands[number]}
     values: dict[str, Text | None] = {key: entries.get(ENMAP_NAMES[key].replace("_", "")) for key in SCALARS}
     for name in POLYNOMIALS:

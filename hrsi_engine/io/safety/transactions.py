@@ -223,7 +223,7 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
                 os.remove(file)
     except OSError as error:
         raise OutputError(
-            f"{error.filename}: cannot be put in place ({error.strerror}): mend that and run again, which finishes it"
+            f"{error.filename}: cannot be put in place ({error.strerror}): correct this and run again to finish"
         ) from None
 
 

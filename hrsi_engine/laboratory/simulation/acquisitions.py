@@ -27,7 +27,7 @@ class DATES:
     most_haze: float = threshold(0.35, "", "largest share of haze in the light")
     haze_grey: float = threshold(420.0, "DN", "grey value of haze")
     full_sun_deg: float = threshold(
-        60.0, "°", "elevation of the sun for which the grey values of the land covers stand"
+        60.0, "°", "elevation of the sun at which the grey values of the land covers are defined"
     )
     ambient: float = threshold(0.3, "", "share of the light on flat ground that comes from the sky")
 

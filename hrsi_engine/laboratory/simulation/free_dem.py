@@ -24,7 +24,7 @@ from .terrain import TerrainSurface, make_fractal_relief
 class CANOPY:
     """Where trees stand on a free DEM."""
 
-    roughness: float = threshold(0.2, "", "Hurst exponent of what decides where trees stand")
+    roughness: float = threshold(0.2, "", "Hurst exponent of the field that decides where trees grow")
     edge_cells: float = threshold(0.7, "cells", "standard deviation by which the edges of woods are smoothed")
 
 

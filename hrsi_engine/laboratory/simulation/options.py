@@ -52,7 +52,7 @@ class SceneSpec:
     lat_deg: float = option(43.53, "Latitude of the scene's centre", name="lat", unit="deg", metavar="DEG")
     mean_height_m: float = option(250.0, "Mean ellipsoidal height", name="height", unit="m", metavar="M")
     landform: str = option(
-        "farmland", "What the ground is like: how high its relief is, and whether buildings stand on it",
+        "farmland", "Kind of terrain: relief, and whether there are buildings",
         choices=tuple(LANDFORMS),
     )  # fmt: skip
     relief_m: float | None = option(
@@ -201,7 +201,7 @@ class FreeDemSpec:
         name="free-dem-correlation", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     common_m: float = option(
-        2.0, "Standard deviation of what all heights of the free DEM are off by (GLO-30: 4 m LE90, with the noise)",
+        2.0, "Standard deviation of the common height error of the free DEM (GLO-30: 4 m LE90, with the noise)",
         name="free-dem-common", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     place_m: float = option(
@@ -219,11 +219,11 @@ class FreeOrthoSpec:
         metavar="M",
     )  # fmt: skip
     error_m: float = option(
-        5.0, "Root mean square distance by which the free orthoimage lies beside the truth", name="free-ortho-error",
+        5.0, "Root mean square displacement of the free orthoimage", name="free-ortho-error",
         minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     corner_m: float = option(
-        0.0, "How far the north-eastern corner of the free orthoimage lies beside the rest of it",
+        0.0, "Displacement of the north-eastern corner of the free orthoimage against the rest of it",
         name="free-ortho-corner", minimum=0.0, unit="m", advanced=True, metavar="M",
     )  # fmt: skip
     change: float = option(

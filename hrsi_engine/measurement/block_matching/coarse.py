@@ -37,7 +37,9 @@ class COARSE:
     """When the features of two overviews agree, and what follows for the pair."""
 
     enough: int = threshold(60, "matches", "that agree, from which no other contrast is tried", _CONTRASTS)
-    enough_share: float = threshold(0.1, "", "of the features, likewise; chance gives a negative 0.03", _CONTRASTS)
+    enough_share: float = threshold(
+        0.1, "", "of the features, in the same way; chance gives a negative 0.03", _CONTRASTS
+    )
     contrast_gain: float = threshold(1.5, "", "matches in another contrast over those as it is", _CONTRASTS)
     fewest: int = threshold(10, "matches", "that agree, below which a pair has none")
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "band over `margin_px`, tried in turn")

@@ -36,13 +36,13 @@ class LINKS:
 
     near_px: float = threshold(40.0, "px", "from a point to the matches of the third link that predict it")
     neighbours: int = threshold(5, "matches", "of the third link that predict a point")
-    closure_px: float = threshold(3.0, "px", "largest median closure of a sound triangle, relief included", _YEAR)
+    closure_px: float = threshold(3.0, "px", "largest median closure of a correct triangle, relief included", _YEAR)
     fewest_closures: int = threshold(8, "points", "that a triangle needs, to be judged")
-    weak_matches: int = threshold(16, "matches", "below which a link with better ones beside it is dropped", _YEAR)
+    weak_matches: int = threshold(16, "matches", "below which a link with better alternatives is dropped", _YEAR)
     strong_links: int = threshold(2, "links", "with more matches that each of its images must have then")
-    excess: int = threshold(2, "triangles", "open beyond closed: of one alone nobody knows the false link")
-    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may hold an image", _YEAR)
-    smallest_part: int = threshold(3, "images", "that are used though nothing ties them to the others")
+    excess: int = threshold(2, "triangles", "open beyond closed: from one alone the false link is not known")
+    bridge_matches: int = threshold(60, "matches", "of a link on no loop that may connect an image", _YEAR)
+    smallest_part: int = threshold(3, "images", "that are used although they are not connected to the others")
     displaced_px: float = threshold(32.0, "px", "least offset of an image whose RPC is wrong")
     displaced_factor: float = threshold(8.0, "", "offset of such an image over the block's median")
 
@@ -272,12 +272,12 @@ def summarise_holds(
         for number, other in (link[:2], link[1::-1]):
             lost[number] = (
                 f"its matches with {images[other].id} contradict those of other images" if link.open
-                else f"nothing but {link.matches} matches with {images[other].id}, which no third image checks"
+                else f"it has only {link.matches} matches, with {images[other].id}, and no third image confirms them"
             )  # fmt: skip
     return tuple(
         ImageHold(
             images[number].id, count[number], together.get(number, 1), int(tried.get(number, 0)),
-            "" if count[number] else reasons.get(number, lost.get(number, "no pair of it gives matches that agree")),
+            "" if count[number] else reasons.get(number, lost.get(number, "no pair of it has consistent matches")),
         )
         for number in usable
     )  # fmt: skip

@@ -41,7 +41,7 @@ class CAMERAS:
     safety: float = threshold(3.0, "sigma", "of residuals, shifts and heights, added to that")
     widest_px: float = threshold(24.0, "px", "searched around where an image without matches is expected")
     neighbours: int = threshold(5, "points", "whose median height is that of the ground between them")
-    sampled: int = threshold(16, "points", "of a pair, whose mean derivatives stand for all")
+    sampled: int = threshold(16, "points", "of a pair, whose mean derivatives are used for all")
 
 
 @dataclass(frozen=True, eq=False)

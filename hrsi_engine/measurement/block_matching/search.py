@@ -99,7 +99,7 @@ class TieSearch:
         if not found:
             raise InputError(
                 f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
-                "check that they show the same area, or name the terrain's heights with `dem`"
+                "check that they show the same area, or name a DEM with `dem`"
             )
         return found
 
@@ -121,8 +121,8 @@ class TieSearch:
                    for pair in self.pairs if pair.estimate is not None}  # fmt: skip
         for number, offset_px in find_displaced_images(offsets).items():
             self.reasons[number] = (
-                f"its RPC lies about {offset_px:.0f} px beside those of the other images; correct it first, for "
-                "instance by refine-rpc with GCPs"
+                f"its RPC differs from those of the other images by about {offset_px:.0f} px; correct it first, for "
+                "example with refine-rpc and GCPs"
             )
         self.pairs = [pair for pair in self.pairs if not {pair.first, pair.second} & set(self.reasons)]
 

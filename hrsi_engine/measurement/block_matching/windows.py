@@ -27,7 +27,7 @@ class TIE_WINDOWS:
     border_px: int = threshold(24, "px", "around predicted windows, for least-squares matching")
     valid_share: float = threshold(0.3, "", "of a window's pixels, below which it is not matched")
     side_px: int = threshold(64, "px", "least side of the part of a partner that shows the window")
-    fewest_common: int = threshold(3, "points", "that tell how the apparent heights of two partners differ")
+    fewest_common: int = threshold(3, "points", "that determine the difference of the apparent heights of two partners")
     miss_px: float = threshold(1e-3, "px", "of the cubic of a window, above which its RPCs are used")
     height_margin_m: float = threshold(2.0 * EPIPOLAR.height_step_m, "m", "of the cubic, for the lines' step")
 

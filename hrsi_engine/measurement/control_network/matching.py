@@ -286,9 +286,11 @@ class SCALE:
     vote_px: float = threshold(4.0, "px", "largest residual of a pair that votes, relief included")
     samples: int = threshold(5000, "samples", "random samples of two pairs")
     shortest_base_px: float = threshold(20.0, "px", "smallest distance of the two points of a sample")
-    fewest_votes: int = threshold(10, "pairs", "fewest votes that tell the scale", NETWORK_PAIRS)
+    fewest_votes: int = threshold(10, "pairs", "fewest votes that determine the scale", NETWORK_PAIRS)
     clear_votes: int = threshold(15, "pairs", "votes from which a network may begin (chance: 4 at most)", NETWORK_PAIRS)
-    unknown_scales: tuple[float, float] = threshold((0.6, 1.7), "", "scales searched where features tell nothing")
+    unknown_scales: tuple[float, float] = threshold(
+        (0.6, 1.7), "", "scales searched where features do not determine it"
+    )
     margin: float = threshold(1.05, "", "factor to both sides of the scale found")
     glance_px: int = threshold(500_000, "px", "area of a window that features are first found in")
     look_px: int = threshold(16_000_000, "px", "and where that fails")

@@ -12,8 +12,8 @@ class ControlNetworkOptions:
 
     scales: tuple[float, float] | None = option(
         None,
-        "Pixels of the second image for one of the first, or the range to search; by default what features tell, else "
-        "1 and then 0.6 to 1.7", name="scale", minimum=0.05, maximum=20.0, metavar="LOW,HIGH",
+        "Scale of the second image relative to the first, or the range to search; by default from features, else 1 "
+        "and then 0.6 to 1.7", name="scale", minimum=0.05, maximum=20.0, metavar="LOW,HIGH",
     )  # fmt: skip
     detector: str = option("harris", "Interest points to match", choices=tuple(DETECTOR_SETS))
     radius_px: float = option(

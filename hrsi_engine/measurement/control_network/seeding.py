@@ -44,7 +44,7 @@ class SEEDING:
     part_px: float = threshold(400.0, "px", "side of a part of the first window", "thesis section 3.3: 400 x 400 px")
     fewest_points: int = threshold(8, "points", "fewest super points of a part and of the second window")
     fewest_nodes: int = threshold(8, "nodes", "fewest nodes of a first network that correlate", NETWORK_PAIRS)
-    smallest_node_share: float = threshold(0.3, "", "likewise, as a share of all nodes (chance: 0.05)", NETWORK_PAIRS)
+    smallest_node_share: float = threshold(0.3, "", "the same as a share of all nodes (chance: 0.05)", NETWORK_PAIRS)
     consistency_px: float = threshold(4.0, "px", "largest difference of a first node from its neighbours, on relief")
     grey_reaches: tuple[float, float] = threshold((1.0, 0.6), "", "reaches tried by grey values", NETWORK_PAIRS)
     feature_reach_px: float = threshold(8.0, "px", "distance from where features put a point", NETWORK_PAIRS)

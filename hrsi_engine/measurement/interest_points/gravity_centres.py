@@ -33,7 +33,7 @@ class CENTRE:
     box_margin_px: float = threshold(1.5, "px", "margin of that grid around the shape: the blurred edge belongs to it")
     surroundings_px: float = threshold(2.5, "px", "distance outside the edge at which the surroundings are sampled")
     same_outline_px: float = threshold(0.75, "px", "cell of centres within which outlines are one")
-    same_log_radius: float = threshold(0.06, "", "cell of the log of the mean radius, likewise")
+    same_log_radius: float = threshold(0.06, "", "cell of the log of the mean radius, for the same purpose")
     same_centre: float = threshold(0.1, "", "distance of centres of one object, as a share of the diameter")
     object_margin_px: int = threshold(24, "px", "margin of a window beyond half of the largest object")
     full_support: int = threshold(4, "regions", "regions of one outline from which it scores 1", SIMULATED_OBJECTS)

@@ -37,8 +37,10 @@ class REGION:
     level_step: float = threshold(0.05, "sigma", "distance of the 256 grey levels, in local standard deviations")
     stable_steps: int = threshold(4, "levels", "distance of the levels compared", SIMULATED_OBJECTS)
     largest_change: float = threshold(0.7, "", "largest change of the area over them", SIMULATED_OBJECTS)
-    even_stable_steps: int = threshold(16, "levels", "likewise of even regions, of 255 of the slope", SIMULATED_OBJECTS)
-    even_largest_change: float = threshold(1.0, "", "likewise, largest change of the area", SIMULATED_OBJECTS)
+    even_stable_steps: int = threshold(
+        16, "levels", "the same for even regions, of 255 of the slope", SIMULATED_OBJECTS
+    )
+    even_largest_change: float = threshold(1.0, "", "the same: largest change of the area", SIMULATED_OBJECTS)
     half_slope: float = threshold(0.5, "sigma/px", "slope in the middle of these steps")
     even_inset_px: float = threshold(1.5, "px", "distance of the border of an even region inside its edge")
     smallest_at_scale_px: int = threshold(12, "px", "smallest side in a reduced image")

@@ -32,7 +32,7 @@ class SHADOW:
     side: float = threshold(0.7, "", "cosine to the sun from which a sample is on its side", SHADOW_IMAGES)
     other_half: float = threshold(0.0, "", "and below which it is on the other sides", SHADOW_IMAGES)
     object_darker: float = threshold(0.2, "", "smallest darkness of the object, by the contrast", SHADOW_IMAGES)
-    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, likewise", SHADOW_IMAGES)
+    half_brighter: float = threshold(0.1, "", "smallest difference of the halves, by the contrast", SHADOW_IMAGES)
     margin_px: int = threshold(8, "px", "margin of the pixels read")
     step_m: float = threshold(100.0, "m", "length on the ground over which a direction is carried into the image")
 

@@ -31,18 +31,18 @@ class SHAPE:
     """When an ellipse, a rectangle or a polygon explains an outline."""
 
     closed_share: float = threshold(0.85, "", "smallest share of clear edge points on the shape", SIMULATED_OBJECTS)
-    sides_share: float = threshold(0.72, "", "likewise of the four sides of a rectangle together", SIMULATED_OBJECTS)
-    side_share: float = threshold(0.6, "", "likewise of each side", SIMULATED_OBJECTS)
+    sides_share: float = threshold(0.72, "", "the same for the four sides of a rectangle together", SIMULATED_OBJECTS)
+    side_share: float = threshold(0.6, "", "the same for each side", SIMULATED_OBJECTS)
     sigma_floor_px: float = threshold(0.02, "px", "smallest standard deviation of a centre")
     correlation_length_px: float = threshold(4.0, "px", "correlation length of edge errors", SIMULATED_OBJECTS)
     ellipse_tolerance: tuple[float, float] = threshold(
         (0.20, 0.012), "px, share", "largest RMS of the edge points", SIMULATED_OBJECTS
     )
     rectangle_tolerance: tuple[float, float] = threshold(
-        (0.2, 0.004), "px, share", "likewise about a rectangle", SIMULATED_OBJECTS
+        (0.2, 0.004), "px, share", "the same about a rectangle", SIMULATED_OBJECTS
     )
     polygon_tolerance: tuple[float, float] = threshold(
-        (0.5, 0.04), "px, share", "likewise about the smoothed outline", SIMULATED_OBJECTS
+        (0.5, 0.04), "px, share", "the same about the smoothed outline", SIMULATED_OBJECTS
     )
     independent_parts: int = threshold(8, "parts", "parts of a polygon's outline with independent errors")
     fourfold: float = threshold(0.25, "", "smallest fourfold mean of the normals (circle 0)", SIMULATED_OBJECTS)

@@ -103,14 +103,13 @@ def describe_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
     if alike and len(bad) == len(shifts) and len(bad) > 1:
         first = bad[0]
         return [
-            f"the RPCs of all {len(bad)} images lie {np.hypot(*mean):.1f} m beside the reference "
-            f"({mean[0]:+.1f} m east, {mean[1]:+.1f} m north), {_explain_limit(first)}: "
-            "check the reference's CRS and datum, and that it is right"
+            f"the RPCs of all {len(bad)} images differ from the reference by {np.hypot(*mean):.1f} m ({mean[0]:+.1f} m "
+            f"east, {mean[1]:+.1f} m north), {_explain_limit(first)}: check CRS, datum and position of the reference"
         ]
     return [
-        f"the RPC of {shift.image_id} lies {shift.length_m:.1f} m beside the reference ({shift.east_m:+.1f} m east, "
-        f"{shift.north_m:+.1f} m north), {_explain_limit(shift)}: check the reference's "
-        "CRS and datum, and the RPC"
+        f"the RPC of {shift.image_id} differs from the reference by {shift.length_m:.1f} m ({shift.east_m:+.1f} m "
+        f"east, {shift.north_m:+.1f} m north), {_explain_limit(shift)}: check CRS and datum of the reference, and the "
+        "RPC"
         for shift in bad
     ]
 
@@ -121,7 +120,7 @@ def describe_far_shifts(shifts: Sequence[ReferenceShift]) -> list[str]:
 
 
 def _explain_limit(shift: ReferenceShift) -> str:
-    source = "its ERR_BIAS" if shift.stated else "assumed: it states no ERR_BIAS"
+    source = "its ERR_BIAS" if shift.stated else "assumed, without ERR_BIAS"
     return (
         f"more than the {shift.limit_m:.1f} m that the RPC's sigma of {shift.bias_m:.1f} m ({source}) and that of the "
         "reference explain"
@@ -144,9 +143,10 @@ class Contradiction:
     @property
     def message(self) -> str:
         return (
-            f"{self.points} measurements of surveyed GCPs put the ground {np.hypot(self.east_m, self.north_m):.2f} m "
-            f"({self.east_m:+.2f} m east, {self.north_m:+.2f} m north) beside the reference, more than the "
-            f"{self.limit_m:.2f} m that their sigmas explain: the reference is not used; check its datum, or theirs"
+            f"{self.points} measurements of surveyed GCPs differ from the reference by "
+            f"{np.hypot(self.east_m, self.north_m):.2f} m ({self.east_m:+.2f} m east, {self.north_m:+.2f} m north), "
+            f"more than the {self.limit_m:.2f} m that their sigmas allow: the reference is not used; check the datum "
+            "of both"
         )
 
 
@@ -199,8 +199,8 @@ class PartShift(NamedTuple):
         """What to say of it."""
         return (
             f"the part of the reference about {self.lon_deg:.4f}, {self.lat_deg:.4f} lies "
-            f"{np.hypot(self.east_m, self.north_m):.1f} m beside the rest of it ({self.east_m:+.1f} m east, "
-            f"{self.north_m:+.1f} m north; limit {self.limit_m:.1f} m): its {self.places} places are left out"
+            f"{np.hypot(self.east_m, self.north_m):.1f} m from the rest of it ({self.east_m:+.1f} m east, "
+            f"{self.north_m:+.1f} m north; limit {self.limit_m:.1f} m): its {self.places} points are not used"
         )
 
 

@@ -151,12 +151,12 @@ def _match_image(
     ratio = reference.gsd_m / gsd
     step = ratio if ratio > REFERENCE_MATCHES.coarser else 1.0
     if not len(places):
-        return _refuse_image(image, gsd, step, "no textured place of the reference, with a height, lies below it")
+        return _refuse_image(image, gsd, step, "it shows no textured window of the reference with a height")
     bias = search_bias(image, reference, surface, gsd, step, options.search_px)
     if bias is None:
         return _refuse_image(
-            image, gsd, step, f"it does not look like the reference within {options.search_px:g} px of where its RPC "
-            "puts it"
+            image, gsd, step,
+                f"it does not match the reference within {options.search_px:g} px of its position by the RPC"
         )  # fmt: skip
     return _match_places(_Task(image, reference, surface, gsd, step, bias), places, options)
 
@@ -200,7 +200,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     chosen = [match for match in matches if match is not None]
     rows = rows[[match is not None for match in matches]]
     if not rows.size:
-        refusal = "no place of the reference was found in it"
+        refusal = "no window of the reference was found in it"
         return _refuse_image(task.image, task.gsd_m, task.step, refusal, task.bias.offset_px)
     xy = np.array([match.xy for match in chosen])
     sigma = np.array([match.sigma_px for match in chosen])
@@ -212,7 +212,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     )  # fmt: skip
     refusal = ""
     if agreement is None or agreement.chance_log10 > REFERENCE_MATCHES.chance_log10:
-        refusal = f"{len(rows)} places resemble the reference, but not all shifted alike: it may show another place"
+        refusal = f"{len(rows)} windows match the reference, but with different shifts: it may show another area"
         agreement = None
     used = np.zeros(len(rows), dtype=bool) if agreement is None else agreement.agreeing
     return ImageControl(

@@ -20,11 +20,13 @@ class ReferenceOptions:
     """
 
     points: int = option(
-        300, "Places of the reference looked for in each image", name="reference-points", minimum=12, advanced=True,
+        300, "Windows of the reference that are searched in each image", name="reference-points",
+        minimum=12, advanced=True,
         metavar="N",
     )  # fmt: skip
     search_px: float = option(
-        1024.0, "How far the RPCs may be off against the reference", name="reference-search", minimum=16.0, unit="px",
+        1024.0, "Largest error of the RPCs against the reference (search distance)", name="reference-search",
+        minimum=16.0, unit="px",
         advanced=True, metavar="PX",
     )  # fmt: skip
     window_px: int = 41

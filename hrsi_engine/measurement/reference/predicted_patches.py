@@ -183,7 +183,7 @@ class BIAS:
     fine_reach: int = threshold(8, "working px", "to each side at finer steps")
     site: int = threshold(160, "working px", "side of a part of the image")
     sites: int = threshold(4, "parts", "along each side of a large image")
-    contrast: float = threshold(9.0, "sigma", "robust standard deviations by which a peak must stand out")
+    contrast: float = threshold(9.0, "sigma", "robust standard deviations by which a peak must exceed the others")
     rival: float = threshold(0.75, "", "height over the peak's, above which a second one makes it ambiguous")
     node: float = threshold(8.0, "working px", "between nodes of the predicted part")
 

@@ -27,7 +27,7 @@ class LINES:
     fewest_points: int = threshold(3, "points", "fewest edge points of a line", "thesis section 2.3")
     smallest_angle_deg: float = threshold(20.0, "°", "smallest angle of two lines that are intersected")
     slope_to_noise: float = threshold(5.0, "sigma", "smallest slope of an edge point")
-    weakest_share: float = threshold(0.15, "", "likewise, as a share of the strongest slope of the window")
+    weakest_share: float = threshold(0.15, "", "the same as a share of the strongest slope of the window")
     line_distance_px: float = threshold(0.8, "px", "largest distance from the line of a segment")
     direction_deg: float = threshold(20.0, "°", "largest difference of the slope's direction in a segment")
     largest_gap_px: float = threshold(2.5, "px", "largest gap in a segment")

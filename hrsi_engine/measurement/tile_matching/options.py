@@ -24,7 +24,7 @@ class TILE_MATCH:
     inner: float = threshold(2.0 / 3.0, "", "share of a window, matched again: over two surfaces the result moves")
     change_weight: float = threshold(0.35, "", "of that movement in sigma", "errors of simulated pairs, 2026-11-21")
     half_quality_px: float = threshold(0.1, "px", "standard deviation at which quality is one half")
-    normalised: float = threshold(4.0, "sigma", "of its own that a match may be off across its line")
+    normalised: float = threshold(4.0, "sigma", "independent error of a match across its line")
 
 
 @dataclass(frozen=True)

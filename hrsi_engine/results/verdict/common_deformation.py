@@ -19,10 +19,10 @@ _DRIFTS = ("sample_s", "sample_l", "line_s", "line_l")
 class DEFORMATION:
     """When drifts of images are those of a deformed survey."""
 
-    risk: float = threshold(1e-3, "", "probability that drifts of their own look like one deformation", "F test")
+    risk: float = threshold(1e-3, "", "probability that independent drifts look like one deformation", "F test")
     harm: float = threshold(
-        2.0, "", "smallest effect at the block's rim that is reported, in predicted 90 % errors",
-        "below, the prediction holds all the same",
+        2.0, "", "smallest effect at the edge of the block that is reported, in predicted 90 % errors",
+        "below, the prediction remains valid",
     )  # fmt: skip
 
 
@@ -53,11 +53,12 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
         if likeness < DEFORMATION.risk and max(plan_m / part.ce90_m, height_m / part.le90_m) > DEFORMATION.harm:
             yield Reason(
                 "survey-deformed", Level.DOUBTFUL,
-                f"the GCPs turn or scale the ground by {1e6 * plan_m / half_m:.0f} mm/km and tilt it by "
-                f"{1e6 * height_m / half_m:.0f} mm/km, {plan_m:.2g} m in plan and {height_m:.2g} m in height at the "
-                f"rim, and the {len(images)} images, whose own drifts differ, all show it",
-                "check the projection of the survey (distances of the map for those on the ground), its orientation, "
-                "and what its heights refer to; with GCPs from another source, nothing needs to be done",
+                f"the GCPs rotate or scale the block by {1e6 * plan_m / half_m:.0f} mm/km and tilt it by "
+                f"{1e6 * height_m / half_m:.0f} mm/km: {plan_m:.2g} m in plan and {height_m:.2g} m in height at its "
+                f"edge; all {len(images)} images show this deformation, although their attitude drifts are "
+                "independent",
+                "check projection (map distances instead of ground distances), orientation and height datum of the "
+                "survey",
                 images=tuple(part.images),
             )  # fmt: skip
 

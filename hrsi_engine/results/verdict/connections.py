@@ -21,10 +21,14 @@ class CONNECTION:
     wrong_share: float = threshold(0.1, "", "share of wrong tie measurements that is reported", SOUND_BLOCKS)
     most_wrong: float = threshold(0.4, "", "share of wrong tie measurements that makes a block unusable")
     left_out_share: float = threshold(0.5, "", "share of an image's tie measurements left out that is reported")
-    fewest_ties: int = threshold(4, "points", "that hold an image: two for its shift, and two that would show an error")
+    fewest_ties: int = threshold(
+        4, "points", "that determine an image with control: two for its shift, and two that reveal an error"
+    )
     fewest_of_pair: int = threshold(8, "points", "common to two images, from which on their share left out is judged")
     kept_share: float = threshold(0.5, "", "smaller shares of a pair's points that are kept are reported")
-    extrapolation_px: float = threshold(5.0, "px", "sigma of image corners beyond that amid the points", SOUND_BLOCKS)
+    extrapolation_px: float = threshold(
+        5.0, "px", "excess of the sigma at image corners over that between the points", SOUND_BLOCKS
+    )
 
 
 def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
@@ -44,23 +48,24 @@ def find_ties_left_out(evidence: Evidence) -> Iterator[Reason]:
     bad = np.flatnonzero((count >= CONNECTION.fewest_of_pair) & (lost > CONNECTION.left_out_share * count))
     images = tuple(block.images[index].id for index in bad.tolist())
     if wrong > CONNECTION.wrong_share or images:
-        where = f"; more than half of those on image {list_ids(images)}" if images else ""
+        where = f"; on image {list_ids(images)} more than half of them" if images else ""
         yield Reason(
             "ties-left-out",
             Level.UNUSABLE if wrong > CONNECTION.most_wrong else Level.DOUBTFUL,
-            f"{out} of {total} tie measurements ({100.0 * share:.0f} %) do not fit and are left out{where}",
-            "look where they lie (flags in the layer image_points): clouds, water and repeated texture give wrong "
-            "matches; a whole image or link may have a wrong RPC or wrong ids",
+            f"{out} of {total} tie point measurements ({100.0 * share:.0f} %) are outliers and are not used{where}",
+            "check where they are (flags in the layer image_points): clouds, water and repeated texture cause "
+            "false matches; if all points of an image or image pair are outliers, its RPC or ids may be wrong",
             images=images,
         )
         return
     links = find_broken_links(evidence)
     if links:
-        listed = list_ids(f"{one} and {other} ({kept} of {points} points kept)" for one, other, points, kept in links)
+        listed = list_ids(f"{one} and {other} ({kept} of {points} points used)" for one, other, points, kept in links)
         yield Reason(
             "link-left-out", Level.DOUBTFUL,
-            f"most ties between images do not fit: {listed}",
-            "look at the ties between these images; without them these images are connected through others only",
+            f"most tie points between two images are outliers: {listed}",
+            "check the tie points between these images; without them, these images are connected through other "
+            "images only",
             images=tuple(dict.fromkeys(name for first, second, _, _ in links for name in (first, second))),
         )  # fmt: skip
 
@@ -107,8 +112,8 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     if alone:
         yield Reason(
             "image-not-held", Level.DOUBTFUL,
-            f"no GCP and no tie point that fits is on image {list_ids(alone)}: its RPC stays as it was",
-            "find tie points to its neighbours, measure GCPs on it, or take it out of the block",
+            f"image {list_ids(alone)} has no GCP and no valid tie point: its RPC was not changed",
+            "find tie points to its neighbours, measure GCPs on it, or remove it from the block",
             images=tuple(alone),
         )  # fmt: skip
     weak = np.flatnonzero((count > 0) & (count < CONNECTION.fewest_ties) & (control == 0))
@@ -117,7 +122,7 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "few-ties", Level.DOUBTFUL,
             f"image {list_ids(ids)} has fewer than {CONNECTION.fewest_ties} tie points and no GCP: an error in one "
-            "of them would not show",
+            "of them cannot be detected",
             "find more tie points on it, or measure GCPs",
             images=ids,
         )  # fmt: skip
@@ -132,8 +137,8 @@ def find_parts_without_control(evidence: Evidence) -> Iterator[Reason]:
     held = sum(1 for part in parts if part.gcps)
     yield Reason(
         "part-without-control", Level.DOUBTFUL,
-        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; image "
-        f"{list_ids(free)} lies only as well as its RPC, and does not fit the others",
+        f"the block falls into {len(parts)} parts without common points, {held} of them with GCPs; the absolute "
+        f"accuracy of image {list_ids(free)} is that of its RPC, and it does not match the other parts",
         "find tie points between the parts, or measure GCPs in each",
         images=free,
     )  # fmt: skip
@@ -171,8 +176,8 @@ def find_extrapolation(evidence: Evidence) -> Iterator[Reason]:
             "extrapolation", Level.DOUBTFUL,
             f"the points of image {list_ids(ids)} do not determine its corners: the standard deviation of the model "
             f"{result.model.name} is {np.nanmax(beyond):.2g} px there ({worst})",
-            "measure GCPs or find ties towards the corners"
-            + (", or choose a model of fewer parameters (shift)" if evidence.can_be_simpler else ""),
+            "measure GCPs or find tie points near the corners"
+            + (", or choose a model with fewer parameters (shift)" if evidence.can_be_simpler else ""),
             images=ids,
         )  # fmt: skip
 

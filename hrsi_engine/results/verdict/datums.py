@@ -28,8 +28,8 @@ def find_ballpark_operations(evidence: Evidence) -> Iterator[Reason]:
         if use.operation.is_ballpark:
             yield Reason(
                 "horizontal-datum", Level.DOUBTFUL,
-                f"{use.source}: PROJ knows no operation from {use.crs} to WGS84, and takes one for the other",
-                "convert the source to WGS84 with the parameters of the national survey first",
+                f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two are treated as equal",
+                "convert the source to WGS84 with the parameters of the national survey before the run",
             )  # fmt: skip
 
 

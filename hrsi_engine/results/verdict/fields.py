@@ -23,11 +23,15 @@ class FIELD:
     most_rows: int = threshold(1000, "points", "of an image that are tested: enough for every field that matters")
     fewest_rows: int = threshold(12, "points", "fewer are not tested")
     images_at_once: int = threshold(100, "images", "of up to a thousand points: 30 MB")
-    rank_tolerance: float = threshold(1e-9, "", "relative eigenvalues below leave the rank open: images tested alone")
+    rank_tolerance: float = threshold(
+        1e-9, "", "at smaller relative eigenvalues the rank is uncertain: images are tested one by one"
+    )
     risk_margin: float = threshold(1.001, "", "margin of the test of many images at once for its rounding")
-    equal_share: float = threshold(0.8, "", "share of what the richest model explains from which a simpler one serves")
+    equal_share: float = threshold(
+        0.8, "", "share of the largest model's explained squares from which a simpler one suffices"
+    )
     noted_px: float = threshold(0.05, "px", "RMS from which on a field is a note")
-    large_px: float = threshold(4.0, "px", "RMS that bends orthoimages visibly: a reason", SOUND_BLOCKS)
+    large_px: float = threshold(4.0, "px", "RMS that deforms orthoimages visibly: a reason", SOUND_BLOCKS)
 
 
 NESTED = ("shift", "shift-drift", "affine", "quadratic")  # from few parameters to many

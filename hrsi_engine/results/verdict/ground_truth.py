@@ -31,14 +31,16 @@ class GroundTruthThresholds:
     doubtful_misfit: float = threshold(3.5, "", "RMS misfit over the expected one that is reported", SOUND_BLOCKS)
     unusable_misfit: float = threshold(7.0, "", "the same that makes a block unusable", SOUND_BLOCKS)
     unusable_error: float = threshold(10.0, "", "RMS check point error over prediction: block unusable", SOUND_BLOCKS)
-    few_laser: int = threshold(10, "points", "fewer laser points that alone hold the height are reported", SOUND_BLOCKS)
+    few_laser: int = threshold(
+        10, "points", "fewer laser points that alone determine the height are reported", SOUND_BLOCKS
+    )
     few_laser_share: float = threshold(0.1, "", "and are less than this share of their file", SOUND_BLOCKS)
     height_scatter: float = threshold(2.0, "", "scatter of heights over stated, beyond the next too", SOUND_BLOCKS)
     height_scatter_m: float = threshold(5.0, "m", "the same in metres", SOUND_BLOCKS)
     outvoted_share: float = threshold(0.5, "", "share of the GCPs against other heights that makes a block unusable")
     doubtful_parts: float = threshold(0.1, "", "share of a source in parts that contradict the others: reported")
     unusable_parts: float = threshold(0.25, "", "from which on, without GCPs, the others may be the wrong ones")
-    canopy_m: float = threshold(3.0, "m", "laser points lower by more are ground, the others tree tops", SOUND_BLOCKS)
+    canopy_m: float = threshold(3.0, "m", "laser points lower by more are ground, the others canopy", SOUND_BLOCKS)
     fewest_lower: int = threshold(10, "points", "so many lower points are reported", SOUND_BLOCKS)
     lower_share: float = threshold(0.1, "", "or this share of the laser points, the larger of both", SOUND_BLOCKS)
     largest_condition: float = threshold(1e12, "", "of a point's normal equations: beyond, its rays do not intersect")
@@ -68,8 +70,10 @@ def find_control_misfit(evidence: Evidence) -> Iterator[Reason]:
     axes = _find_axis_errors(evidence, evidence.left.ground_m[gcps], np.zeros_like(own), own, cofactors, means=True)
     if axes and not found:
         yield Reason(
-            "control-misfit", Level.DOUBTFUL, f"the {len(gcps)} GCPs do not lie on the block: {'; '.join(axes)}",
-            "see what else holds the block (DEM, laser points, reference, RPCs) and which of both is right",
+            "control-misfit", Level.DOUBTFUL, f"the {len(gcps)} GCPs disagree with the adjusted block: "
+                                              f"{'; '.join(axes)}",
+            "compare the GCPs with the other constraints of the block (DEM, laser points, reference, RPCs), and "
+            "correct the wrong one",
             points=tuple(points.ids[gcps].tolist()),
         )  # fmt: skip
 
@@ -99,9 +103,9 @@ def _find_misfit(evidence: Evidence, role: Role, large: float, ruined: float) ->
     yield Reason(
         {Role.GCP: "control-misfit", Role.CHECK: "check-misfit"}[role],
         Level.UNUSABLE if factor >= ruined else Level.DOUBTFUL,
-        f"{what} not fit the refined RPCs: {length:.2g} px in the mean, {factor:.2g} times what is expected of them; "
-        f"beyond chance are {list_ids(ids)}",
-        "compare coordinates, heights, datum and ids of these points with their source; state their sigmas as they are",
+        f"{what} not fit the refined RPCs: their RMS residual is {length:.2g} px, {factor:.2g} times the expected "
+        f"one; significant are {list_ids(ids)}",
+        "compare coordinates, heights, datum and ids of these points with their source, and give realistic sigmas",
         images=tuple(block.images[index].id for index in np.unique(block.measurements.image[rows])),
         points=ids,
     )  # fmt: skip
@@ -126,10 +130,10 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-left-out",
             Level.DOUBTFUL,
-            f"{len(out)} of {surveyed} GCPs {'disagrees' if len(out) == 1 else 'disagree'} with the rest and "
-            f"{'is' if len(out) == 1 else 'are'} left out: {list_ids(out)}"
-            + ("; with so many of them, the others may be the wrong ones" if many else ""),
-            "compare these points with their source; correct them, or take them out of the file",
+            f"{len(out)} of {surveyed} GCPs {'is' if len(out) == 1 else 'are'} not used because of contradictions "
+            f"to the other observations: {list_ids(out)}"
+            + ("; at this share it is not certain that the other GCPs are the correct ones" if many else ""),
+            "compare these points with their source, and correct or remove them",
             points=out,
         )
     if kept:
@@ -138,8 +142,8 @@ def find_control_outliers(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-ambiguous",
             Level.UNUSABLE if worst > GROUND_TRUTH.ambiguous_sigmas else Level.DOUBTFUL,
-            f"GCPs disagree by {worst:.1f} sigma, and the data do not show which is wrong: {list_ids(concerned)}; "
-            "all are kept",
+            f"GCPs contradict each other by {worst:.1f} sigma: {list_ids(concerned)}; the observations do not show "
+            "which one is wrong, so all are used",
             "compare these points with their source, or measure more GCPs",
             points=concerned,
         )
@@ -177,11 +181,12 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "check-misfit",
             Level.UNUSABLE if max(factor, ratio) >= GROUND_TRUTH.unusable_error else Level.DOUBTFUL,
-            f"{len(check)} check points are {factor:.2g} times as far off as predicted: "
-            f"RMSE {_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)"
+            f"the errors of {len(check)} check points are {factor:.2g} times the predicted ones: RMSE "
+            f"{_format_metres(found)} m, predicted {_format_metres(predicted)} m (east, north, height)"
             + "".join(f"; {axis}" for axis in axes),
-            "compare the datum and heights of check points and GCPs; look at the arrows of the report: one direction "
-            "is a datum, a fan is a missing model, single ones are wrong points",
+            "compare the datum and heights of check points and GCPs; in the report, residual arrows in one "
+            "direction indicate a wrong datum, a pattern over the block a correction model with too few "
+            "parameters, and single large arrows wrong points",
             points=tuple(str(name) for name in points.ids[check]),
         )
         return
@@ -194,8 +199,8 @@ def find_check_point_errors(evidence: Evidence) -> Iterator[Reason]:
         ids = tuple(str(name) for name in points.ids[check[alone]])
         yield Reason(
             "check-point-off", Level.DOUBTFUL,
-            f"check point {list_ids(ids)} lies far from where the block puts it while the others agree: "
-            f"{points.ids[check[worst]]} by {_format_metres(error[worst])} m (east, north, height)",
+            f"check point {list_ids(ids)} has a gross error, and the other check points agree: the error of "
+            f"{points.ids[check[worst]]} is {_format_metres(error[worst])} m (east, north, height)",
             "compare these points with their source and their measurements in the images",
             points=ids,
         )  # fmt: skip
@@ -229,13 +234,13 @@ def _find_axis_errors(
         scatter = float(robust_sigma(error[used, axis] - np.median(error[used, axis]))) / sigma
         if is_significant((mean / of_mean) ** 2, 1.0, SIGNIFICANCE.risk / 3.0) and abs(mean) > sigma:
             told.append(
-                f"in {name} they all lie {abs(mean):.2g} m {sides[mean > 0.0]} the block's ground in the mean, "
-                f"{abs(mean) / of_mean:.0f} standard deviations ({of_mean:.2g} m)"
+                f"their mean difference in {name} is {abs(mean):.2g} m ({sides[mean > 0.0]} the block), "
+                f"{abs(mean) / of_mean:.0f} times its standard deviation ({of_mean:.2g} m)"
             )
         elif not means and scatter > max(
             GROUND_TRUTH.large_scatter, np.sqrt(compute_chi_square_limit(count - 1.0) / (count - 1.0))
         ):
-            told.append(f"in {name} they scatter {scatter:.1f} times as much as predicted ({sigma:.2g} m)")
+            told.append(f"their scatter in {name} is {scatter:.1f} times the predicted one ({sigma:.2g} m)")
     return told
 
 
@@ -249,9 +254,9 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "control-ambiguous", Level.DOUBTFUL,
             f"GCPs {one.ids[0]} and {one.ids[1]} disagree by {one.metres:.2g} m on the ground of {one.image}, "
-            f"{one.sigmas:.0f} sigmas of surveys, measurements and drift, and so few do not show which is wrong; the "
-            "predicted accuracy contains it",
-            "compare the points with their source, or measure more GCPs: four show which one is wrong",
+            f"{one.sigmas:.0f} times the standard deviation from survey, measurement and drift; with so few GCPs "
+            "the wrong one is not identified, and the predicted accuracy includes the difference",
+            "compare the points with their source, or measure more GCPs: with four the wrong one can be identified",
             images=(one.image,), points=one.ids,
         )  # fmt: skip
     parts = [part for part in evidence.result.parts if part.gcps and part.ce90_m is not None and part.apart is None]
@@ -261,10 +266,10 @@ def find_leave_one_out_errors(evidence: Evidence) -> Iterator[Reason]:
     factor = part.leave_one_out
     yield Reason(
         "leave-one-out-misfit", Level.DOUBTFUL,
-        f"each GCP predicted from the others (leave-one-out): the {part.gcps} GCPs are {factor:.2g} times as far off "
-        f"as predicted, by which CE90 {part.ce90_m / factor:.2g} m became {part.ce90_m:.2g} m",
-        "compare the GCPs with their source and state their sigmas as they are; some of them as check points "
-        "(`check_ids`) tell the accuracy independently",
+        f"leave-one-out errors of the {part.gcps} GCPs are {factor:.2g} times the predicted ones; the predicted "
+        f"CE90 was raised from {part.ce90_m / factor:.2g} m to {part.ce90_m:.2g} m",
+        "compare the GCPs with their source, and give realistic sigmas; use some of them as check points "
+        "(`check_ids`) for an independent accuracy",
         images=part.images,
     )  # fmt: skip
 
@@ -355,17 +360,17 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
             continue
         open_between = bool(undecided) or (not compared and share > GROUND_TRUTH.unusable_parts)
         if outvoted:
-            what = f"its heights contradict those of {off} of {compared} GCPs, and hold the block against them"
+            what = f"its heights contradict those of {off} of {compared} GCPs, and outweigh them in the adjustment"
         else:
             who = "all of its heights" if one.contradicts else f"the heights of {list_ids(g.name for g in told)}"
-            done = "took part, as it cannot be told which are wrong" if undecided else "were left out"
-            what = f"{who} differ by {middle:+.1f} m (median) from the other observations of the block's height"
+            done = "were used, because the wrong ones cannot be identified" if undecided else "were not used"
+            what = f"{who} differ by {middle:+.1f} m (median) from the other height observations of the block"
             what += f" (sigma {told[0].sigma_m:.1f} m); they {done}"
         unusable = outvoted or (open_between and abs(middle) > 2.0 * le90_m)
         yield Reason(
             "sources-disagree", Level.UNUSABLE if unusable else Level.DOUBTFUL, f"{one.source}: {what}",
-            "check what the heights of laser points, DEM and GCPs refer to: above a geoid and above the ellipsoid they "
-            "differ by tens of metres; a DEM whose parts disagree may be a mosaic with a step",
+            "check the height datum of laser points, DEM and GCPs: heights above a geoid and above the ellipsoid "
+            "differ by tens of metres; a DEM with contradicting parts may be a mosaic with steps",
         )  # fmt: skip
 
 
@@ -380,10 +385,10 @@ def find_heights_off_rpcs(evidence: Evidence) -> Iterator[Reason]:
         held = [one.source for one in result.heights if one.left_out < one.observations]
         yield Reason(
             "heights-off-rpcs", Level.DOUBTFUL,
-            f"the heights of {' and '.join(held)} put the block {away_m:+.1f} m off its height by the RPCs alone, "
-            f"{abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
-            "check unit and datum of these heights (`laser_datum`, `dem_datum`): above a geoid and above the ellipsoid "
-            "they differ by tens of metres",
+            f"the heights of {' and '.join(held)} move the block by {away_m:+.1f} m from its height by the RPCs "
+            f"alone, {abs(away_m) / sigma_m:.0f} times the standard deviation of that height",
+            "check unit and datum of these heights (`laser_datum`, `dem_datum`): heights above a geoid and above "
+            "the ellipsoid differ by tens of metres",
         )  # fmt: skip
 
 
@@ -397,9 +402,9 @@ def find_height_scatter(evidence: Evidence) -> Iterator[Reason]:
         ):
             yield Reason(
                 "heights-scatter", Level.DOUBTFUL,
-                f"{one.source}: its heights scatter by {one.rmse_m:.0f} m about the ground that the images show, "
-                "far more than they are stated to",
-                "check that they are heights of the ground there, in metres: place, column, unit; or state their sigma",
+                f"{one.source}: the RMS difference of its heights from the ground in the images is {one.rmse_m:.0f} "
+                f"m, {one.sigma_factor:.0f} times the given standard deviation",
+                "check position, column and unit of these heights, or give a realistic sigma",
             )  # fmt: skip
 
 
@@ -416,10 +421,10 @@ def find_laser_canopy(evidence: Evidence) -> Iterator[Reason]:
         return
     yield Reason(
         "laser-tops", Level.DOUBTFUL,
-        f"{low.sum()} laser points lie {-np.median(found.residual_m[low]):.1f} m (median) lower than the {fits.sum()} "
-        "that are used: where these are tops of trees or roofs, the lower ones are the ground",
-        "take the heights of the ground (of ATL08 those of the terrain, of SlideRule a fit without canopy), name the "
-        "canopy's height in a field `canopy_m`, or name a DEM",
+        f"{low.sum()} laser points are {-np.median(found.residual_m[low]):.1f} m (median) lower than the "
+        f"{fits.sum()} used ones, which may be canopy or roofs",
+        "use ground heights (terrain heights of ATL08, a SlideRule fit without canopy), give the canopy height in "
+        "a field `canopy_m`, or name a DEM",
     )  # fmt: skip
 
 
@@ -428,13 +433,13 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     found = evidence.result.laser
     if found is None:
         return
-    used, advice = int((found.reason == "").sum()), "the layer laser_points has the reason of each; "
+    used, advice = int((found.reason == "").sum()), "the layer laser_points lists the reason for each; "
     reasons, count = np.unique(found.reason[found.reason != ""], return_counts=True)
     most = ", ".join(f"{count[k]} {reasons[k]}" for k in np.argsort(-count)[:3].tolist())
     if not used:
         yield Reason(
             "laser-holds-nothing", Level.DOUBTFUL,
-            f"none of the {len(found.reason)} laser points is used for the block's height: {most}",
+            f"none of the {len(found.reason)} laser points is used for the height of the block: {most}",
             f"{advice}name a file with more passes over the images, or leave it out",
         )  # fmt: skip
     elif used < min(GROUND_TRUTH.few_laser, GROUND_TRUTH.few_laser_share * len(found.reason)) and not any(
@@ -442,8 +447,9 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     ):
         yield Reason(
             "laser-few", Level.DOUBTFUL,
-            f"only {used} of {len(found.reason)} laser points hold the block's height, and no GCP checks them: {most}",
-            f"{advice}most of a file that belongs to these images is used: check its coordinates and datum",
+            f"only {used} of {len(found.reason)} laser points are used for the height of the block, and no GCP "
+            f"controls them: {most}",
+            f"{advice}check coordinates and datum of the file",
         )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from .significance import SOUND_BLOCKS, is_significant
 class SOLUTION:
     """When the solution of an adjustment cannot be trusted."""
 
-    settled_sigmas: float = threshold(1.0, "sigma", "movement by one more step that leaves the result what it is")
+    settled_sigmas: float = threshold(1.0, "sigma", "change by one more iteration that is negligible")
     doubtful_residuals: float = threshold(3.0, "", "reported residuals over noise and camera", SOUND_BLOCKS)
     unusable_residuals: float = threshold(10.0, "", "the same that make a block unusable", SOUND_BLOCKS)
     implausible_factor: float = threshold(
@@ -53,10 +53,10 @@ def find_divergence(evidence: Evidence) -> Iterator[Reason]:
     still = 2.0 * result.history[-1].predicted_decrease if result.history else np.inf
     moving = np.sqrt(max(still, 0.0)) / max(result.sigma0, 1.0)
     level = Level.UNUSABLE if not moving < SOLUTION.settled_sigmas else Level.DOUBTFUL
-    distance = f": another step would move the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
+    distance = f"; the next iteration would change the unknowns by {moving:.2g} sigma" if np.isfinite(moving) else ""
     yield Reason(
         "not-converged", level, f"the adjustment {result.status}{distance}",
-        "look for wrong points and wrong images first"
+        "look for wrong points and images first"
         + ("; then choose a model of fewer parameters" if evidence.can_be_simpler else ""),
     )  # fmt: skip
 
@@ -74,10 +74,10 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
     yield Reason(
         "residuals-too-large",
         Level.UNUSABLE if needed >= SOLUTION.unusable_residuals * allowed else Level.DOUBTFUL,
-        f"sigma0 is {sigma0:.2g}: residuals are that many times as large as the sigmas of the observations; "
-        f"image points would need a sigma of {needed:.2g} px instead of {stated:.2g} px",
-        "look for wrong points (the outliers of the report) and for a model that follows the images better; if the "
-        "points are no better than that, state their sigmas as they are",
+        f"sigma0 is {sigma0:.2g}: the residuals are larger than the sigmas of the observations by this factor; they "
+        f"correspond to a sigma of image points of {needed:.2g} px instead of {stated:.2g} px",
+        "look for wrong points (outliers in the report) and for a model with more parameters; if the points are "
+        "correct, give realistic sigmas",
     )
 
 
@@ -92,13 +92,13 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     ]  # fmt: skip
     left = result.sigma0 >= SOLUTION.implausible_sigma0
     if left and is_significant(result.sigma0**2 * result.redundancy, result.redundancy):
-        wrong.append(f"all that took part {result.sigma0:.1f} times (sigma0)")
+        wrong.append(f"all observations {result.sigma0:.1f} times (sigma0)")
     if wrong:
         yield Reason(
             "sigmas-implausible", Level.DOUBTFUL,
-            f"the residuals are larger than the standard deviations that were given: {'; '.join(wrong)}; predicted "
-            "accuracies contain that",
-            "look at the largest residuals first: if these points are right, state the standard deviations as they are "
+            f"the residuals are larger than the given standard deviations: {'; '.join(wrong)}; the predicted "
+            "accuracy accounts for this",
+            "check the largest residuals first: if these points are correct, give realistic standard deviations "
             "(`sigma_image`, `sigma_gcp_xy`, `sigma_gcp_h`, or the columns of the files)",
         )  # fmt: skip
 
@@ -123,10 +123,10 @@ def find_large_corrections(evidence: Evidence) -> Iterator[Reason]:
         ids = tuple(result.block.images[index].id for index in images.tolist())
         yield Reason(
             "correction-too-large", level,
-            f"the correction of image {list_ids(ids)} is larger than any error of its RPC: "
+            f"the correction of image {list_ids(ids)} is larger than a plausible error of its RPC: "
             f"{result.model.parameters[parameter]} of {result.block.images[worst].id} is "
-            f"{result.values[worst, parameter]:.3g}, {far[worst, parameter]:.0f} times what is expected "
-            f"({sigma[worst, parameter]:.2g})",
+            f"{result.values[worst, parameter]:.3g}, {far[worst, parameter]:.0f} times its a priori standard "
+            f"deviation ({sigma[worst, parameter]:.2g})",
             "check that the points belong to these images (coordinates, columns, ids, datum), and that the RPCs belong "
             "to the pixels",
             images=ids,
@@ -156,11 +156,12 @@ def find_implausible_drifts(evidence: Evidence) -> Iterator[Reason]:
     value = float(estimated.values[worst, parameter])
     yield Reason(
         "drift-implausible", Level.DOUBTFUL,
-        f"the tie points make image {list_ids(ids)} drift more than is known of the sensor, and no GCPs show it: "
-        f"{estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, {far[worst, parameter]:.0f} "
-        f"times the a priori standard deviation ({abs(value) / far[worst, parameter]:.1e})",
-        f"measure at least {SOLUTION.showing_gcps} GCPs spread over the images; without any, look for ties that "
-        "err together (between dates, over relief or shadows)",
+        f"the attitude drift of image {list_ids(ids)} from tie points is implausible for the sensor, and no GCPs "
+        f"confirm it: {estimated.model.parameters[parameter]} of {images[worst].id} is {value:.1e}, "
+        f"{far[worst, parameter]:.0f} times the a priori standard deviation ("
+        f"{abs(value) / far[worst, parameter]:.1e})",
+        f"measure at least {SOLUTION.showing_gcps} GCPs spread over the images; without GCPs, look for systematic "
+        "errors of tie points (between dates, on relief or shadows)",
         images=ids,
     )  # fmt: skip
 
@@ -206,9 +207,9 @@ def find_refit_errors(evidence: Evidence) -> Iterator[Reason]:
             yield Reason(
                 "rpc-unlike-model", level,
                 f"the refined RPC of image {list_ids(ids)} differs from its model by up to {fit[images].max():.2g} px",
-                "choose a model of fewer parameters: an RPC cannot follow this correction"
+                "choose a model with fewer parameters: an RPC cannot represent this correction"
                 if evidence.can_be_simpler
-                else "look for wrong points: an RPC cannot follow this correction",
+                else "look for wrong points: an RPC cannot represent this correction",
                 images=ids,
             )  # fmt: skip
 

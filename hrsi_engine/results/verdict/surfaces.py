@@ -14,7 +14,7 @@ from .evidence import Evidence
 class SURFACE_OFFSET:
     """When a surface displaces a block by more than its RPCs explain."""
 
-    sigmas: float = threshold(3.5, "sigma", "displacement in plan beyond the RPCs' place that is reported")
+    sigmas: float = threshold(3.5, "sigma", "displacement in plan from the position by the RPCs that is reported")
 
 
 def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
@@ -24,10 +24,11 @@ def find_surface_offsets(evidence: Evidence) -> Iterator[Reason]:
         if not one.open and one.beyond_pointing > SURFACE_OFFSET.sigmas:
             yield Reason(
                 "surface-offset", Level.DOUBTFUL,
-                f"the relief of the surface puts {list_ids(one.images)} {np.hypot(east, north):.1f} m in plan off "
-                f"where the RPCs do ({east:+.1f} m east, {north:+.1f} m north, {up:+.1f} m up), "
-                f"{one.beyond_pointing:.1f} standard deviations (of the RPCs: {one.pointing_m:.1f} m a coordinate)",
-                "if the surface is right, the block is now: check its place and height datum by a point or two",
+                f"matching with the relief of the surface shifts {list_ids(one.images)} by "
+                f"{np.hypot(east, north):.1f} m in plan ({east:+.1f} m east, {north:+.1f} m north, {up:+.1f} m up), "
+                f"{one.beyond_pointing:.1f} times the standard deviation (of the RPCs: {one.pointing_m:.1f} m per "
+                "coordinate)",
+                "check the georeference and height datum of the surface with one or two surveyed points",
                 images=one.images,
             )  # fmt: skip
 
@@ -38,8 +39,9 @@ def find_open_surfaces(evidence: Evidence) -> Iterator[Reason]:
         if one.open:
             yield Reason(
                 "surface-open", Level.OK,
-                f"the relief of the surface does not hold {list_ids(one.images)} in plan: {one.open}",
-                "only the RPCs hold it in plan, as well as its CE90 says: GCPs or a reference orthoimage tell more",
+                f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
+                "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
+                "orthoimage",
                 images=one.images,
             )  # fmt: skip
 

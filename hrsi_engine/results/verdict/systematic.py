@@ -15,12 +15,15 @@ def describe_residual_fields(evidence: Evidence) -> list[str]:
         return []
     worst = fields[0]
     if evidence.is_followed(worst):
-        remedy = f"the model {evidence.result.model.name} has its terms, but a priori standard deviations hold them"
+        remedy = (
+            f"the model {evidence.result.model.name} has these terms, but their a priori standard deviations "
+            "are too small for it"
+        )
     else:
         remedy = f"the model {worst.model} would remove it"
     return [
-        f"the residuals of image {list_ids(field.image for field in fields)} are not random: up to {worst.rms_px:.2g} "
-        f"px ({worst.image}) follow a polynomial of the position; {remedy}"
+        f"the residuals of image {list_ids(field.image for field in fields)} are systematic: up to "
+        f"{worst.rms_px:.2g} px RMS ({worst.image}) are a polynomial of the position; {remedy}"
     ]
 
 
@@ -32,8 +35,8 @@ def find_large_fields(evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "systematic-residuals", Level.DOUBTFUL,
             f"the residuals of image {list_ids(field.image for field in fields)} have a systematic field: "
-            f"{worst.rms_px:.2g} px of {worst.all_px:.2g} px in {worst.image} follow a polynomial of the position",
-            "look for wrong points: the model would follow this field if they let it"
+            f"{worst.rms_px:.2g} px of {worst.all_px:.2g} px RMS in {worst.image} are a polynomial of the position",
+            "look for wrong points: the model includes this field"
             if evidence.is_followed(worst)
             else f"choose the model {worst.model}, which removes it; look for wrong points if it does not",
             images=tuple(field.image for field in fields),

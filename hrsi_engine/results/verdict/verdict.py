@@ -164,12 +164,12 @@ def judge(result: Adjustment, before: Sequence[Reason] = ()) -> Verdict:
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
     """Return the accuracy of a block in one sentence, from the figures of its report.
 
-    ``3 images tied to 0.06 px; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
+    ``3 images, tie points 0.06 px RMSE; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
     tied = ties["images"]
     text = f"{tied} of {images} images" if 0 < tied < images else _format_count(images, "image")
-    text += f" tied to {format_figure(ties['rmse_px'])} px" if tied else ""
+    text += f", tie points {format_figure(ties['rmse_px'])} px RMSE" if tied else ""
     gcps = report["control"]["points"]
     text += f"; {_format_count(gcps, 'GCP')}, {_format_count(check['points'], 'check point')}"
     accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
@@ -206,7 +206,7 @@ def _describe_operation_error(check: Mapping[str, Any], untested: Mapping[str, A
         return ""
     with_it = {name: add_untested_error(check[key], untested, key) for name, key in ACCURACIES.items() if untested[key]}
     told = ", ".join(f"{name} {format_figure(value)} m" for name, value in with_it.items() if value is not None)
-    return f"; with the coordinate operation of GCPs and check points, which these cannot test, {told}" if told else ""
+    return f"; including the coordinate operation, which the check points cannot test: {told}" if told else ""
 
 
 def _describe_prediction(report: Mapping[str, Any]) -> str:
