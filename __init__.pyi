@@ -158,13 +158,13 @@ def triangulate(
     stac: bool = False,
     progress: Progress | None = None,
 ) -> Result:
-    """Tie points and GCPs to refined RPCs, residual layers and a report.
+    """Refined RPCs of a block from tie points and GCPs, with residual layers and a report.
 
-    The main job. Finds tie points between overlapping images, takes ground control points from a vector
-    layer or CSV, corrects all RPCs in one bundle block adjustment and reports how well the check points
-    agree. GCPs may also come from an orthoimage (``reference``, with ``dem``). Without any GCP the
-    block is held where its RPCs put it, or where a ``surface`` has its relief, and the images fit one
-    another. The refined images are ready for gdalwarp -rpc.
+    Finds tie points between overlapping images, reads GCPs from a vector layer or CSV, corrects all
+    RPCs in one bundle block adjustment and reports the accuracy at check points. GCPs can also be
+    measured in an orthoimage (``reference``, with ``dem``). Without GCPs the position of the block
+    follows from its RPCs, or from the relief of a ``surface``, and the relative accuracy of the images
+    is improved. The refined images can be used with gdalwarp -rpc.
 
     Parameters
     ----------
@@ -173,51 +173,55 @@ def triangulate(
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
-        Where points were measured on the images; ground positions in it are not used.
+        Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
-        These points are control, all other known points are check points.
+        Ids of the GCPs; all other points with known position are check points.
     check_ids : sequence of str, optional
-        These points are check points; with ``gcp_ids`` too, all other known points take no part.
+        Ids of the check points; with ``gcp_ids`` too, all other points with known position are not
+        used.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     gcp_epoch : float, optional
-        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
-        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
-        the accuracy of that (at least 1957).
+        Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM
+        (ETRS89, GDA2020, NAD83); by default the two are treated as equal, and the error is included in
+        the accuracy (at least 1957).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     sigma_image : float, optional
-        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
+        Standard deviation of image points without one in their file (unit px; at least 1e-06; default
+        0.5).
     sigma_gcp_xy : float, optional
-        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
-        1e-06; default 0.2).
+        Standard deviation of each horizontal coordinate of GCPs without one in their file (unit m; at
+        least 1e-06; default 0.2).
     sigma_gcp_h : float, optional
-        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
+        Standard deviation of the heights of GCPs without one in their file (unit m; at least 1e-06;
+        default 0.3).
     tie_points : path or table or array or GroundPoints or ImagePoints, optional
-        auto finds them in the images, none does without, FILE or a result's folder has them (default
-        auto).
+        Tie points: auto finds them in the images, none uses none, FILE or the folder of a result
+        contains them (default auto).
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     surface : path or table or array or GroundPoints or ImagePoints, optional
-        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
-        ``sigma_dem``: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
-        ICESat-2 or GEDI.
+        Surface that constrains the block in plan and height by its relief, instead of ``dem`` with
+        ``sigma_dem``: a raster, a lidar point cloud (LAS, LAZ), a layer of points with heights, a
+        granule of ICESat-2 or GEDI.
     surface_datum : str, optional
-        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+        Height datum of the surface, if it differs from ``height_datum``.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, four fifths of it common to all; by default
-        what its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all heights; by
+        default a value for its cell size (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
-        Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
-        ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
+        Laser points whose heights constrain the block; image points are not needed: a granule of
+        ICESat-2 (ATL06, ATL08) or GEDI L2A, GeoParquet or CSV of SlideRule, or a point layer with
+        height and sigma_h.
     laser_datum : str, optional
-        What the heights of laser points in a layer refer to; those of granules are ellipsoidal (default
+        Height datum of laser points in a layer; heights of granules are ellipsoidal (default
         ellipsoidal).
     reference : path or rasterio dataset, optional
         Orthoimage in which GCPs are found by matching, in any CRS.
@@ -227,117 +231,121 @@ def triangulate(
     reference_band : int, optional
         Band of the reference; by default the mean of all (at least 1).
     reference_points : int, optional
-        Places of the reference looked for in each image (at least 12; default 300).
+        Windows of the reference that are searched in each image (at least 12; default 300).
     reference_search : float, optional
-        How far the RPCs may be off against the reference (unit px; at least 16; default 1024).
+        Largest error of the RPCs against the reference (search distance) (unit px; at least 16; default
+        1024).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     add_to : str, optional
-        Output directory of an earlier adjustment, whose block the images join.
+        Output directory of an earlier adjustment; the images are added to its block.
     earlier_cameras : str, optional
-        What the cameras of the earlier block are: free, adjusted again from all measurements, or
-        observed, as the earlier adjustment left them, with all that it says of them together; then its
-        points are not used again (one of free, observed; default free).
+        Cameras of the earlier block: free (adjusted again from all measurements) or observed (with the
+        values and covariances of the earlier adjustment; its points are not used again) (one of free,
+        observed; default free).
     search_margin : float, optional
-        How far the RPCs may be off when tie points are searched; the search widens where it finds
-        nothing (unit px; at least 0; default 128).
+        Largest error of the RPCs in the search for tie points; it is increased where nothing is found
+        (unit px; at least 0; default 128).
     cells : int, optional
-        Every image is divided into N x N cells, which are filled evenly with tie points (at least 1; at
+        Every image is divided into N x N cells, over which tie points are spread evenly (at least 1; at
         most 1000; default 12).
     per_cell : int, optional
         Tie points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2
         from a small window in the cell (at least 0; default 0).
     dense : bool, optional
-        Match all of every image, with small windows first, and keep all tie points: for terrain through
-        them (orthorectify's terrain points); some 15 s of one core for a pair's megapixel (default no).
+        Match all of every image, with small windows first, and keep all tie points, for a terrain model
+        from them (terrain points of orthorectify); takes about 15 s of one core per megapixel of a pair
+        (default no).
     partners : int, optional
-        Match each image with so many others on average: all that overlap where these are few, else
-        those that a probe says will match, in spanning trees of the block (at least 1; default 8).
+        Average number of images that each image is matched with: all that overlap if these are few,
+        else those with the best test matches, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
-        Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+        Smallest overlap of two images that are matched, as a share of the image (at least 0; at most 1;
+        default 0.02).
     matches : path or table or array or GroundPoints or ImagePoints, optional
-        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
-        each is measured anew by least-squares matching and judged as those found here.
+        Matches of another program instead of a search: .h5 of hloc, a COLMAP database, matches as text;
+        each is measured again by least-squares matching and tested like matches of HRSI.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
-        files under the same paths); by default threads of this machine do. A block is always adjusted
-        by this process.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the
+        files under the same paths); by default threads of this machine are used. The block adjustment
+        itself always runs in this process.
     scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+        Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two
+        default to the Dask configuration (distributed.comm.tls).
     scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+        Client certificate (PEM) for a scheduler at tls://HOST:PORT.
     scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
+        Private key (PEM) of the client certificate, if it is not in the same file.
     work_dir : str, optional
-        Directory that keeps what is finished, for later runs too; by default a folder in the output
-        directory, which a run that was stopped leaves behind, and a finished run removes.
+        Directory for finished parts, which later runs use again; by default a folder in the output
+        directory, which is removed at the end of a run.
     model : str, optional
-        Correction of each image's RPC; auto and generic choose it by GCPs and tie points (one of auto,
+        Correction model of the RPCs; auto and generic choose it from GCPs and tie points (one of auto,
         generic, none, shift, shift-drift, conformal, affine, quadratic, ground-linear, ground-
         quadratic, object-shift, object-scale-shift, object-affine, generic-position, generic-shift,
         generic-12, generic-affine, generic-full; default auto).
     robust : str, optional
         Weight function against blunders (one of none, huber, cauchy, tukey; default none).
     reject : float, optional
-        Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0
-        keeps all (unit sigma; at least 0; default 4).
+        Reject tie point measurements and GCPs whose test statistic exceeds this value (data snooping);
+        0 rejects none (unit sigma; at least 0; default 4).
     check_as_ties : bool, optional
-        Image points of check points take part like tie points (never their survey) (default no).
+        Use image points of check points like tie points (their surveyed positions are never used)
+        (default no).
     test_sigmas : bool, optional
-        Test the sigmas of the observations by the residuals and estimate them where they fail, and how
-        much the images drift; without, all are as given (default yes).
+        Test the sigmas of the observations with the residuals, estimate those that fail, and estimate
+        the attitude drift; otherwise all remain as given (default yes).
     variance_components : bool, optional
         Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and
         adjust with them (default no).
     variance_groups : str, optional
-        What tells groups of image points apart when their sigmas are estimated (one of kind-sensor,
-        kind, sensor, image, kind-image; default kind-sensor).
+        Grouping of image points for the estimation of their sigmas (one of kind-sensor, kind, sensor,
+        image, kind-image; default kind-sensor).
     sensor_images : sequence of sequences of str, optional
         Images of one sensor, whose image points have one sigma; groups joined by +; by default images
-        of like resolution.
+        of similar resolution.
     cross_validate : bool, optional
-        Predict each GCP by an adjustment without it (default no).
+        Predict each GCP from an adjustment without it (leave-one-out) (default no).
     fixed_images : sequence of str, optional
         Reference images, whose RPCs stay as they are.
     shared_images : sequence of sequences of str, optional
         Images of one exposure, strip or orbit that get the same correction; groups joined by +.
     sigma_dem : float, optional
-        Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
-        hold none (unit m; at least 1e-06).
+        Standard deviation of the heights of ``dem``, which then constrain the tie points; by default
+        they are not used for this (unit m; at least 1e-06).
     surface_search : float, optional
-        Largest displacement in plan in which the relief of a surface is looked for that holds a block
-        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+        Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the
+        surface constrains heights only (unit m; at least 0; default 100).
     surface_kind : str, optional
-        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
-        of dsm, dtm; default dsm).
+        Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm) (one of
+        dsm, dtm; default dsm).
     laser_reach : float, optional
-        How far from a laser point tie points tell the ground's shape, and are held by its height (unit
-        m; at least 0.1; default 25).
+        Radius around a laser point within which tie points describe the terrain, and are constrained by
+        its height (unit m; at least 0.1; default 25).
     sigma_laser : float, optional
-        Standard deviation of every laser height beside the one that its file states (unit m; at least
+        Additional standard deviation of every laser height, added to that of its file (unit m; at least
         0; default 0.1).
     sigma_shift : float, optional
-        Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
-        ERR_BIAS, what is published of the sensor, or 7 m on the ground (unit px; at least 1e-09).
+        A priori standard deviation of the shift of each image; by default 100 px with GCPs, else
+        ERR_BIAS of the RPC, the published accuracy of the sensor, or 7 m on the ground (unit px; at
+        least 1e-09).
     sigma_drift : float, optional
-        Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the
-        model does not follow drift, which then is an error, what is believed of the sensor, at least
-        3e-5; 0: no drift (unit px/px; at least 0).
+        A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else
+        1e-4; for models without drift the published value of the sensor, at least 3e-5; 0: no drift
+        (unit px/px; at least 0).
     hold_out : float, optional
-        Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with
-        more than 500; 0 lets all take part (at least 0; at most 0.5; default 0.1).
+        Share of the tie points that the adjustment does not use and that check its result, in blocks
+        with more than 500; 0 uses all (at least 0; at most 0.5; default 0.1).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with
-        restore brings the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC
-        file without image gets a new _RPC.TXT (one of copy, in-place, vrt, sidecar, none; default
-        copy).
+        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
+        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
+        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
     force_write : bool, optional
-        Write the refined RPCs although the verdict on the result is unusable (default no).
+        Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
@@ -349,7 +357,7 @@ def triangulate(
     place : str, optional
         Name of the place, for the cover of report.html.
     stac : bool, optional
-        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        Also write a STAC item of each refined image (ID_stac.json), and one file of all items
         (stac.json) (default no).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
@@ -443,8 +451,8 @@ def adjust(
 ) -> Result:
     """Bundle block adjustment from existing image points.
 
-    Corrects the RPCs of all images of a block together, from ground control points, tie points or both,
-    and reports how well the check points agree. Writes refined RPCs, residual layers and a report.
+    Corrects the RPCs of all images of a block in one adjustment, from GCPs, tie points or both, and
+    reports the accuracy at check points. Writes refined RPCs, residual layers and a report.
 
     Parameters
     ----------
@@ -453,126 +461,131 @@ def adjust(
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
-        Where points were measured on the images; ground positions in it are not used.
+        Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
-        These points are control, all other known points are check points.
+        Ids of the GCPs; all other points with known position are check points.
     check_ids : sequence of str, optional
-        These points are check points; with ``gcp_ids`` too, all other known points take no part.
+        Ids of the check points; with ``gcp_ids`` too, all other points with known position are not
+        used.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     gcp_epoch : float, optional
-        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
-        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
-        the accuracy of that (at least 1957).
+        Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM
+        (ETRS89, GDA2020, NAD83); by default the two are treated as equal, and the error is included in
+        the accuracy (at least 1957).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     sigma_image : float, optional
-        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
+        Standard deviation of image points without one in their file (unit px; at least 1e-06; default
+        0.5).
     sigma_gcp_xy : float, optional
-        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
-        1e-06; default 0.2).
+        Standard deviation of each horizontal coordinate of GCPs without one in their file (unit m; at
+        least 1e-06; default 0.2).
     sigma_gcp_h : float, optional
-        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
+        Standard deviation of the heights of GCPs without one in their file (unit m; at least 1e-06;
+        default 0.3).
     tie_points : path or table or array or GroundPoints or ImagePoints, optional
-        FILE of further image points, measured on two or more images, or folder of a result; none does
-        without (default none).
+        Tie points: FILE with points measured in two or more images, or folder of a result; none uses
+        none (default none).
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     surface : path or table or array or GroundPoints or ImagePoints, optional
-        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
-        ``sigma_dem``: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
-        ICESat-2 or GEDI.
+        Surface that constrains the block in plan and height by its relief, instead of ``dem`` with
+        ``sigma_dem``: a raster, a lidar point cloud (LAS, LAZ), a layer of points with heights, a
+        granule of ICESat-2 or GEDI.
     surface_datum : str, optional
-        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+        Height datum of the surface, if it differs from ``height_datum``.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, four fifths of it common to all; by default
-        what its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all heights; by
+        default a value for its cell size (unit m; at least 1e-06).
     laser : path or table or array or GroundPoints or ImagePoints, optional
-        Laser points whose heights hold the block, without image points: a granule of ICESat-2 (ATL06,
-        ATL08) or GEDI L2A, SlideRule's GeoParquet or CSV, or a point layer with height and sigma_h.
+        Laser points whose heights constrain the block; image points are not needed: a granule of
+        ICESat-2 (ATL06, ATL08) or GEDI L2A, GeoParquet or CSV of SlideRule, or a point layer with
+        height and sigma_h.
     laser_datum : str, optional
-        What the heights of laser points in a layer refer to; those of granules are ellipsoidal (default
+        Height datum of laser points in a layer; heights of granules are ellipsoidal (default
         ellipsoidal).
     add_to : str, optional
-        Output directory of an earlier adjustment, whose block the images join.
+        Output directory of an earlier adjustment; the images are added to its block.
     earlier_cameras : str, optional
-        What the cameras of the earlier block are: free, adjusted again from all measurements, or
-        observed, as the earlier adjustment left them, with all that it says of them together; then its
-        points are not used again (one of free, observed; default free).
+        Cameras of the earlier block: free (adjusted again from all measurements) or observed (with the
+        values and covariances of the earlier adjustment; its points are not used again) (one of free,
+        observed; default free).
     model : str, optional
-        Correction of each image's RPC; auto and generic choose it by GCPs and tie points (one of auto,
+        Correction model of the RPCs; auto and generic choose it from GCPs and tie points (one of auto,
         generic, none, shift, shift-drift, conformal, affine, quadratic, ground-linear, ground-
         quadratic, object-shift, object-scale-shift, object-affine, generic-position, generic-shift,
         generic-12, generic-affine, generic-full; default auto).
     robust : str, optional
         Weight function against blunders (one of none, huber, cauchy, tukey; default none).
     reject : float, optional
-        Leave out tie measurements and GCPs that fail their test at this many sigmas (data snooping); 0
-        keeps all (unit sigma; at least 0; default 4).
+        Reject tie point measurements and GCPs whose test statistic exceeds this value (data snooping);
+        0 rejects none (unit sigma; at least 0; default 4).
     check_as_ties : bool, optional
-        Image points of check points take part like tie points (never their survey) (default no).
+        Use image points of check points like tie points (their surveyed positions are never used)
+        (default no).
     test_sigmas : bool, optional
-        Test the sigmas of the observations by the residuals and estimate them where they fail, and how
-        much the images drift; without, all are as given (default yes).
+        Test the sigmas of the observations with the residuals, estimate those that fail, and estimate
+        the attitude drift; otherwise all remain as given (default yes).
     variance_components : bool, optional
         Estimate the sigmas of image points by kind and sensor and of GCPs from the residuals, and
         adjust with them (default no).
     variance_groups : str, optional
-        What tells groups of image points apart when their sigmas are estimated (one of kind-sensor,
-        kind, sensor, image, kind-image; default kind-sensor).
+        Grouping of image points for the estimation of their sigmas (one of kind-sensor, kind, sensor,
+        image, kind-image; default kind-sensor).
     sensor_images : sequence of sequences of str, optional
         Images of one sensor, whose image points have one sigma; groups joined by +; by default images
-        of like resolution.
+        of similar resolution.
     cross_validate : bool, optional
-        Predict each GCP by an adjustment without it (default no).
+        Predict each GCP from an adjustment without it (leave-one-out) (default no).
     fixed_images : sequence of str, optional
         Reference images, whose RPCs stay as they are.
     shared_images : sequence of sequences of str, optional
         Images of one exposure, strip or orbit that get the same correction; groups joined by +.
     sigma_dem : float, optional
-        Standard deviation of the heights of ``dem``, which then hold the tie points; by default they
-        hold none (unit m; at least 1e-06).
+        Standard deviation of the heights of ``dem``, which then constrain the tie points; by default
+        they are not used for this (unit m; at least 1e-06).
     surface_search : float, optional
-        Largest displacement in plan in which the relief of a surface is looked for that holds a block
-        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+        Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the
+        surface constrains heights only (unit m; at least 0; default 100).
     surface_kind : str, optional
-        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
-        of dsm, dtm; default dsm).
+        Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm) (one of
+        dsm, dtm; default dsm).
     laser_reach : float, optional
-        How far from a laser point tie points tell the ground's shape, and are held by its height (unit
-        m; at least 0.1; default 25).
+        Radius around a laser point within which tie points describe the terrain, and are constrained by
+        its height (unit m; at least 0.1; default 25).
     sigma_laser : float, optional
-        Standard deviation of every laser height beside the one that its file states (unit m; at least
+        Additional standard deviation of every laser height, added to that of its file (unit m; at least
         0; default 0.1).
     sigma_shift : float, optional
-        Prior standard deviation of each image's shift; by default 100 px with GCPs, else the RPC's
-        ERR_BIAS, what is published of the sensor, or 7 m on the ground (unit px; at least 1e-09).
+        A priori standard deviation of the shift of each image; by default 100 px with GCPs, else
+        ERR_BIAS of the RPC, the published accuracy of the sensor, or 7 m on the ground (unit px; at
+        least 1e-09).
     sigma_drift : float, optional
-        Prior standard deviation of an image's drift; by default 1e-3 with GCPs, else 1e-4; where the
-        model does not follow drift, which then is an error, what is believed of the sensor, at least
-        3e-5; 0: no drift (unit px/px; at least 0).
+        A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else
+        1e-4; for models without drift the published value of the sensor, at least 3e-5; 0: no drift
+        (unit px/px; at least 0).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     hold_out : float, optional
-        Share of the tie tracks that take no part in the adjustment and judge its result, of blocks with
-        more than 500; 0 lets all take part (at least 0; at most 0.5; default 0.1).
+        Share of the tie points that the adjustment does not use and that check its result, in blocks
+        with more than 500; 0 uses all (at least 0; at most 0.5; default 0.1).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with
-        restore brings the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC
-        file without image gets a new _RPC.TXT (one of copy, in-place, vrt, sidecar, none; default
-        copy).
+        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
+        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
+        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
     force_write : bool, optional
-        Write the refined RPCs although the verdict on the result is unusable (default no).
+        Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
@@ -584,7 +597,7 @@ def adjust(
     place : str, optional
         Name of the place, for the cover of report.html.
     stac : bool, optional
-        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        Also write a STAC item of each refined image (ID_stac.json), and one file of all items
         (stac.json) (default no).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
@@ -658,10 +671,10 @@ def refine(
 ) -> Result:
     """Refined RPCs of single images from ground control points.
 
-    Corrects the RPC of each image by itself, from the GCPs measured on it. The model auto chooses what
-    predicts GCPs best from the others, names GCPs that disagree and leaves them out; generic corrects
-    position and attitude of a pseudo sensor. Writes refined RPCs, residual layers and a report;
-    ``compare`` adds a table of all models with the same control and check points.
+    Corrects the RPC of each image separately, from the GCPs measured in it. auto chooses the model with
+    the smallest leave-one-out error of the GCPs, and rejects GCPs that contradict the others; generic
+    corrects position and attitude of a pseudo sensor. Writes refined RPCs, residual layers and a
+    report; ``compare`` adds a table of all models with the same GCPs and check points.
 
     Parameters
     ----------
@@ -670,50 +683,52 @@ def refine(
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
-        Where points were measured on the images; ground positions in it are not used.
+        Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
-        These points are control, all other known points are check points.
+        Ids of the GCPs; all other points with known position are check points.
     check_ids : sequence of str, optional
-        These points are check points; with ``gcp_ids`` too, all other known points take no part.
+        Ids of the check points; with ``gcp_ids`` too, all other points with known position are not
+        used.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     gcp_epoch : float, optional
-        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
-        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
-        the accuracy of that (at least 1957).
+        Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM
+        (ETRS89, GDA2020, NAD83); by default the two are treated as equal, and the error is included in
+        the accuracy (at least 1957).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     sigma_image : float, optional
-        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
+        Standard deviation of image points without one in their file (unit px; at least 1e-06; default
+        0.5).
     sigma_gcp_xy : float, optional
-        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
-        1e-06; default 0.2).
+        Standard deviation of each horizontal coordinate of GCPs without one in their file (unit m; at
+        least 1e-06; default 0.2).
     sigma_gcp_h : float, optional
-        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
+        Standard deviation of the heights of GCPs without one in their file (unit m; at least 1e-06;
+        default 0.3).
     model : str, optional
-        Correction of each image's RPC (one of auto, generic, none, shift, shift-drift, conformal,
-        affine, quadratic, ground-linear, ground-quadratic, object-shift, object-scale-shift, object-
-        affine, generic-position, generic-shift, generic-12, generic-affine, generic-full, direct, bils,
-        idkf, pg, upoe, slss; default auto).
+        Correction model of the RPCs (one of auto, generic, none, shift, shift-drift, conformal, affine,
+        quadratic, ground-linear, ground-quadratic, object-shift, object-scale-shift, object-affine,
+        generic-position, generic-shift, generic-12, generic-affine, generic-full, direct, bils, idkf,
+        pg, upoe, slss; default auto).
     leave_out : bool, optional
-        GCPs that disagree with the others are left out; they are named in any case (default yes).
+        Reject GCPs that contradict the others; they are listed in any case (default yes).
     compare : bool, optional
-        Tabulate all models on the same control and check points (default no).
+        Add a table of all models with the same GCPs and check points (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Where refined RPCs go: into copies of the images, into the images themselves (write-rpc with
-        restore brings the original back), into virtual images, into _RPC.TXT files, or nowhere; an RPC
-        file without image gets a new _RPC.TXT (one of copy, in-place, vrt, sidecar, none; default
-        copy).
+        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
+        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
+        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
     force_write : bool, optional
-        Write the refined RPCs although the verdict on the result is unusable (default no).
+        Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
         Coordinate systems of the residual layers (one of both, wgs84, utm; default both).
     report : bool, optional
@@ -725,7 +740,7 @@ def refine(
     place : str, optional
         Name of the place, for the cover of report.html.
     stac : bool, optional
-        Write a STAC item of each refined image too (ID_stac.json), and all of them in one file
+        Also write a STAC item of each refined image (ID_stac.json), and one file of all items
         (stac.json) (default no).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
@@ -771,76 +786,78 @@ def tie_points(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Result:
-    """Automatic tie points over a block.
+    """Automatic tie points of a block.
 
-    Finds points that are on two or more images of a block. Overlaps are found at the true height of the
-    ground, from a DEM or from the images themselves; what the RPCs are off is learnt at a low
-    resolution; then windows of every image are matched with all images that show them, to a fraction of
-    a pixel, with the standard deviation of each position. Points are spread evenly. Images of any size
-    are read by windows; pairs and windows are independent parts, done by the threads of this machine or
-    the workers of a Dask scheduler. What is finished is kept: the same command continues a run that was
-    stopped.
+    Finds points that are visible in two or more images of a block. Overlaps are computed at the height
+    of the ground, from a DEM or from the images themselves, and the errors of the RPCs are estimated at
+    a low resolution. Windows of every image are then matched with all images that show them, with sub-
+    pixel accuracy and a standard deviation of each position. Points are spread evenly. Images of any
+    size are read by windows. Pairs and windows are independent parts, processed by threads of this
+    machine or by workers of a Dask scheduler. Finished parts are kept, so that the same command
+    continues a run that was stopped.
 
-    The result goes into adjust and triangulate as their tie points. Sample 0, line 0 is the CENTRE of
-    the first pixel.
+    The result is the input tie points of adjust and triangulate. Sample 0, line 0 is the CENTRE of the
+    first pixel.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Images with RPC.
     add_to : str, optional
-        Output directory of an earlier search, whose images these join: its tie points are kept, and
-        only pairs with new images are matched.
+        Output directory of an earlier search, to which the images are added: its tie points are kept,
+        and only pairs with new images are matched.
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     search_margin : float, optional
-        How far the RPCs may be off when tie points are searched; the search widens where it finds
-        nothing (unit px; at least 0; default 128).
+        Largest error of the RPCs in the search for tie points; it is increased where nothing is found
+        (unit px; at least 0; default 128).
     cells : int, optional
-        Every image is divided into N x N cells, which are filled evenly with tie points (at least 1; at
+        Every image is divided into N x N cells, over which tie points are spread evenly (at least 1; at
         most 1000; default 12).
     per_cell : int, optional
         Tie points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2
         from a small window in the cell (at least 0; default 0).
     dense : bool, optional
-        Match all of every image, with small windows first, and keep all tie points: for terrain through
-        them (orthorectify's terrain points); some 15 s of one core for a pair's megapixel (default no).
+        Match all of every image, with small windows first, and keep all tie points, for a terrain model
+        from them (terrain points of orthorectify); takes about 15 s of one core per megapixel of a pair
+        (default no).
     partners : int, optional
-        Match each image with so many others on average: all that overlap where these are few, else
-        those that a probe says will match, in spanning trees of the block (at least 1; default 8).
+        Average number of images that each image is matched with: all that overlap if these are few,
+        else those with the best test matches, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
-        Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+        Smallest overlap of two images that are matched, as a share of the image (at least 0; at most 1;
+        default 0.02).
     matches : path or table or array or GroundPoints or ImagePoints, optional
-        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
-        each is measured anew by least-squares matching and judged as those found here.
+        Matches of another program instead of a search: .h5 of hloc, a COLMAP database, matches as text;
+        each is measured again by least-squares matching and tested like matches of HRSI.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
-        files under the same paths); by default threads of this machine do. A block is always adjusted
-        by this process.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the
+        files under the same paths); by default threads of this machine are used. The block adjustment
+        itself always runs in this process.
     scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+        Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two
+        default to the Dask configuration (distributed.comm.tls).
     scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+        Client certificate (PEM) for a scheduler at tls://HOST:PORT.
     scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
+        Private key (PEM) of the client certificate, if it is not in the same file.
     work_dir : str, optional
-        Directory that keeps what is finished, for later runs too; by default a folder in the output
-        directory, which a run that was stopped leaves behind, and a finished run removes.
+        Directory for finished parts, which later runs use again; by default a folder in the output
+        directory, which is removed at the end of a run.
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     csv : bool, optional
-        Write the measurements as CSV too (default no).
+        Also write the measurements as CSV (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -880,17 +897,17 @@ def gcps_from_reference(
 ) -> Result:
     """GCPs by matching raw images to a reference orthoimage and DEM.
 
-    Finds textured places of an orthoimage in raw images, to a fraction of a pixel: RPC and DEM predict
-    what each image should show, and matching finds it there. RPCs may be off by hundreds of pixels, the
-    orthoimage may be of another season or sensor and coarser than the images. Matches that do not
-    follow one bias of the image are left out. The GCPs have their position from the orthoimage, their
-    height from the DEM (above the ellipsoid), and sigmas such that all points of the reference together
-    count as what they share: 0.8 of its sigma and a little more, because errors of an orthoimage are
-    alike over wide areas. A reference that lies farther beside the RPCs than ERR_BIAS and its own sigma
-    explain is named.
+    Finds textured windows of an orthoimage in raw images with sub-pixel accuracy: RPC and DEM predict
+    the content of each image, and matching measures its position. The RPCs may have errors of hundreds
+    of pixels; the orthoimage may be of another season or sensor and coarser than the images. Matches
+    that contradict the common bias of the image are rejected. The GCPs have the position of the
+    orthoimage and the ellipsoidal height of the DEM. Errors of an orthoimage are correlated over large
+    areas. The sigmas are therefore chosen so that all points together have the weight of their common
+    error, 0.8 of the sigma of the reference. A warning is given if the reference differs from the RPCs
+    by more than ERR_BIAS and its sigma allow.
 
-    The layer gcps is ready for adjust and triangulate; triangulate with its ``reference`` does both in
-    one go.
+    The layer gcps is an input of adjust and triangulate; triangulate with ``reference`` does both in
+    one run.
 
     Parameters
     ----------
@@ -906,21 +923,22 @@ def gcps_from_reference(
     reference_band : int, optional
         Band of the reference; by default the mean of all (at least 1).
     reference_points : int, optional
-        Places of the reference looked for in each image (at least 12; default 300).
+        Windows of the reference that are searched in each image (at least 12; default 300).
     reference_search : float, optional
-        How far the RPCs may be off against the reference (unit px; at least 16; default 1024).
+        Largest error of the RPCs against the reference (search distance) (unit px; at least 16; default
+        1024).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     sigma_dem : float, optional
-        Standard deviation of the DEM's heights; by default from the size of its cells (unit m; at least
+        Standard deviation of the heights of the DEM; by default from its cell size (unit m; at least
         1e-06).
     output_dir : path, optional
         Directory for the results; created where missing.
@@ -974,39 +992,38 @@ def interest_points(
     """Corners, super points and gravity centres of images as a point layer.
 
     Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
-    roundabouts, tanks, roofs, pools, ponds, trees, plots, and of bright and dark spots inside a closed
-    outline (blobs). The quality of a centre is its chance to be found again in another view, measured
-    on real pairs of one date: of those of the default 56 to 76 in 100 were. Positions are to a fraction
-    of a pixel and come with their standard deviation, size, orientation and quality. Thresholds follow
-    from each image's own statistics, relative to the surroundings of every pixel, so that forest, field
-    and city all deliver points. Images of any size are read in overlapping windows; the result does not
-    depend on them. Nodata and saturated areas are left out.
+    roundabouts, tanks, roofs, pools, ponds, trees, plots, and bright and dark spots with a closed
+    outline (blobs). The quality of a centre is the probability that it is found again in another view,
+    measured on real pairs of one date: 56 to 76 % for the default. Positions have sub-pixel accuracy,
+    with standard deviation, size, orientation and quality. Thresholds follow from the statistics of
+    each image in the surroundings of every pixel, so that forest, fields and cities all have points.
+    Images of any size are read in overlapping windows; the result does not depend on them. Nodata and
+    saturated areas are excluded.
 
-    Where the sun stood is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), else
-    follows from the time and place of the acquisition. Then the field shadow says of dark centres
-    whether they are the shadow side of something (yes, no; unknown without an RPC or the sun). On real
-    images half to nine in ten of those flagged owe it to the sun; they are found again as often as
-    others, so their quality is not lower. Across dates with another sun they move, and are the first to
-    leave out.
+    The position of the sun is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), or
+    computed from time and place of the acquisition. The field shadow marks dark centres that are the
+    shadow side of an object (yes, no; unknown without an RPC or the sun). On real images 50 to 90 % of
+    the marked centres are shadows. In images of one date they are as repeatable as others, so their
+    quality is not lower. Between dates with different sun positions they move, and should be excluded
+    first.
 
-    The layer lies at the points' ground positions where the image has an RPC (at its mean height, a
-    given height or a DEM), and it can be used as image points again. Sample 0, line 0 is the CENTRE of
-    the first pixel.
+    For an image with RPC the layer has the ground positions of the points (at its mean height, a given
+    height or a DEM). It can be used as image points again. Sample 0, line 0 is the CENTRE of the first
+    pixel.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Images, with or without RPC.
     detector : str, optional
-        What to find (one of harris, foerstner, centres, all; default all).
+        Kind of interest points (one of harris, foerstner, centres, all; default all).
     window : str, optional
         Only this window of the image.
     band : int, optional
         Band of the image (at least 1; default 1).
     sun_azimuth : float, optional
-        Azimuth of the sun when the images were taken, clockwise from north, where their deliveries tell
-        neither that nor the time: flags dark centres that are shadows (unit deg; at least 0; at most
-        360).
+        Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it
+        nor the time; used to flag dark centres that are shadows (unit deg; at least 0; at most 360).
     kappa : float, optional
         Weight of the trace in Harris's strength (at least 0; at most 0.25; default 0.04).
     radius : float, optional
@@ -1044,15 +1061,15 @@ def interest_points(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1100,16 +1117,16 @@ def match(
     report: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """Corresponding points of two images or windows without RPC, by control networks.
+    """Corresponding points of two images or windows, without RPC, by control networks.
 
-    Finds hundreds to thousands of corresponding points in two images of the same ground, whatever their
-    rotation: the strongest interest points form a network whose shape is looked for in the other image;
-    all others are found from its nodes, compared by their grey values and measured to a fraction of a
-    pixel. No RPC is needed. Where the texture repeats, so that the network fits in several places, the
-    status is 'ambiguous'; where it fits nowhere, 'no match'; then there are no correspondences, the
-    report says why, and the command ends with exit code 1.
+    Finds hundreds to thousands of corresponding points in two images of the same ground with any
+    rotation. The strongest interest points form a network whose shape is searched in the other image.
+    All other points are found from its nodes, compared by their grey values and measured with sub-pixel
+    accuracy. No RPC is needed. If the network fits in several places, because of repeated texture, the
+    status is 'ambiguous'; if it fits nowhere, 'no match'. In both cases there are no correspondences,
+    the report gives the reason, and the exit code is 1.
 
-    Windows are read as a whole: choose them with ``window_1`` and ``window_2`` in large images. Sample
+    Windows are read completely: choose them with ``window_1`` and ``window_2`` in large images. Sample
     0, line 0 is the CENTRE of the first pixel.
 
     Parameters
@@ -1123,8 +1140,8 @@ def match(
     band : int, optional
         Band of the images (at least 1; default 1).
     scale : (float, float), optional
-        Pixels of the second image for one of the first, or the range to search; by default what
-        features tell, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
+        Scale of the second image relative to the first, or the range to search; by default from
+        features, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
     detector : str, optional
         Interest points to match (one of harris, foerstner, centres, all; default harris).
     radius : float, optional
@@ -1153,15 +1170,15 @@ def match(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1200,18 +1217,17 @@ def measure_targets(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """Sub-pixel centre or corner near given positions, or from hand-measured edge points.
+    """Sub-pixel centre or corner near given positions, or from edge points measured by hand.
 
-    Measures points that were clicked roughly: the centre of a round or otherwise closed object (an
-    ellipse or rectangle through its sub-pixel edge points), or the corner where two straight edges meet
-    (a line through three edge points or more each). Stray edge points are left out, every point gets
-    its standard deviation, and a point is refused where the feature is not there; an object that does
-    not cover the position must be a clear one. Positions come from a point file with sample and line,
-    or from ground points that the images' RPCs project.
+    Measures targets near approximate positions. A centre is that of an ellipse or rectangle through the
+    sub-pixel edge points of a closed object. A corner is the intersection of two straight edges, with
+    at least three edge points each. Outlying edge points are rejected, and every point has a standard
+    deviation. A point is refused if there is no such object; an object that does not cover the position
+    must have a clear edge. Positions are read from a point file with sample and line, or projected from
+    ground points with the RPCs of the images.
 
-    With ``edges`` no pixels are needed: the edge points of a file (id, image, sample, line) are
-    evaluated, six or more around an ellipse, or three or more on each of two lines. The report shows a
-    chip of every target.
+    ``edges`` needs no pixels: the edge points of a file (id, image, sample, line) are used, at least
+    six around an ellipse, or three on each of two lines. The report shows a chip of every target.
 
     Parameters
     ----------
@@ -1220,10 +1236,10 @@ def measure_targets(
     points : path or table or array or GroundPoints or ImagePoints, optional
         Approximate positions, on images or on the ground.
     edges : path or table or array or GroundPoints or ImagePoints, optional
-        Hand-measured edge points, those of a target under one id.
+        Edge points measured by hand; those of one target have one id.
     kind : str, optional
-        What the targets are; auto takes the field kind, and centres where there is none (one of auto,
-        center, corner; default auto).
+        Kind of targets; auto uses the field kind, or centres without it (one of auto, center, corner;
+        default auto).
     search : float, optional
         The target lies within this distance (unit px; at least 1; default 15).
     smallest : float, optional
@@ -1233,8 +1249,8 @@ def measure_targets(
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1302,122 +1318,126 @@ def evaluate(
     report: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """How well RPCs fit: tracks, ground points, a DEM; several sets side by side.
+    """Accuracy of one or more sets of RPCs with tracks, ground points and a DEM.
 
-    Answers whether RPCs are better than others: those of the images as they are, refined ones, another
-    tool's (``rpcs`` NAME=DIR, once for each set). All sets are judged by the same points. Nothing is
-    adjusted.
+    Compares sets of RPCs with the same points: those of the images, refined ones, those of another
+    program (``rpcs`` NAME=DIR, once for each set). Nothing is adjusted.
 
-    Each track is predicted on each of its images from a ground point that the other images alone
-    intersect (strict leave-one-out; three images or more), fitted by all its rays, and taken pair by
-    pair across the epipolar lines. Wrong matches are left out only where they fit under no set of RPCs.
-    Known ground points, control and check apart, are compared in pixels and metres, heights of the
-    tracks with a DEM; with ``surface`` the tracks are matched with its relief, which tells by how much
-    each set is displaced in plan and height.
+    Each track is predicted in each of its images from the intersection of the other images (strict
+    leave-one-out, from three images on). It is also intersected from all images, and compared pair by
+    pair across the epipolar lines. A match is rejected only if it is an outlier for all sets. Ground
+    points with known position are compared in pixels and metres, separately for GCPs and check points,
+    and heights of the tracks with a DEM. With ``surface`` the tracks are matched with its relief, which
+    gives the displacement of each set in plan and height.
 
-    The RPCs should not have seen the tracks: give points that took no part in the adjustment, or name
-    those that did by ``used_points``.
+    The tracks should be independent of the RPCs: give points that the adjustment did not use, or name
+    the used ones with ``used_points``.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     rpcs : dict of str to path, optional
-        A further set of RPCs: its name, and the directory that holds an RPC or an image with RPC for
-        each image, under the image's name; given again for each set. The images' own RPCs are the set
-        'own'.
+        A further set of RPCs: its name, and the directory with an RPC or an image with RPC for each
+        image, under the name of the image; repeat for each set. The RPCs of the images themselves are
+        the set 'own'.
     tracks : path or table or array or GroundPoints or ImagePoints, optional
-        Points on two images or more: auto finds them in the images, none does without, FILE reads them
-        (default auto).
+        Points measured in two or more images: auto finds them in the images, none uses none, FILE reads
+        them (default auto).
     used_points : path or table or array or GroundPoints or ImagePoints, optional
-        Image points that an adjustment of these RPCs used (block.gpkg): tracks near one of them take no
-        part.
+        Image points that the adjustment of these RPCs used (block.gpkg): tracks near one of them are
+        not evaluated.
     apart : float, optional
-        How far from ``used_points`` a track must be, on each of its images (unit px; at least 0;
+        Smallest distance of a track from ``used_points``, on each of its images (unit px; at least 0;
         default 10).
     reject : float, optional
-        Leave out tracks with a residual of so many sigmas under every set of RPCs: wrong matches; 0
-        keeps all (unit sigma; at least 0; default 6).
+        Reject tracks whose residual exceeds this multiple of sigma for every set of RPCs, as wrong
+        matches; 0 rejects none (unit sigma; at least 0; default 6).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
         Ground points with known position: a vector layer or CSV.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
-        Where points were measured on the images; ground positions in it are not used.
+        Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
-        These points are control, all other known points are check points.
+        Ids of the GCPs; all other points with known position are check points.
     check_ids : sequence of str, optional
-        These points are check points; with ``gcp_ids`` too, all other known points take no part.
+        Ids of the check points; with ``gcp_ids`` too, all other points with known position are not
+        used.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     gcp_epoch : float, optional
-        Year (2015.4) in which points and DEM are brought to WGS84 where their datum moves with a plate
-        (ETRS89, GDA2020, NAD83): that of the images; by default such a datum is taken for WGS84, with
-        the accuracy of that (at least 1957).
+        Year of the images (2015.4), for the plate motion between WGS84 and the datum of points and DEM
+        (ETRS89, GDA2020, NAD83); by default the two are treated as equal, and the error is included in
+        the accuracy (at least 1957).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     sigma_image : float, optional
-        Standard deviation of image points whose file gives none (unit px; at least 1e-06; default 0.5).
+        Standard deviation of image points without one in their file (unit px; at least 1e-06; default
+        0.5).
     sigma_gcp_xy : float, optional
-        Standard deviation of each horizontal GCP coordinate whose file gives none (unit m; at least
-        1e-06; default 0.2).
+        Standard deviation of each horizontal coordinate of GCPs without one in their file (unit m; at
+        least 1e-06; default 0.2).
     sigma_gcp_h : float, optional
-        Standard deviation of GCP heights whose file gives none (unit m; at least 1e-06; default 0.3).
+        Standard deviation of the heights of GCPs without one in their file (unit m; at least 1e-06;
+        default 0.3).
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     surface : path or table or array or GroundPoints or ImagePoints, optional
-        Surface whose relief and heights hold the block in plan and height, instead of ``dem`` with
-        sigma dem m: a raster, a lidar cloud (LAS, LAZ), a layer of points with heights, a granule of
-        ICESat-2 or GEDI.
+        Surface that constrains the block in plan and height by its relief, instead of ``dem`` with
+        sigma dem m: a raster, a lidar point cloud (LAS, LAZ), a layer of points with heights, a granule
+        of ICESat-2 or GEDI.
     surface_datum : str, optional
-        What the heights of the surface refer to, where it is not what ``height_datum`` says.
+        Height datum of the surface, if it differs from ``height_datum``.
     sigma_surface : float, optional
-        Standard deviation of the heights of the surface, four fifths of it common to all; by default
-        what its cell size is known for (unit m; at least 1e-06).
+        Standard deviation of the heights of the surface, four fifths of it common to all heights; by
+        default a value for its cell size (unit m; at least 1e-06).
     surface_search : float, optional
-        Largest displacement in plan in which the relief of a surface is looked for that holds a block
-        without GCPs; 0: it holds heights only (unit m; at least 0; default 100).
+        Search distance in plan for the relief of a surface that constrains a block without GCPs; 0: the
+        surface constrains heights only (unit m; at least 0; default 100).
     surface_kind : str, optional
-        Whether trees and buildings stand in the heights of the DEM or surface (dsm) or not (dtm) (one
-        of dsm, dtm; default dsm).
+        Whether the heights of the DEM or surface include trees and buildings (dsm) or not (dtm) (one of
+        dsm, dtm; default dsm).
     search_margin : float, optional
-        How far the RPCs may be off when tie points are searched; the search widens where it finds
-        nothing (unit px; at least 0; default 128).
+        Largest error of the RPCs in the search for tie points; it is increased where nothing is found
+        (unit px; at least 0; default 128).
     cells : int, optional
-        Every image is divided into N x N cells, which are filled evenly with tie points (at least 1; at
+        Every image is divided into N x N cells, over which tie points are spread evenly (at least 1; at
         most 1000; default 12).
     per_cell : int, optional
         Tie points of a cell; 0 takes 40 for images up to 2048 px, which are matched everywhere, else 2
         from a small window in the cell (at least 0; default 0).
     dense : bool, optional
-        Match all of every image, with small windows first, and keep all tie points: for terrain through
-        them (orthorectify's terrain points); some 15 s of one core for a pair's megapixel (default no).
+        Match all of every image, with small windows first, and keep all tie points, for a terrain model
+        from them (terrain points of orthorectify); takes about 15 s of one core per megapixel of a pair
+        (default no).
     partners : int, optional
-        Match each image with so many others on average: all that overlap where these are few, else
-        those that a probe says will match, in spanning trees of the block (at least 1; default 8).
+        Average number of images that each image is matched with: all that overlap if these are few,
+        else those with the best test matches, in spanning trees of the block (at least 1; default 8).
     min_overlap : float, optional
-        Share of an image that another must show to be matched (at least 0; at most 1; default 0.02).
+        Smallest overlap of two images that are matched, as a share of the image (at least 0; at most 1;
+        default 0.02).
     matches : path or table or array or GroundPoints or ImagePoints, optional
-        Matches of another program instead of a search: hloc's .h5, a COLMAP database, matches as text;
-        each is measured anew by least-squares matching and judged as those found here.
+        Matches of another program instead of a search: .h5 of hloc, a COLMAP database, matches as text;
+        each is measured again by least-squares matching and tested like matches of HRSI.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
-        files under the same paths); by default threads of this machine do. A block is always adjusted
-        by this process.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the
+        files under the same paths); by default threads of this machine are used. The block adjustment
+        itself always runs in this process.
     scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+        Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two
+        default to the Dask configuration (distributed.comm.tls).
     scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+        Client certificate (PEM) for a scheduler at tls://HOST:PORT.
     scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
+        Private key (PEM) of the client certificate, if it is not in the same file.
     work_dir : str, optional
-        Directory that keeps what is finished, for later runs too; by default a folder in the output
-        directory, which a run that was stopped leaves behind, and a finished run removes.
+        Directory for finished parts, which later runs use again; by default a folder in the output
+        directory, which is removed at the end of a run.
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     output_dir : path, optional
@@ -1452,29 +1472,29 @@ def write_rpc(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """Put an RPC into a GeoTIFF, a sidecar or a VRT; `restore` brings the original back.
+    """Write an RPC into a GeoTIFF, a sidecar or a VRT; `restore` restores the original.
 
-    Writes the RPC of any file that HRSI reads (or the image's own, wherever it is kept) for one or more
-    images. copy writes a GeoTIFF with the pixels, compression and overviews of the image; in-place
-    changes the image itself and keeps its original RPC in it, so that ``restore`` brings it back bit by
-    bit; vrt writes a virtual image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML
-    (ASP), .geom (Orfeo ToolBox) or rpcm JSON file, beside the image unless an output directory is given
-    (docs/bridges.md says who reads what). Everything is read again and compared; a file that exists is
-    replaced in one step.
+    Writes the RPC of any file that HRSI reads (or that of the image) for one or more images. copy
+    writes a GeoTIFF with the pixels, compression and overviews of the image; in-place changes the image
+    itself and keeps its original RPC in it, so that ``restore`` restores it exactly; vrt writes a
+    virtual image; sidecar, rpb, xml, geom and json write a _RPC.TXT, .RPB, ISD XML (ASP), .geom (Orfeo
+    ToolBox) or rpcm JSON file. Such a file is written into the folder of the image, or into the output
+    directory. docs/bridges.md lists the formats that other programs read. Everything is read again and
+    compared; an existing file is replaced in one step.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Images, or RPC files alone (then ``write`` cannot be copy or vrt).
     rpc : path, optional
-        File with the RPC to write, or a folder of RPC files named like the images; default: the image's
-        own RPC.
+        File with the RPC to write, or a folder of RPC files with the names of the images; default: the
+        RPC of the image.
     write : str, optional
-        Where the RPC goes (one of copy, in-place, vrt, sidecar, rpb, xml, geom, json; default copy).
+        Target of the RPC (one of copy, in-place, vrt, sidecar, rpb, xml, geom, json; default copy).
     restore : bool, optional
-        Bring back the RPC from before the first writing in place (default no).
+        Restore the original RPC that was replaced in place (default no).
     output_dir : path, optional
-        Directory for copies, VRTs and sidecars; created where missing.
+        Directory for copies, VRTs and sidecars; created if missing.
     overwrite : bool, optional
         Replace files of an earlier run (default no).
     threads : int, optional
@@ -1513,43 +1533,43 @@ def crop(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """A window, overview or resampling of images with the exact RPC of its pixels.
+    """Window, overview or resampled copy of images, with the exact RPC.
 
-    Cuts a window out of an image, or brings the image or window to another pixel size, and gives it the
-    RPC of its pixels: the same camera, exactly, at any factor (gdal_translate is off by half of what a
-    pixel has grown). The RPC is the one that counts, wherever it is kept; what is told of a refinement
-    stays in the file, and its original RPC, which restore of write-rpc brings back. With ``extent`` the
-    window follows from the ground: give ``dem`` or ``height`` with it. Bands, data type, masks, nodata
-    and metadata are kept. The files are called ID_crop; an RPC file alone becomes a _RPC.TXT.
+    Cuts a window out of an image, or resamples the image or window to another pixel size, and writes
+    the RPC of the new pixels. It is the same camera, exactly, at any factor; the RPC of gdal_translate
+    has an error of half the increase of the pixel size. The metadata of a refinement and the original
+    RPC are kept, so that restore of write-rpc works. ``extent`` gives the window as a box on the
+    ground, with ``dem`` or ``height``. Bands, data type, masks, nodata and metadata are kept. The files
+    are named ID_crop; for an RPC file alone a _RPC.TXT is written.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     window : str, optional
-        The window to cut, from 0, 0, the first pixel.
+        Window to cut; the first pixel is 0, 0.
     extent : str, optional
-        A box on the ground, in degrees or in the CRS that stands in brackets behind it: the window that
-        shows all of it is cut, as far as the image reaches.
+        Box on the ground, in degrees or in the CRS in brackets after it: the smallest window that
+        contains it is cut, within the image.
     factor : float, optional
-        Size of the result to that of the window, or of the whole image: 0.5 halves the number of
-        samples and lines. Both are rounded to whole pixels, and the RPC follows what comes out (at
-        least 0.001; at most 64).
+        Size of the result relative to the window or image: 0.5 halves the number of samples and lines.
+        Both are rounded to whole pixels, and the RPC is scaled accordingly (at least 0.001; at most
+        64).
     resampling : str, optional
         GDAL's resampling kernel; only with ``factor`` (one of cubic, near, bilinear, cubicspline,
         lanczos; default cubic).
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     format : str, optional
         A tiled GeoTIFF, a cloud-optimised one with overviews, or a virtual image that reads the
         original (one of gtiff, cog, vrt; default gtiff).
@@ -1587,22 +1607,22 @@ def strip(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """Parts or tiles of one strip as one image with one RPC.
+    """One image with one RPC from the parts or tiles of a strip.
 
-    Joins the parts in which a strip was delivered (WorldView's P001, P002 …) or the tiles of a scene
-    (R1C1 …) to one image, a virtual one unless pixels of its own are asked for, and gives it one RPC.
-    Where the parts lie follows from the product or from their RPCs; where they overlap the later one is
-    on top. Tiles with one RPC have it exactly; other RPCs are fitted together, and the report states
-    how far the fit is from each part. Where that is more than 0.1 px a warning says so, and the grid
-    that the RPC was fitted to is written as a table. Refined parts give a refined strip. RPC files
-    alone whose size is known (ISD, DIMAP) give the strip's _RPC.TXT.
+    Joins the parts of a strip as delivered (P001, P002 … of WorldView) or the tiles of a scene (R1C1 …)
+    to one image with one RPC. The image is a virtual one by default. The positions of the parts follow
+    from the product or from their RPCs; in an overlap the later part is on top. Tiles with a common RPC
+    keep it exactly. Otherwise one RPC is fitted to all, and the report gives the difference from each
+    part. If it exceeds 0.1 px, a warning is given and the grid of the fit is written as a table.
+    Refined parts give a refined strip. RPC files of known image size (ISD, DIMAP) give a _RPC.TXT of
+    the strip.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Parts of one strip, or tiles of one scene; RPC files alone give the RPC only.
     id : str, optional
-        Id of the strip, which names the files; by default that of the first part and _strip.
+        Id of the strip, used as file name; by default that of the first part with _strip.
     format : str, optional
         A virtual image that reads the parts, a tiled GeoTIFF, or a cloud-optimised one with overviews
         (one of gtiff, cog, vrt; default vrt).
@@ -1645,37 +1665,38 @@ def hand_over(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """A project for the next program from an adjusted block, ready to run.
+    """A project folder for another program from an adjusted block, ready to run.
 
-    Writes a folder in which the next program runs with one printed command: the images with their
-    refined RPCs, the stereo pairs worth matching, an initial DEM of ellipsoidal heights, the program's
-    configuration, and the accuracy to expect. Pairs are chosen by convergence, sun, season and the
-    share of common tie points; the initial DEM is ``dem``, or a surface through the adjusted points.
+    Writes a folder in which the target program runs with one printed command. It contains the images
+    with their refined RPCs, the chosen stereo pairs, an initial DEM of ellipsoidal heights, the
+    configuration of the program, and the expected accuracy. Pairs are chosen by convergence angle, sun,
+    season and the share of common tie points. The initial DEM is ``dem``, or a surface through the
+    adjusted points.
 
     Parameters
     ----------
     result : path
         Output directory of an adjustment.
     to : str, optional
-        The next program; colmap gets perspective cameras, nerf is for radiance fields with RPCs, points
-        for point clouds and GCPs (one of cars, s2p, asp, micmac, colmap, nerf, points; default cars).
+        Target program; colmap has perspective cameras, nerf radiance fields with RPCs, points is for
+        point clouds and GCPs (one of cars, s2p, asp, micmac, colmap, nerf, points; default cars).
     extent : str, optional
-        Region of interest: a box on the ground, in degrees or in the CRS that stands in brackets behind
-        it; by default all that the chosen pairs have in common.
+        Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by
+        default the common area of the chosen pairs.
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     most_pairs : int, optional
-        Most stereo pairs, the best first (at least 1; default 8).
+        Largest number of stereo pairs; the best ones are chosen (at least 1; default 8).
     factor : float, optional
-        Size of the crops for colmap and nerf to that of the images (at least 0.001; at most 64; default
-        1).
+        Size of the crops for colmap and nerf relative to the images (at least 0.001; at most 64;
+        default 1).
     link : bool, optional
-        Refer to the images by VRTs instead of copying them (default no).
+        Write VRTs that refer to the images instead of copies (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -1711,14 +1732,14 @@ def rpc_info(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """Footprint, GSD, incidence and azimuth, pair convergence and B/H, overlaps, RPC sanity.
+    """Footprint, GSD, incidence and azimuth, convergence and B/H of pairs, overlaps, check of the RPCs.
 
-    Says for each image where it lies, the ground size of a pixel along line and sample, the incidence
-    angle (at the ground, between the ray to the satellite and the vertical) and the azimuth (from the
-    target to the satellite, clockwise from north); and for each pair the convergence angle, B/H
-    (distance of the two rays at unit height above the ground) and which share of each image the other
-    one sees on the terrain. Overlap depends on the terrain's height: give a DEM or a height. Warns of
-    RPCs that are damaged, swapped, used beyond their heights, or of another image.
+    Reports footprint, GSD along line and sample, incidence angle and azimuth of each image. The
+    incidence angle is measured at the ground, from the vertical to the ray to the satellite; the
+    azimuth from the target to the satellite, clockwise from north. For each pair it reports the
+    convergence angle, B/H (distance of the two rays at unit height above the ground) and the overlap on
+    the terrain. The overlap depends on the height of the terrain: give a DEM or a height. Warnings are
+    given for RPCs that are damaged, exchanged, used outside their height range, or of another image.
 
     Parameters
     ----------
@@ -1727,20 +1748,20 @@ def rpc_info(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     crs : str, optional
-        List the coordinate operations between this CRS and WGS84 at the images' place: which one is
-        taken, and which lack their grid (EPSG:code or WKT).
+        List the coordinate operations between this CRS and WGS84 in the area of the images: the one
+        that is used, and those whose grid is missing (EPSG:code or WKT).
     output_dir : path, optional
-        Directory for report and layers; without it the result is only printed.
+        Directory for report and layers; by default the result is only printed.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     threads : int, optional
@@ -1791,11 +1812,11 @@ def project(
 ) -> Result:
     """Ground points to image coordinates, for a point file or as a filter.
 
-    Computes where ground points lie in one or more images. Points come from a vector layer or CSV, or
-    as lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) on standard input; then lines 'sample
-    line' are printed, with what follows the coordinates. Sample 0, line 0 is the CENTRE of the first
-    pixel (GDAL's pixel and line are 0.5 larger). Points without a height take it from the DEM or from
-    ``height``.
+    Computes the positions of ground points in one or more images. Points are read from a vector layer
+    or CSV, or as lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) from standard input. In
+    this case lines 'sample line' are printed, with the rest of the input line. Sample 0, line 0 is the
+    CENTRE of the first pixel (pixel and line of GDAL are 0.5 larger). For points without a height, the
+    DEM or ``height`` is used.
 
     Parameters
     ----------
@@ -1808,17 +1829,17 @@ def project(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     output_dir : path, optional
-        Directory for report and layers; without it the result is only printed.
+        Directory for report and layers; by default the result is only printed.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     threads : int, optional
@@ -1868,12 +1889,13 @@ def localize(
 ) -> Result:
     """Image points to the ground, at a height or on a DEM, for a point file or as a filter.
 
-    Follows the rays of image points to the ground. Points come from a vector layer or CSV with the
-    fields sample and line (and image, where several are given), or as lines 'sample line [height]' on
-    standard input; then lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are printed, with
-    what follows the coordinates, and 'nan' where there is no ground position. A point's own ellipsoidal
-    height counts before the DEM and ``height``. On a DEM the first hit of the ray from above counts.
-    Sample 0, line 0 is the CENTRE of the first pixel (GDAL's pixel and line are 0.5 larger).
+    Intersects the rays of image points with the ground. Points are read from a vector layer or CSV with
+    the fields sample and line (and image, if there are several), or as lines 'sample line [height]'
+    from standard input. In this case lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) are
+    printed, with the rest of the input line, and 'nan' for points without a ground position. The
+    ellipsoidal height of a point takes precedence over the DEM and ``height``. On a DEM the first
+    intersection of the ray from above is used. Sample 0, line 0 is the CENTRE of the first pixel (pixel
+    and line of GDAL are 0.5 larger).
 
     Parameters
     ----------
@@ -1884,17 +1906,17 @@ def localize(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     output_dir : path, optional
-        Directory for report and layers; without it the result is only printed.
+        Directory for report and layers; by default the result is only printed.
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     threads : int, optional
@@ -1931,12 +1953,12 @@ def fit_rpc(
 ) -> Result:
     """An RPC from a grid or table of correspondences.
 
-    Fits an RPC to points with known ground position and image coordinates, as a sensor model or another
-    program computes them on a grid, and writes it as _RPC.TXT. The table has lon, lat, height (or x, y,
-    z with ``ground_crs``, or point geometry), sample and line; sample 0, line 0 is the CENTRE of the
-    first pixel. One point in five is left out once, and the differences there are reported. A full RPC
-    takes 45 points or more, spread over the image and at several heights; with fewer points only its
-    lower terms are estimated.
+    Fits an RPC to points with known ground position and image coordinates, for example from a grid of a
+    sensor model, and writes it as _RPC.TXT. The table has lon, lat, height (or x, y, z with
+    ``ground_crs``, or point geometry), sample and line; sample 0, line 0 is the CENTRE of the first
+    pixel. For a check, the fit is repeated without every fifth point, and the differences there are
+    reported. A full RPC needs at least 45 points, spread over the image and at several heights; with
+    fewer points only its lower terms are estimated.
 
     Parameters
     ----------
@@ -1945,19 +1967,19 @@ def fit_rpc(
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     id : str, optional
-        Id of the image, which names the file; by default the stem of the table.
+        Id of the image, used as file name; by default the name of the table.
     common_denominator : bool, optional
-        One denominator for sample and line (less exact, simpler to correct later) (default no).
+        One denominator for sample and line (less accurate, easier to correct later) (default no).
     min_height : float, optional
-        Lowest height where the RPC will be used; warns where it extrapolates (unit m).
+        Lowest height at which the RPC will be used; a warning is given for extrapolation (unit m).
     max_height : float, optional
-        Highest height where the RPC will be used; warns where it extrapolates (unit m).
+        Highest height at which the RPC will be used; a warning is given for extrapolation (unit m).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -2012,13 +2034,12 @@ def orthorectify(
 ) -> Result:
     """Orthoimages from (refined) RPCs and a DEM, all on one map grid.
 
-    Makes an orthoimage of every image with GDAL's warper: all bands, data type and nodata kept, as
-    cloud-optimised GeoTIFF. All pixels lie on one lattice, so that the orthoimages of a block register
-    pixel to pixel. Heights of the DEM are brought to the ellipsoid. Positions are right to
-    ``error_px``; the report states what was found at random pixels. Orthoimages that were made before
-    from the same files with the same options are kept, so a stopped run goes on where it was. With
-    ``scheduler`` the tiles are warped by the workers of a Dask scheduler and written here, the same
-    bytes. Ground hidden from the sensor shows what hides it.
+    Makes an orthoimage of every image with the GDAL warper, as cloud-optimised GeoTIFF; all bands, data
+    type and nodata are kept. All orthoimages of a block have one pixel grid. Heights of the DEM are
+    converted to ellipsoidal heights. The largest error of a position is ``error_px``; the report gives
+    the error at random pixels. Orthoimages that were made from the same files with the same options are
+    kept, so that a stopped run can be continued. With ``scheduler`` the tiles are warped by workers of
+    a Dask scheduler, with the same result. Occluded ground shows the object in front of it.
 
     Parameters
     ----------
@@ -2027,33 +2048,32 @@ def orthorectify(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     terrain_points : path or table or array or GroundPoints or ImagePoints, optional
-        Points whose heights make the terrain, instead of a DEM: the layer ground_points of a
-        triangulation.
+        Points from whose heights the terrain is interpolated, instead of a DEM: the layer ground_points
+        of a triangulation.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     fill_gaps : int, optional
-        Interpolate gaps of the DEM up to so many of its cells wide; 0 leaves them nodata (unit cells;
-        at least 0; at most 1000; default 0).
+        Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata (unit cells; at
+        least 0; at most 1000; default 0).
     crs : str, optional
-        CRS of the orthoimages; by default the UTM zone of the block's middle, or UPS beyond 84 degrees
-        north and 80 south.
+        CRS of the orthoimages; by default the UTM zone at the centre of the block, or UPS beyond 84
+        degrees north and 80 south.
     resolution : float, optional
         Pixel size, in units of the CRS (degrees for EPSG:4326); by default the finest pixel of the
         block on the ground, rounded (at least 1e-09).
     extent : str, optional
-        each: what the image shows; union or overlap: of all images; or a box in the CRS of the
-        orthoimages, or in the one that stands in brackets behind it. Widened to whole pixels (default
-        each).
+        each: the area of each image; union or overlap: of all images; or a box in the CRS of the
+        orthoimages, or in the CRS in brackets after it. It is enlarged to whole pixels (default each).
     resampling : str, optional
         GDAL's resampling kernel (one of near, bilinear, cubic, cubicspline, lanczos, average, rms,
         mode, max, min, med, q1, q3; default cubic).
@@ -2061,24 +2081,24 @@ def orthorectify(
         Largest error of a pixel's position in the image; 0 computes every pixel exactly (unit px; at
         least 0; at most 10; default 0.05).
     nodata : str, optional
-        Value of pixels that the image does not show, or mask for a mask band; by default the image's
-        own, else a mask where the image has one, else 0 (NaN for floating point).
+        Value of pixels outside the image, or mask for a mask band; by default that of the image, else a
+        mask if the image has one, else 0 (NaN for floating point).
     format : str, optional
         Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF (one of cog, gtiff; default
         cog).
     compression : str, optional
         Compression, all of them lossless (one of deflate, lzw, zstd, none; default deflate).
     scheduler : str, optional
-        Address of a Dask scheduler whose workers find tie points or make orthoimages (they must see the
-        files under the same paths); by default threads of this machine do. A block is always adjusted
-        by this process.
+        Address of a Dask scheduler whose workers find tie points or make orthoimages (they need the
+        files under the same paths); by default threads of this machine are used. The block adjustment
+        itself always runs in this process.
     scheduler_ca : path, optional
-        Certificates (PEM) of the authority that signed those of a scheduler at tls://HOST:PORT; this
-        and the next two are by default as Dask's configuration (distributed.comm.tls) says.
+        Certificates (PEM) of the authority of a scheduler at tls://HOST:PORT; this and the next two
+        default to the Dask configuration (distributed.comm.tls).
     scheduler_certificate : path, optional
-        Certificate (PEM) to show to a scheduler at tls://HOST:PORT.
+        Client certificate (PEM) for a scheduler at tls://HOST:PORT.
     scheduler_key : path, optional
-        Private key (PEM) of that certificate, where it is not in the same file.
+        Private key (PEM) of the client certificate, if it is not in the same file.
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -2119,27 +2139,28 @@ def ortho_check(
 ) -> Result:
     """Misregistration between overlapping orthoimages, as numbers and arrows.
 
-    Compares orthoimages of one map grid, each with each that overlaps it, or all with a reference. In
-    windows spread over the common ground the shift is measured to a few hundredths of a pixel by
-    correlation and least squares, around the shift that the pair has in common (up to 256 px). Reports
-    medians, robust spreads and 90th percentiles, and writes a layer of arrows. ``before`` names the
-    folder of the orthoimages made with the original RPCs: both are then compared in the same windows.
+    Compares all overlapping orthoimages of one map grid with each other, or all with a reference. The
+    shift is measured in windows spread over the overlap, to a few hundredths of a pixel, by correlation
+    and least squares. It is searched near the common shift of the pair (up to 256 px). The report has
+    medians, robust standard deviations and 90th percentiles; the layer shows arrows. ``before`` names
+    the folder of the orthoimages made with the original RPCs, which are then measured in the same
+    windows.
 
     Parameters
     ----------
     images : path or Image or sequence of them
         Orthoimages.
     reference : path or rasterio dataset, optional
-        Compare with this orthoimage instead of with one another.
+        Compare all with this orthoimage instead of with each other.
     before : str, optional
-        Folder with orthoimages of the same names, made before.
+        Folder with orthoimages of the same names, from the original RPCs.
     window : int, optional
         Side of a window, even (unit px; at least 16; at most 512; default 48).
     search : int, optional
-        Largest difference of a window's shift from the one common to the pair (unit px; at least 1; at
-        most 256; default 8).
+        Largest difference of the shift of a window from the common shift of the pair (unit px; at least
+        1; at most 256; default 8).
     min_correlation : float, optional
-        Windows less alike than this do not count (at least 0; at most 1; default 0.6).
+        Smallest correlation of windows that are used (at least 0; at most 1; default 0.6).
     most : int, optional
         Windows along the longer side of the common ground (at least 1; at most 1000; default 40).
     output_dir : path, optional
@@ -2281,8 +2302,8 @@ def simulate(
     height : float, optional
         Mean ellipsoidal height (unit m; default 250).
     landform : str, optional
-        What the ground is like: how high its relief is, and whether buildings stand on it (one of
-        mountains, hills, farmland, city, flat; default farmland).
+        Kind of terrain: relief, and whether there are buildings (one of mountains, hills, farmland,
+        city, flat; default farmland).
     relief : float, optional
         Range of heights of the relief; by default that of the landform: 1000, 300, 100, 30 and 2 m
         (unit m; at least 0).
@@ -2353,19 +2374,18 @@ def simulate(
         Distance at which the correlation of these errors has fallen to 1/e; 0: each cell has its own
         (unit m; at least 0; default 300).
     free_dem_common : float, optional
-        Standard deviation of what all heights of the free DEM are off by (GLO-30: 4 m LE90, with the
-        noise) (unit m; at least 0; default 2).
+        Standard deviation of the common height error of the free DEM (GLO-30: 4 m LE90, with the noise)
+        (unit m; at least 0; default 2).
     free_dem_place : float, optional
         Standard deviation of each coordinate in plan by which the free DEM is displaced (GLO-30: 6 m
         CE90) (unit m; at least 0; default 2.8).
     free_ortho : float, optional
         Pixel size of an orthoimage as free ones are; 0 writes none (unit m; at least 0; default 0).
     free_ortho_error : float, optional
-        Root mean square distance by which the free orthoimage lies beside the truth (unit m; at least
-        0; default 5).
+        Root mean square displacement of the free orthoimage (unit m; at least 0; default 5).
     free_ortho_corner : float, optional
-        How far the north-eastern corner of the free orthoimage lies beside the rest of it (unit m; at
-        least 0; default 0).
+        Displacement of the north-eastern corner of the free orthoimage against the rest of it (unit m;
+        at least 0; default 0).
     free_ortho_change : float, optional
         How much of the ground looks different in the free orthoimage, as in another season (at least 0;
         at most 1; default 0.4).
@@ -2444,15 +2464,15 @@ def register(
     dem : path or rasterio dataset, optional
         DEM of the ground, in any CRS.
     dem_datum : str, optional
-        What the heights of the DEM refer to, where it is not what ``height_datum`` says.
+        Height datum of the DEM, if it differs from ``height_datum``.
     height : float, optional
         Ellipsoidal height of the ground, instead of a DEM (unit m).
     height_datum : str, optional
-        What heights of ground points and DEM refer to: layer (as their CRS says), ellipsoidal, egm96,
-        egm2008 or a geoid grid file (default layer).
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
     strict_datum : bool, optional
-        Stop where the geoid that is meant or the grid of a better coordinate operation is not
-        installed, instead of going on with the next best one (default no).
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
