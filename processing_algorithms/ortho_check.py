@@ -6,20 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..hrsi_engine.block.block import Role
-from ..hrsi_engine.drawing.block_map import BlockMap, draw_map
-from ..hrsi_engine.foundation.errors import InputError, SolveError
+from ..hrsi_engine.drawing.block_figures import Picture
+from ..hrsi_engine.drawing.block_map import BlockMap, GroundPicture, draw_map
+from ..hrsi_engine.foundation.errors import InputError, SolveError, list_ids
 from ..hrsi_engine.foundation.progress import advance, stage
+from ..hrsi_engine.foundation.reasons import Level, Reason
+from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.foundation.workers.threads import thread_count
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.ground.map_crs import map_epsg_of, project_to_map
 from ..hrsi_engine.io.geopackage.declared_layers import MisregistrationRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.output_dir import check_output_dir
+from ..hrsi_engine.io.pages.report import explain_codes, read_picture
 from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
 from ..hrsi_engine.ortho.misregistration import (
     MisregistrationOptions,
@@ -31,6 +35,7 @@ from ..hrsi_engine.ortho.misregistration import (
     shift_statistics,
     window_centres,
 )
+from ..hrsi_engine.results.verdict import Verdict
 from .declarations.orthoimages import SHIFTS_FILE, SHIFTS_LAYERS, OrthoCheckOptions
 from .files.result_folder import LENGTH, plan_folder, tell, write_folder
 from .interface.declare import Context, Report
@@ -55,15 +60,20 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     warnings += [
         f"{' - '.join(pair.pair.names)}: only {int(pair.good.sum())} of {len(pair.good)} windows could be matched"
         for pair in found
-        if pair.good.sum() < 10
+        if pair.good.sum() < REGISTRATION.fewest_windows
     ]
+    pairs_told = [_pair_entry(pair) for pair in found]
+    verdict = _judge(pairs_told, pooled).entry()
     report: Report = {
-        **context.record, "states": list(found[0].matches),
-        "pairs": [_pair_entry(pair) for pair in found], "all": pooled, "warnings": warnings,
+        **context.record, "verdict": verdict, "states": list(found[0].matches), "pairs": pairs_told, "all": pooled,
+        "warnings": warnings,
     }  # fmt: skip
     tell(warnings, context)
-    page, maps = ("misregistration.html.j2", _draw_maps(found)) if options.report else ("", [])
-    write_folder(options.folder, report, SHIFTS_FILE, _make_layers(found), context, page, maps=maps)
+    page, drawn = "", {}
+    if options.report:
+        page, codes = "misregistration.html.j2", [reason["code"] for reason in verdict["reasons"]]
+        drawn = {**_draw_maps(found), "explained": explain_codes(codes)}
+    write_folder(options.folder, report, SHIFTS_FILE, _make_layers(found), context, page, **drawn)
     return report
 
 
@@ -255,14 +265,85 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
     ]
 
 
-def _draw_maps(found: Sequence[PairMatches]) -> list[tuple[str, str]]:
-    """Return titles and arrow maps of the first pairs."""
-    maps = []
-    for pair in found[: LENGTH.most_maps]:
+def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
+    """Return what the page shows of the pairs with the largest misregistration: arrows on the first orthoimage.
+
+    ``pairs`` are names and maps: state, drawing, windows drawn, windows tried; ``pictures`` are the orthoimages'.
+    """
+    pictures: dict[str, Picture | None] = {}
+    pairs = []
+    worst = sorted(found, key=lambda pair: -np.nan_to_num(_median_length(pair)))
+    for pair in worst[: LENGTH.most_maps]:
         lonlat, pixel_m = _window_positions(pair)
+        name, maps, good = pair.pair.names[0], [], np.flatnonzero(pair.good)
+        good = good[:: max(1, -(-len(good) // LENGTH.most_arrows))]
         for state, matches in pair.matches.items():
-            metres = matches.shift_px[pair.good] * pixel_m * [1.0, -1.0]
-            count = len(metres)
-            data = BlockMap({}, lonlat[pair.good], np.full(count, Role.CHECK), metres, np.full(count, ""))
-            maps.append((f"{' - '.join(pair.pair.names)}, {state}", draw_map(data).svg))
-    return maps
+            ortho = pair.pair.states[state][0].ortho
+            key = f"{name} {state}"
+            if key not in pictures:
+                pictures[key] = read_picture(ortho.raster, name, len(pictures), LENGTH.picture_px)
+            data = BlockMap(
+                {}, lonlat[good], np.full(len(good), Role.TIE), matches.shift_px[good] * pixel_m * [1.0, -1.0],
+                np.full(len(good), ""), pictures=_lay_out(ortho, pictures[key]), arrows="shift",
+            )  # fmt: skip
+            maps.append((state, draw_map(data).svg, int(pair.good.sum()), len(matches.centre)))
+        pairs.append((pair.pair.names, maps))
+    return {"pairs": pairs, "pictures": [picture for picture in pictures.values() if picture is not None]}
+
+
+def _median_length(pair: PairMatches) -> float:
+    shift = pair.matches[AFTER].shift_px[pair.good]
+    return float(np.median(np.hypot(*shift.T))) if len(shift) else np.nan
+
+
+def _lay_out(ortho: OrthoRaster, picture: Picture | None) -> list[GroundPicture]:
+    """Return the picture of an orthoimage where it lies on the ground."""
+    if picture is None:
+        return []
+    columns, rows = ortho.raster.size
+    corners = np.array([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]]) - 0.5
+    return [GroundPicture(picture.name, picture.image, picture.covers, ortho.lonlat(corners))]
+
+
+@thresholds
+class REGISTRATION:
+    """When orthoimages do not register as well as their uses ask for."""
+
+    most_median_px: float = threshold(
+        1.0, "px", "median misregistration of a pair above which the verdict is doubtful",
+        "a pixel: above it seams of a mosaic and false change show",
+    )  # fmt: skip
+    worse_px: float = threshold(0.1, "px", "increase of the median from before to after that is worth a reason")
+    fewest_windows: int = threshold(10, "windows", "matched windows of a pair without a warning")
+
+
+def _judge(pairs: Sequence[Report], pooled: Report) -> Verdict:
+    """Return the verdict on the registration: doubtful where a pair is beyond a pixel, or worse than before."""
+    reasons = []
+    told = [(f"{pair['first']} – {pair['second']}", pair) for pair in pairs if pair[AFTER]["windows"]]
+    beyond = [(name, pair) for name, pair in told if pair[AFTER]["median_px"] > REGISTRATION.most_median_px]
+    if beyond:
+        name, worst = max(beyond, key=lambda one: float(one[1][AFTER]["median_px"]))
+        reasons.append(Reason(
+            "misregistration", Level.DOUBTFUL,
+            f"{len(beyond)} of {len(told)} pairs differ by more than {REGISTRATION.most_median_px:g} px (median): most "
+            f"{name}, by {worst[AFTER]['median_px']:.2f} px ({worst[AFTER]['median_m']:.2f} m)",
+            "check the DEM where the arrows are large, and adjust the images together if they were not",
+            tuple(sorted({image for _, pair in beyond for image in (pair["first"], pair["second"])})),
+        ))  # fmt: skip
+    worse = [
+        name for name, pair in told
+        if BEFORE in pair and pair[AFTER]["median_px"] > pair[BEFORE]["median_px"] + REGISTRATION.worse_px
+    ]  # fmt: skip
+    if worse:
+        reasons.append(Reason(
+            "registration-worse", Level.DOUBTFUL, f"{list_ids(worse)}: the median is larger than before the adjustment",
+            "check that both sets of orthoimages were made with the same DEM, and look into the adjustment's report",
+        ))  # fmt: skip
+    before = f" (before {pooled[BEFORE]['median_px']:.2f} px)" if BEFORE in pooled else ""
+    after = pooled[AFTER]
+    return Verdict.create(
+        f"{len(told)} pair{'s' if len(told) != 1 else ''} of orthoimages: median misregistration "
+        f"{after['median_px']:.2f} px, {after['median_m']:.2f} m{before}; 90 % of {after['windows']} windows within "
+        f"{after['p90_px']:.2f} px", reasons,
+    )  # fmt: skip

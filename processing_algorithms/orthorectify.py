@@ -16,12 +16,13 @@ from ..hrsi_engine.io.catalogue.lineage import rpc_history
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
 from ..hrsi_engine.io.output_dir import require_no_input
-from ..hrsi_engine.io.pages.report import write_page
+from ..hrsi_engine.io.pages.report import read_picture, write_page
+from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
 from .declarations.orthoimages import OrthorectifyOptions
 from .files.opening import open_images
 from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, open_ortho_terrain, plan_block
-from .files.result_folder import PAGE_FILE, REPORT_FILE, plan, stage_results
+from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
 
 
@@ -61,7 +62,10 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     }  # fmt: skip
     with stage_results(options.folder, report, context) as staged:
         if options.report:
-            write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report)
+            read = [(key, GdalRaster(entry["output"])) for key, entry in entries.items() if entry["shown_pixels"]]
+            read = read[: LENGTH.most_pictures]
+            pictures = [read_picture(raster, key, k, LENGTH.picture_px) for k, (key, raster) in enumerate(read)]
+            write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report, pictures=[p for p in pictures if p])
     return report
 
 

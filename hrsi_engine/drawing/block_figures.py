@@ -1,6 +1,6 @@
 """The figures of a block's report: its map, its images, chips of points, distributions, before and after.
 
-A card of an image has its picture, residuals on it, their systematic part, and where tie points lie.
+A card of an image has its picture, residuals on it, and their systematic part.
 """
 
 import html
@@ -36,7 +36,6 @@ class ImageCard:
     xy, residual_px : (n, 2) measurements that are drawn one by one; groups : (n,) gcp, check, tie or outlier
     points : (n,) numbers of their points on the page; -1 without
     total : measurements there are, of which these are drawn
-    counts, rays : (rows, columns) tie points in each part of the image, and on how many images they are on the average
     means, mean_sigmas : (rows, columns, 2) mean residual of each part of the image, and its standard error; NaN with
     too few
     picture : the page's element with the image's picture; empty without
@@ -50,8 +49,6 @@ class ImageCard:
     groups: np.ndarray
     points: np.ndarray
     total: int
-    counts: np.ndarray
-    rays: np.ndarray
     means: np.ndarray
     mean_sigmas: np.ndarray
     picture: str = ""
@@ -59,7 +56,7 @@ class ImageCard:
 
 
 def draw_image_card(card: ImageCard, typical_px: float) -> str:
-    """Return an image's residuals over its picture and tie points; what is shown of them the page's style chooses.
+    """Return an image's residuals over its picture; what is shown of them the page's style chooses.
 
     card : what to draw; typical_px : residual that sets the scale of the arrows, one for all images of a page
     """
@@ -83,7 +80,6 @@ def draw_image_card(card: ImageCard, typical_px: float) -> str:
     return "".join([
         f'<svg class="card" viewBox="{box}" role="img" aria-label="{label}"><rect class="ground" {frame}/>',
         f'<use href="#{html.escape(card.picture)}" transform="{matrix}"/>' if card.picture else "",
-        *_draw_cells(card, float(width), float(height)),
         f'<rect class="frame" {frame}/><g class="field">',
         *_draw_mean_residuals(card, float(width), float(height), per_px),
         '</g><g class="vectors">',
@@ -92,26 +88,6 @@ def draw_image_card(card: ImageCard, typical_px: float) -> str:
         key,
         "</svg>",
     ])  # fmt: skip
-
-
-def _draw_cells(card: ImageCard, width: float, height: float) -> Iterable[str]:
-    """Draw the parts of the image, stronger for more tie points and, in a second group, for more rays."""
-    rows, columns = card.counts.shape
-    if not card.counts.any():
-        return
-    most, most_rays = max(int(card.counts.max()), 1), max(float(np.nanmax(card.rays)), 3.0)
-    for kind in ("count", "rays"):
-        yield f'<g class="cells {kind}">'
-        for row in range(rows):
-            for column in range(columns):
-                count, rays = int(card.counts[row, column]), float(card.rays[row, column])
-                share = np.sqrt(count / most) if kind == "count" else max(rays - 1.0, 0.0) / (most_rays - 1.0)
-                opacity = f' fill-opacity="{0.12 + 0.6 * share:.2f}"' if count else ' class="empty"'
-                x, y = CARD_MARGIN + column * width / columns, CARD_MARGIN + row * height / rows
-                title = f"{count} tie points" + (f", {rays:.1f} images each" if count else "")
-                path = f"M{x:.1f} {y:.1f}h{width / columns:.1f}v{height / rows:.1f}h-{width / columns:.1f}z"
-                yield f'<path d="{path}"{opacity}><title>{title}</title></path>'
-        yield "</g>"
 
 
 def _draw_mean_residuals(card: ImageCard, width: float, height: float, per_px: float) -> Iterable[str]:

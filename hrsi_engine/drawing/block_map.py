@@ -67,6 +67,7 @@ class BlockMap:
     footprints : in degrees of lon and lat, by image id; lonlat : (m, 2) lon, lat of the points
     roles : (m,) values of `Role`; residual_en_m : (m, 2) east, north; NaN without; ids : (m,) their names
     residual_h_m : (m,) upwards; NaN without; ties : tie points drawn by cells; pictures : the background
+    arrows : what an arrow is, for its scale
     """
 
     footprints: Mapping[str, Polygon]
@@ -77,6 +78,7 @@ class BlockMap:
     residual_h_m: np.ndarray | None = None
     ties: TieField | None = None
     pictures: Sequence[GroundPicture] = ()
+    arrows: str = "residual"
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,7 @@ def draw_map(data: BlockMap, name: str = "") -> MapDrawing:
         '<g class="points">',
         *_draw_points(data, here, view, arrow_scale),
         "</g></g>",
-        *_draw_scales(view, arrow_scale),
+        *_draw_scales(view, arrow_scale, data.arrows),
     ]
     named = f' id="{html.escape(name)}"' if name else ""
     size = f'viewBox="0 0 {_WIDTH:.0f} {view.height + 50.0:.0f}"'
@@ -286,7 +288,7 @@ def _draw_residual(kind: str, dx: float, dy: float) -> str:
     return f'<path class="{kind}{" cut" if cut < 1.0 else ""}" d="{path}"/>' if path else ""
 
 
-def _draw_scales(view: _MapView, arrow_scale: float | None) -> Iterable[str]:
+def _draw_scales(view: _MapView, arrow_scale: float | None, arrows: str) -> Iterable[str]:
     """Draw the map's scale bar, beside it an arrow of a round length, and where north is."""
     distance = choose_round_length(150.0 / view.units_per_metre)
     bar = distance * view.units_per_metre
@@ -298,7 +300,7 @@ def _draw_scales(view: _MapView, arrow_scale: float | None) -> Iterable[str]:
         residual = choose_round_length(1.3 * _ARROW / arrow_scale)
         x = _WIDTH / 2.0
         yield f'<path class="scale" d="{make_arrow_path(x, y, residual * arrow_scale, 0.0)}"/>'
-        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0:.1f}">residual of {_format_metres(residual)}</text>'
+        yield f'<text class="scale" x="{x:.1f}" y="{y + 18.0:.1f}">{arrows} of {_format_metres(residual)}</text>'
     x = _WIDTH - _MARGIN
     yield f'<path class="scale north" d="{make_arrow_path(x, y + 16.0, 0.0, -26.0)}"/>'
     yield f'<text class="scale" x="{x - 16.0:.1f}" y="{y + 14.0:.1f}">N</text>'

@@ -21,7 +21,7 @@ from ..drawing.target_chips import TargetChip
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
-from ..io.pages.report import picture_uri
+from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
 from .outliers import is_outlier, measurement_statistic
 from .residuals import Residuals
@@ -210,11 +210,10 @@ def _make_cards(result: Adjustment, shown: _PointSelection) -> list[ImageCard]:
         if len(part)
     }
     chosen = sorted(sorted(size, key=lambda index: -size[index])[: REPORT_PAGE.most_images])
-    rays = result.block.rays_per_point()
-    return [_make_card(result, index, parts[index], shown, rays) for index in chosen]
+    return [_make_card(result, index, parts[index], shown) for index in chosen]
 
 
-def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSelection, rays: np.ndarray) -> ImageCard:
+def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSelection) -> ImageCard:
     rows, image = result.block.measurements, result.block.images[index]
     role = result.block.points.role[rows.point[part]]
     groups = ROLE_LABELS[role].astype("U8")
@@ -224,20 +223,17 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSe
     step = max(1, -(-len(ties) // room)) if room else len(ties) + 1
     chosen = np.concatenate([ties[::step], others])
     first_sample, last_sample, first_line, last_line = image.domain_px
-    # Parts of the image: number of ties and their rays, and the mean residual of everything there
+    # Parts of the image, with the mean residual of everything there
     share = (rows.xy[part] - image.centre_px) / (2.0 * image.half_size_px + 1.0) + 0.5
     column, row = np.clip((share * REPORT_PAGE.card_cells).astype(np.int64), 0, REPORT_PAGE.card_cells - 1).T
     cell, shape = row * REPORT_PAGE.card_cells + column, (REPORT_PAGE.card_cells, REPORT_PAGE.card_cells)
-    is_tie = role == Role.TIE
-    count = _sum_cells(cell[is_tie], None, shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean_rays = _sum_cells(cell[is_tie], rays[rows.point[part[is_tie]]], shape) / count
         means, errors = _average_cells(cell, shown.residual_px[part], shape)
     drawn = part[chosen]
     return ImageCard(
         image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
         xy=rows.xy[drawn], residual_px=shown.residual_px[drawn], groups=groups[chosen],
-        points=shown.number[rows.point[drawn]], total=len(part), counts=count.astype(np.int64), rays=mean_rays,
+        points=shown.number[rows.point[drawn]], total=len(part),
         means=means, mean_sigmas=errors,
     )  # fmt: skip
 
@@ -268,12 +264,9 @@ def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, 
         pixels += image.raster.size[0] * image.raster.size[1]
         if pixels > REPORT_PAGE.most_picture_pixels:
             break
-        step = max(1, -(-max(image.raster.size) // side))
-        grey, valid = image.raster.read_means(step)
-        if valid.any():
-            covers = (image.raster.size[0] / step, image.raster.size[1] / step)
-            size, name = (int(grey.shape[1]), int(grey.shape[0])), f"picture-{len(found)}"
-            found[image.id] = Picture(name, image.id, size, covers, picture_uri(grey, valid))
+        picture = read_picture(image.raster, image.id, len(found), side)
+        if picture is not None:
+            found[image.id] = picture
     return found
 
 

@@ -340,12 +340,9 @@ def test_what_the_images_show(page: Browser) -> None:
         "[...document.querySelectorAll('.cards .{}')].filter((g) => getComputedStyle(g).display !== 'none').length"
     )
     assert page.value(visible.format("vectors")) == 2
-    assert page.value(visible.format("cells")) == 0
     page.select("#cards-arrows", "field")
-    page.select("#cards-cells", "count")
     assert page.value(visible.format("vectors")) == 0
     assert page.value(visible.format("field")) == 2
-    assert page.value(visible.format("cells")) == 2
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])

@@ -65,7 +65,22 @@ def test_before_and_after_in_one_table(sets: Path, tmp_path: Path) -> None:
         assert found["median_m"] == pytest.approx(0.5 * found["median_px"])
         assert found["outcomes"]["nodata"] > 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 2 and "before" in page
+    assert page.count('<svg class="map"') == 2 and "before" in page
+    assert page.count('<image id="picture-') == 2 == page.count('<use href="#picture-')  # arrows are on the imagery
+    # The verdict by hand: 0.04 px in the median is within a pixel, and less than before
+    assert report["verdict"]["level"] == "ok" and "(before 1.4" in report["verdict"]["sentence"]
+
+
+def test_misregistration_is_doubtful_and_told_with_the_pair(sets: Path, tmp_path: Path) -> None:
+    """Before and after exchanged: 1.43 px are beyond a pixel, and more than before."""
+    images = [str(sets / "before" / f"{name}.tif") for name in "ab"]
+    report = check(sets, tmp_path, images=images, before=str(sets / "after"))
+    assert report["verdict"]["level"] == "doubtful"
+    assert [reason["code"] for reason in report["verdict"]["reasons"]] == ["misregistration", "registration-worse"]
+    (beyond, _) = report["verdict"]["reasons"]
+    assert f"{np.hypot(1.3, 0.6):.1f}" in beyond["message"] and beyond["images"] == ["a", "b"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.index("Doubtful") < page.index("1 of 1 pairs differ") < page.index('id="about-misregistration"')
 
 
 @pytest.mark.rendered

@@ -23,13 +23,13 @@ import pyproj
 from markupsafe import Markup
 from osgeo import gdal
 
-from ...drawing.block_figures import ReportFigures, draw_figures
-from ...drawing.plots import draw_bars
+from ...drawing.block_figures import Picture, ReportFigures, draw_figures
 from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_lines, json_ready
 from ...foundation.thresholds import threshold, thresholds
 from ..opening.datasets import gdal_messages, read_virtual
+from ..rasters.images import GdalRaster
 from ..safety.replacing import replacing
 
 __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
@@ -73,33 +73,7 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)
     drawings = draw_figures(figures or ReportFigures())
-    write_page(path, "report.html.j2", report, explained=explained, before_after=_before_after(report), **drawings)
-
-
-def _before_after(report: Mapping[str, Any]) -> str:
-    """Return bars of what the refinement did, of tie points and of the images that were farthest off; empty without."""
-
-    def lengths(entry: Mapping[str, Any]) -> dict[str, float]:
-        before = _vector_length(entry, "before_rmse_sample_px", "before_rmse_line_px")
-        if math.isnan(before):
-            return {
-                "before": _vector_length(entry, "tie_before_rmse_px"),
-                "after": _vector_length(entry, "tie_rmse_px"),
-            }
-        return {"before": before, "after": _vector_length(entry, "rmse_sample_px", "rmse_line_px")}
-
-    images = {name: lengths(entry) for name, entry in report.get("images", {}).items()}
-    farthest = sorted(images, key=lambda name: -np.nan_to_num(images[name]["before"]))
-    ties = report.get("ties") or {}
-    bars = {"tie points": {"before": _vector_length(ties, "before_rmse_px"), "after": _vector_length(ties, "rmse_px")}}
-    bars |= {name: images[name] for name in farthest}
-    known = {name: pair for name, pair in bars.items() if not any(map(math.isnan, pair.values()))}
-    return draw_bars(dict(list(known.items())[: PAGE_NUMBERS.bars + 1]), "px") if known else ""
-
-
-def _vector_length(entry: Mapping[str, Any], *axes: str) -> float:
-    """Return the length of the vector of some figures; NaN where one does not exist."""
-    return math.hypot(*(math.nan if entry.get(axis) is None else float(entry[axis]) for axis in axes))
+    write_page(path, "report.html.j2", report, explained=explained, **drawings)
 
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "verdict.md"
@@ -142,7 +116,6 @@ class PAGE_NUMBERS:
     """How numbers are written on pages and for how many images, and how pictures are compressed and filled."""
 
     decimals: int = threshold(5, "digits", "most decimals; smaller numbers get a power of ten")
-    bars: int = threshold(12, "images", "most images with a bar of their own")
     jpeg_quality: int = threshold(70, "", "quality of JPEG")
     fill_grey: int = threshold(236, "grey value", "grey of pixels without a value", "near the page's white")
 
@@ -191,6 +164,7 @@ def _make_environment() -> jinja2.Environment:
     environment.filters["duration"] = duration
     environment.filters["basename"] = os.path.basename
     environment.filters["crs_name"] = name_crs
+    environment.filters["crs_unit"] = name_crs_unit
     environment.filters["at"] = find_entry
     environment.filters["filled"] = keep_filled
     return environment
@@ -202,6 +176,14 @@ def name_crs(code: str) -> str:
         return f"{pyproj.CRS(code).name} ({code})"
     except pyproj.exceptions.CRSError:
         return code
+
+
+def name_crs_unit(code: str) -> str:
+    """Return the unit of a CRS's axes; empty where the code says no CRS."""
+    try:
+        return {"metre": "m"}.get(unit := pyproj.CRS(code).axis_info[0].unit_name, unit)
+    except pyproj.exceptions.CRSError:
+        return ""
 
 
 def find_entry(entry: Any, part: str) -> Any:
@@ -260,6 +242,19 @@ def duration(seconds: Any) -> str:
     if not isinstance(seconds, (int, float)) or seconds < 60.0:
         return figure(seconds, 1, "s")
     return f"{int(seconds // 60.0)} min {int(seconds % 60.0)} s"
+
+
+def read_picture(raster: GdalRaster, image: str, number: int, side_px: int) -> Picture | None:
+    """Return a picture of an image, at most ``side_px`` along its longer side; None where no pixel is valid.
+
+    ``number`` makes its element's name on the page.
+    """
+    step = max(1, -(-max(raster.size) // side_px))
+    grey, valid = raster.read_means(step)
+    if not valid.any():
+        return None
+    size, covers = (int(grey.shape[1]), int(grey.shape[0])), (raster.size[0] / step, raster.size[1] / step)
+    return Picture(f"picture-{number}", image, size, covers, picture_uri(grey, valid))
 
 
 def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:

@@ -317,10 +317,8 @@
   byId("zoom-all").addEventListener("click", showAll);
 
   // ---- What the images show ---------------------------------------------------------------------------------------
-  for (const kind of ["arrows", "cells"]) {
-    const choice = byId(`cards-${kind}`);
-    if (choice) choice.addEventListener("change", () => { document.querySelector("div.cards").dataset[kind] = choice.value; });
-  }
+  const cardArrows = byId("cards-arrows");
+  cardArrows?.addEventListener("change", () => { document.querySelector("div.cards").dataset.arrows = cardArrows.value; });
 
   // ---- Pointer: drag to move, wheel to zoom, click to choose ------------------------------------------------------
   const held = new Map();
