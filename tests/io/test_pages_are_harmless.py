@@ -37,7 +37,7 @@ TAGS = {
     "nav", "aside", "button", "fieldset", "input", "label", "legend", "option", "pre", "select", "time", "use",
 }  # fmt: skip
 #: Templates that are parts of the others.
-FRAME = {"page", "warnings", "lineage", "verdict", "explained"}
+FRAME = {"page", "warnings", "lineage", "verdict", "explained", "pictures"}
 #: Attributes that load something or lead somewhere, and what of it a page may.
 LINKS = ("href", "src", "xlink:href", "action", "srcset")
 OWN = ("#", "data:image/png;base64,", "data:image/jpeg;base64,")

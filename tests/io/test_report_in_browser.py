@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, chromium_program
+from osgeo import gdal
 
 from hrsi.hrsi_engine.io.pages.report import digits_by_sigma, figure
 from hrsi.processing_algorithms import run
@@ -409,3 +410,43 @@ def test_print(page: Browser, simulated: Path) -> None:
     headings = page.value("[...document.querySelectorAll('h2')].map((e) => e.getClientRects().length)")
     assert len(headings) >= 9 and min(headings) == 1
     page.command("Emulation.setEmulatedMedia", media="", features=[])
+
+
+#: Tables and pictures that reach beyond the printed width, with how far.
+BEYOND = """[...document.querySelectorAll("table, svg, pre, .tiles, .verdict")].map(
+    (e) => [e.tagName, e.getBoundingClientRect().right]).filter(([, right]) => right > innerWidth + 1)"""
+A4_MM, MARGIN_MM = (210.0, 297.0), 14.0
+
+
+def printed_pages(file: Path) -> Iterator[np.ndarray]:
+    """Yield the pages of a PDF as grey pixels, rendered by Poppler (through GDAL)."""
+    count = len(re.findall(rb"/Type\s*/Page\b", file.read_bytes()))
+    for number in range(1, count + 1):
+        page = gdal.OpenEx(f"PDF:{number}:{file}", open_options=["DPI=60"])
+        yield page.ReadAsArray()[:3].min(axis=0)
+
+
+@pytest.mark.programs
+def test_print_cuts_nothing(browser: Browser, result: Path) -> None:
+    """On A4 nothing is wider than the page: by the layout, and by the white margins of the pages as printed."""
+    browser.open(result / "report.html", width=round((A4_MM[0] - 2.0 * MARGIN_MM) / 25.4 * 96.0))
+    browser.value("for (const part of document.querySelectorAll('details')) part.open = true")
+    browser.command("Emulation.setEmulatedMedia", media="print", features=[])
+    assert browser.value(BEYOND) == []
+    assert browser.value("getComputedStyle(document.querySelector('thead')).display") == "table-header-group"
+    browser.command("Emulation.setEmulatedMedia", media="", features=[])
+    browser.open(result / "report.html")
+    browser.print(printed := PICTURES / f"report_{result.parent.name}.pdf")
+    if gdal.GetDriverByName("PDF") is None:
+        pytest.skip("this GDAL reads no PDF")
+    pages = list(printed_pages(printed))
+    per_mm = pages[0].shape[1] / A4_MM[0]
+    margin = int((MARGIN_MM - 1.0) * per_mm)
+    for number, page in enumerate(pages, 1):
+        assert page.shape[0] / per_mm == pytest.approx(A4_MM[1], abs=2.0)
+        edges = (page[:margin], page[-margin:], page[:, :margin], page[:, -margin:])
+        assert min(edge.min() for edge in edges) > 250, f"page {number} is printed beyond its margin"
+    inked = [float((page < 200).any(axis=1).mean()) for page in pages]
+    print(
+        f"{result.parent.name}: {len(pages)} pages, margins white; the emptiest has {min(inked):.0%} of its lines used"
+    )
