@@ -1364,8 +1364,8 @@
       <translation>Was angeklickt wird: ein rundes oder geschlossenes Objekt, zwei gerade Kanten oder nur diese Position</translation>
     </message>
     <message>
-      <source>Whole image</source>
-      <translation>Ganzes Bild</translation>
+      <source>Whole</source>
+      <translation>Ganz</translation>
     </message>
     <message>
       <source>Window</source>

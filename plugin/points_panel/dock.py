@@ -87,6 +87,7 @@ class PointsDock(QDockWidget):
         self._search.setSingleShot(True)
         self._search.timeout.connect(self._search_next)
         self._failure = ""  # of the last adjustment
+        self._clicked = ""  # what the last click gave
         self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
         self._again.setSingleShot(True)
         self._again.setInterval(LIVE_DELAY_MS)
@@ -338,7 +339,8 @@ class PointsDock(QDockWidget):
         if not fit.refusal and fit.measured.kind != kind:
             text += tr(", for no clear closed object lies there")
         view.chip.show_chip(fit.chip_svg)
-        self.tell(tr("{} on {}: {}").format(self.point(), image, text), is_error=bool(fit.refusal))
+        self._clicked = tr("{} on {}: {}").format(self.point(), image, text)
+        self.tell(self._clicked, is_error=bool(fit.refusal))
         self._on_edit()
         if not fit.refusal:
             self._follow_views()
@@ -396,6 +398,7 @@ class PointsDock(QDockWidget):
         self.session.add_tie(tie, image, fit.measured)
         self._on_edit()
         self.choose(name)
+        self._clicked = name
         self._begin_search()
 
     def _new_name(self, letter: str) -> str:
@@ -423,11 +426,12 @@ class PointsDock(QDockWidget):
         self.ui.enable_answers(bool(self.proposals))
         if is_asked:
             self.answered_image()
-        elif not self.proposals:
+        keys = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.") if self.proposals else ""
+        if not is_asked:
+            self.tell(f"{self._clicked}  {keys}")
             return
         good = tr("found, correlation {:.2f}")
         said = ";  ".join(f"{image}: {one.refusal or good.format(one.correlation)}" for image, one in found.items())
-        keys = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.") if self.proposals else ""
         self.tell(f"{self.point()}  {keys}  {said or tr('no other image should show it')}")
 
     def answered_image(self) -> str:

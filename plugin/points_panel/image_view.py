@@ -132,7 +132,11 @@ class PointMarkers(QgsMapCanvasItem):
         if are_named or marker.is_chosen or marker.is_suspicious:
             # Write a text that is read on bright and on dark ground
             outline = QPainterPath()
-            outline.addText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), painter.font(), marker_label(marker))
+            text = marker_label(marker)
+            outline.addText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), painter.font(), text)
+            beyond = outline.boundingRect().right() + 4.0 - self._canvas.width()
+            if beyond > 0.0 and at.x() < self._canvas.width():  # as far as it can be read
+                outline.translate(-beyond, 0.0)
             halo = _LIGHT if colour == SUSPICIOUS else _DARK
             painter.strokePath(outline, QPen(halo, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.fillPath(outline, QBrush(colour))
@@ -168,7 +172,7 @@ def marker_label(marker: Marker) -> str:
         return f"{marker.name}  Y / X"
     if marker.residual_px is None:
         return marker.name
-    return f"{marker.name}  {marker.residual_px[0]:+.2f} {marker.residual_px[1]:+.2f} px"
+    return f"{marker.name}  {marker.residual_px[0]:+z.2f} {marker.residual_px[1]:+z.2f} px"
 
 
 if TYPE_CHECKING:
@@ -233,8 +237,6 @@ class ImageView(QWidget):
         self._layer: QgsRasterLayer | None = None
         self.grey_range = 0.0, 1.0  #: that become black and white
         self._stretched: tuple[Any, ...] = ()  # what the contrast was made for
-        self.grey_range = 0.0, 1.0  #: that become black and white
-        self._stretched: tuple[Any, ...] = ()  # what the contrast was made for
         self._shown = QgsRectangle(), 0.0  #: extent and rotation before a project is read
         self._arrange()
 
@@ -249,7 +251,7 @@ class ImageView(QWidget):
         self.gamma.setToolTip(
             tr("Gamma of this image: above 1 it is brighter; its contrast is 2-98 % of what is in view")
         )
-        self.whole.setText(tr("Whole image"))
+        self.whole.setText(tr("Whole"))
         self.whole.setToolTip(tr("Show the whole image; choosing the point again comes back"))
         top = QHBoxLayout()
         top.addWidget(self.chooser, 1)

@@ -13,6 +13,7 @@ from qgis.PyQt.QtWidgets import (
     QAction,
     QComboBox,
     QGridLayout,
+    QHBoxLayout,
     QHeaderView,
     QLabel,
     QListWidget,
@@ -40,6 +41,7 @@ VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
 FIRST_VIEWS = 2
 EMPTY = "New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session."
 PAGES = "Points", "Residuals", "Verdict"  #: above the tables
+SHOWN_LETTERS = 9  # of a model, beside the arrow; the list has it in full
 SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
 KIND_TIP = "What is clicked: a round or closed object, two straight edges, or only this position"
 
@@ -71,6 +73,8 @@ class PanelLayout(QWidget):
         self.model, self.kind, self.number = QComboBox(), QComboBox(), QComboBox()
         self.model.addItems(MODEL.choices)
         self.model.setCurrentText(MODEL.default)
+        self.model.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.model.setMinimumContentsLength(SHOWN_LETTERS)
         self.kind.addItems(CLICK_KINDS)
         self.kind.setToolTip(tr(KIND_TIP))
         self.number.addItems([str(number) for number in VIEW_NUMBERS])
@@ -113,6 +117,8 @@ class PanelLayout(QWidget):
         bar.addWidget(self.kind)
         bar.addWidget(QLabel(f" {tr('Images')}: "))
         bar.addWidget(self.number)
+        self.linked = _action(bar, "Linked zoom", "The wheel zooms all images")
+        self.north = _action(bar, "North up", "Turn the images so that north is on top")
         return bar
 
     def _second_bar(self) -> QToolBar:
@@ -135,9 +141,6 @@ class PanelLayout(QWidget):
         self.accept = _action(bar, "Accept", "Take what was found in the active view", "Y")
         self.accept_all = _action(bar, "Accept all", "Take what was found in all images", "Shift+Y")
         self.reject = _action(bar, "Reject", "Refuse what was found in the active view", "X")
-        bar.addSeparator()
-        self.linked = _action(bar, "Linked zoom", "The wheel zooms all images")
-        self.north = _action(bar, "North up", "Turn the images so that north is on top")
         return bar
 
     def _arrange(self) -> None:
@@ -145,9 +148,12 @@ class PanelLayout(QWidget):
         column = QVBoxLayout(residuals)
         column.setContentsMargins(0, 2, 0, 0)
         self.rmse.setTextFormat(Qt.TextFormat.PlainText)
+        self.rmse.setWordWrap(True)
         for widget in (self.filter, self.residuals, self.rmse):
             column.addWidget(widget)
         self.verdict.setWordWrap(True)
+        self.verdict.setSpacing(3)
+        self.verdict.setAlternatingRowColors(True)
         self.verdict.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.verdict.setToolTip(tr("A click shows the residuals of the points concerned, the worst first"))
         for page, title in zip((self.points, residuals, self.verdict), PAGES, strict=True):
@@ -157,6 +163,7 @@ class PanelLayout(QWidget):
             table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
             table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
             table.verticalHeader().hide()
+            table.horizontalHeader().setHighlightSections(False)
             table.verticalHeader().setDefaultSectionSize(22)
             table.horizontalHeader().setResizeContentsPrecision(SIZED_ROWS)
             table.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
@@ -172,7 +179,8 @@ class PanelLayout(QWidget):
         self.whole = QSplitter(Qt.Orientation.Horizontal)
         for widget in (tables, self.grid):
             self.whole.addWidget(widget)
-        self.whole.setSizes([430, 600])
+        self.whole.setSizes([470, 600])
+        self.whole.setCollapsible(0, False)
         self.whole.setStretchFactor(1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2, 2, 2, 2)
@@ -180,8 +188,13 @@ class PanelLayout(QWidget):
             layout.addWidget(bar)
         layout.addWidget(self.whole, 1)
         layout.addWidget(self.empty, 1)
-        layout.addWidget(self.progress)
-        layout.addWidget(self.message)
+        # Two lines for what is told, with the progress beside: where they came and went the images would jump
+        self.message.setMinimumHeight(2 * self.message.fontMetrics().lineSpacing())
+        self.progress.setMaximumWidth(150)
+        bottom = QHBoxLayout()
+        bottom.addWidget(self.message, 1)
+        bottom.addWidget(self.progress)
+        layout.addLayout(bottom)
 
     def action_of(self, event: QKeyEvent) -> QAction | None:
         """Return the action whose keys are pressed, None for none that can be done now."""

@@ -16,12 +16,13 @@ from ..translation import tr
 
 SUSPICIOUS = QColor(215, 25, 28)
 FAINT = QColor(130, 130, 130)
+RIGHT = 0x82  #: AlignRight | AlignVCenter as a number: Qt 5 wants one here, and flags of Qt 6 are none
 _NOWHERE = QModelIndex()
 
 
 def format_number(value: float, digits: int) -> str:
     """Return a number for a cell, nothing where there is none."""
-    return "" if math.isnan(value) else f"{value:.{digits}f}"
+    return "" if math.isnan(value) else f"{value:z.{digits}f}"
 
 
 def number_of(text: Any) -> float:
@@ -63,6 +64,8 @@ class RowsModel(QAbstractTableModel):
         row, title = self.rows[index.row()], self.titles[index.column()]
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
             return self.text(row, title)
+        if role == Qt.ItemDataRole.TextAlignmentRole and _sort_key(self.text(row, title))[0] >= 0.0:
+            return RIGHT
         if role == Qt.ItemDataRole.ForegroundRole:
             return SUSPICIOUS if row.suspicion else self.colour(row)
         if role == Qt.ItemDataRole.DecorationRole and row.suspicion and index.column() == 0:

@@ -67,7 +67,7 @@ class PointSession:
         self._shown_from = self._adjusted_from
         self._stale: set[Key] = set()  # measurements that are others than those shown
         self._predicted: dict[str, dict[str, tuple[float, float]]] = {}  # by image and point, made when asked for
-        self._shifts: dict[str, np.ndarray] = {}  # by image, made when asked for
+        self._shifts: dict[str, np.ndarray] | None = None  # by image, made when asked for
 
     @property
     def changed(self) -> bool:
@@ -157,25 +157,37 @@ class PointSession:
     def project(self, image_id: str, ground: np.ndarray) -> np.ndarray:
         """Return where an image sees ground points ``(n, 3)``.
 
-        By the last adjustment, else by the image's own RPC with the shift that was measured on it so far.
+        By the last adjustment, else by the image's own RPC; without an adjusted GCP with the shift that was measured.
         """
+        if self._shifts is None:
+            self._shifts = self._estimate_shifts()
+        return self._project_by_camera(image_id, ground) + self._shifts.get(image_id, 0.0)
+
+    def _project_by_camera(self, image_id: str, ground: np.ndarray) -> np.ndarray:
         image = self.images[image_id]
         if self.shown is not None and image_id in self.shown.corrections:
             return self.shown.model.project(image, self.shown.corrections[image_id], ground)
-        return image.rpc.project(ground) + self._estimate_shift(image_id)
+        return image.rpc.project(ground)
 
-    def _estimate_shift(self, image_id: str) -> np.ndarray:
-        """Return the median offset (px) of an image's measured surveyed points from its own RPC ``(2,)``, else 0."""
-        if image_id not in self._shifts:
-            surveyed = [
-                (measured.sample, measured.line, point.lon, point.lat, point.height)
-                for (name, image), measured in self.measured.items()
-                if image == image_id and (point := self.points[name]).role in ROLES[:2]
-            ]
-            known = np.array(surveyed).reshape(-1, 5)
-            off = known[:, :2] - self.images[image_id].rpc.project(known[:, 2:])
-            self._shifts[image_id] = np.median(off, axis=0) if len(off) else np.zeros(2)
-        return self._shifts[image_id]
+    def _estimate_shifts(self) -> dict[str, np.ndarray]:
+        """Return the median offset (px) of measured surveyed points from their image's camera ``(2,)``, by image.
+
+        Only of images whose camera follows no GCP yet: check points move none.
+        """
+        surveyed: dict[str, list[list[float]]] = {}
+        followed = set[str]()
+        for (name, image_id), measured in self.measured.items():
+            point = self.points[name]
+            if point.role in ROLES[:2]:
+                place = [measured.sample, measured.line, point.lon, point.lat, point.height]
+                surveyed.setdefault(image_id, []).append(place)
+                if point.role == ROLES[0] and self.shown is not None and (name, image_id) not in self._stale:
+                    followed.add(image_id)
+        known = {image_id: np.array(rows) for image_id, rows in surveyed.items() if image_id not in followed}
+        return {
+            image_id: np.median(rows[:, :2] - self._project_by_camera(image_id, rows[:, 2:]), axis=0)
+            for image_id, rows in known.items()
+        }
 
     def is_located(self, image_id: str) -> bool:
         """Whether anything measured on an image tells how far its RPC is off."""
@@ -331,6 +343,7 @@ class PointSession:
     def _show(self, shown: CurrentView, seen: Snapshot, stale: set[Key]) -> None:
         self.shown, self._shown_from, self._stale = shown, seen, stale
         self._predicted.clear()
+        self._shifts = None
 
     def _set_point(self, title: str, point: SurveyPoint) -> None:
         self._edit(title, points={name: point if name == point.id else old for name, old in self.points.items()})
@@ -357,9 +370,9 @@ class PointSession:
         if change.points is not None:
             self.points = dict(change.points)
             self._predicted.clear()
-        self._shifts.clear()
-        if self.shown is None:
-            self._predicted.clear()
+        self._shifts = None
+        for image_id in {image for _, image in change.measured}:
+            self._predicted.pop(image_id, None)
         self.on_change(change)
 
     def _point(self, name: str) -> SurveyPoint:

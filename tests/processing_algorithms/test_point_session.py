@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import (
@@ -385,3 +386,32 @@ def test_without_known_points_the_ground_is_where_the_adjusted_ties_are(session:
     assert alone.middle_height_m() == pytest.approx(float(np.median(known)), abs=30.0)  # free: as the RPCs have it
     assert abs(rpc_m - float(np.median(known))) > 60.0
     assert known.min() - 30.0 < alone.ground_heights_m().min() < alone.ground_heights_m().max() < known.max() + 30.0
+
+
+@pytest.mark.parametrize("roles", [("gcp",), ("check",), ("check", "gcp")])
+def test_first_measurement_takes_the_shift_over(session: PointSession, roles: tuple[str, ...]) -> None:
+    """RPCs off by 80 px: from the first measurement of an image on, adjusted or not, its next points are found."""
+    truth, session.measured = dict(session.measured), {}
+    for number, (name, image) in enumerate(session.images.items()):
+        off = (80.0, -57.0, 0.0)[number], -57.0
+        rpc = replace(image.rpc, samp_off=image.rpc.samp_off + off[0], line_off=image.rpc.line_off + off[1])
+        session.images[name] = replace(image, rpc=rpc)
+    names = [name for name in session.points if all((name, image) in truth for image in session.images)]
+    for name in names:
+        session.set_role(name, roles[min(names.index(name), len(roles) - 1)])
+
+    def distance_px(name: str, image: str) -> float:
+        wanted = truth[(name, image)]
+        return math.dist(session.predict_place(name, image), (wanted.sample, wanted.line))
+
+    assert min(distance_px(names[1], image) for image in session.images) > 50.0
+    for name in names[:2]:
+        for image in session.images:
+            session.set_measurement(name, image, truth[(name, image)])
+            assert session.is_located(image)
+            assert distance_px(names[2], image) < 3.0  # the block's own scatter and drifts
+            try:
+                session.accept(adjust_block(block_of(session), "shift"))
+            except HrsiError:  # too little is measured yet
+                continue
+            assert distance_px(names[2], image) < 3.0
