@@ -16,7 +16,7 @@ from ..translation import tr
 
 SUSPICIOUS = QColor(215, 25, 28)
 FAINT = QColor(130, 130, 130)
-RIGHT = 0x82  #: AlignRight | AlignVCenter as a number: Qt 5 wants one here, and flags of Qt 6 are none
+NUMBER_ALIGNMENT = 0x82  #: AlignRight | AlignVCenter as a number: Qt 5 wants one here, and flags of Qt 6 are none
 _NOWHERE = QModelIndex()
 
 
@@ -65,7 +65,7 @@ class RowsModel(QAbstractTableModel):
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
             return self.text(row, title)
         if role == Qt.ItemDataRole.TextAlignmentRole and _sort_key(self.text(row, title))[0] >= 0.0:
-            return RIGHT
+            return NUMBER_ALIGNMENT
         if role == Qt.ItemDataRole.ForegroundRole:
             return SUSPICIOUS if row.suspicion else self.colour(row)
         if role == Qt.ItemDataRole.DecorationRole and row.suspicion and index.column() == 0:
