@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ..hrsi_engine.camera.linescan import LinescanCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
+from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from ..hrsi_engine.io.exact_cameras import read_exact_camera
 from ..hrsi_engine.io.output_dir import require_plain_name
-from ..hrsi_engine.io.point_files.find import read_correspondences
+from ..hrsi_engine.io.point_files.find import Correspondences, read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
 from .declarations.rpcs import FitRpcOptions
 from .files.result_folder import check_folder, plan_folder, stage_results
@@ -35,7 +38,10 @@ SEED = 1  # of the choice of check points: the same ones every time
 def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     check_folder(options.folder, context)
-    table = read_correspondences(options.points, ground_crs=options.ground_crs, height_datum=options.height_datum)
+    camera = None if isinstance(options.points, InMemory) else read_exact_camera(options.points)
+    table = _sample_camera(camera, options) if camera is not None else read_correspondences(
+        options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
+    )  # fmt: skip
     require_strict_datums(table.operations, options.strict_datum)
     require_plain_name(options.id or "rpc", "the id")
     stem = "rpc" if isinstance(options.points, InMemory) else Path(options.points.partition("|")[0]).stem
@@ -60,7 +66,8 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         warnings.append(f"too few points to keep some for a check: give at least {FIT_CHECK.fewest_points}")
     if fit.max_px > FIT_CHECK.bad_fit_px:
         told = f"the RPC fits its points to {fit.max_px:.3g} px only"
-        warnings.append(f"{told}: check them for mistakes and points given twice")
+        cause = "check them for mistakes and points given twice" if camera is None else "fit parts of the image"
+        warnings.append(f"{told}: {cause}")
     warnings += extrapolation_warnings(wanted, (low, high))
     report: Report = {
         **context.record, "output": str(Path(options.folder.output_dir) / name),
@@ -75,6 +82,21 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)
     return report
+
+
+def _sample_camera(camera: LinescanCamera, options: FitRpcOptions) -> Correspondences:
+    """Return correspondences of an exact camera between the heights of the options, else those that it states."""
+    low, high = camera.heights_m or (None, None)
+    low = low if options.min_height is None else options.min_height
+    high = high if options.max_height is None else options.max_height
+    if low is None or high is None or high <= low:
+        raise InputError(
+            f"{options.points}: its camera needs heights to fit between: give `min_height` and `max_height`"
+        )
+    ground, image = camera.sample_correspondences(low, high)
+    if not np.isfinite(ground).all():
+        raise InputError(f"{options.points}: rays of its camera miss the Earth: the file is damaged, get it again")
+    return Correspondences(ground, image, ())
 
 
 def summarise(report: Report) -> str:

@@ -153,7 +153,7 @@ def summarise(report: Report) -> str:
     views = report.get("perspective", {}).values()
     if views:
         worst = (max(view[key] for view in views) for key in ("rms_px", "max_px"))
-        lines.append("perspective cameras: off the RPCs by {:.3f} px (RMS), {:.3f} px at most".format(*worst))
+        lines.append("perspective cameras: differ from the RPCs by {:.3f} px (RMS), {:.3f} px at most".format(*worst))
     lines += [f"warning: {text}" for text in report["warnings"]]
     commands = [f"then type:  {' && '.join(report['commands'])}"] if len(report["commands"]) > 1 else []
     return "\n".join([*lines, *commands, f"result:  {report['expected']}"])

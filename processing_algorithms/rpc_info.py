@@ -11,6 +11,7 @@ from ..hrsi_engine.ground.crs_operations import operations_of
 from ..hrsi_engine.ground.geodesy import WGS84
 from ..hrsi_engine.ground.geoids import how_to_get_grids
 from ..hrsi_engine.ground.operation_uses import CrsOperation, OperationUse
+from ..hrsi_engine.io.exact_cameras import find_exact_camera
 from ..hrsi_engine.io.geopackage.declared_layers import PairRows, ViewRows
 from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.rasters.images import resampling_doubt
@@ -66,7 +67,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         "crs_operations": _list_operations(options.crs, views),
         "warnings": warnings,
     }  # fmt: skip
-    left_out = ("footprint", "rpc_ignored")
+    left_out = ("footprint", "rpc_ignored", "exact_camera")
     rows = [
         {"id": key} | {name: value for name, value in entry.items() if name not in left_out}
         for key, entry in report["images"].items()
@@ -115,6 +116,7 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
     found = read_rpc(path) if path else FoundRpc(rpc, "in memory")
     lon, lat, height = geometry.centre.tolist()
     sun = read_sun(path, rpc) if path else None
+    exact = find_exact_camera(path, view.image.size) if path else None
     return {
         "path": view.image.path,
         "rpc_source": found.source,
@@ -129,6 +131,7 @@ def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
         "sun_source": "" if sun is None else sun.source,
         "rpc_height_min_m": rpc.height_range[0], "rpc_height_max_m": rpc.height_range[1],
         "err_bias_m": rpc.err_bias, "err_rand_m": rpc.err_rand,
+        "exact_camera": exact and {"source": exact.source, **exact.compare_rpc(rpc, *rpc.height_range)},
         "footprint": geometry.footprint.tolist(),
     }  # fmt: skip
 
@@ -142,6 +145,12 @@ def summarise(report: Report) -> str:
         f"{image['incidence_deg']:7.1f} deg {image['azimuth_deg']:6.0f} deg "
         f"{image['lon']:10.5f} {image['lat']:10.5f} {image['height_m']:6.0f} m"
         for name, image in report["images"].items()
+    ]
+    lines += [
+        f"{name}: its RPC differs from its exact camera ({exact['source']}) by {exact['rms_px']:.3f} px (RMS), "
+        f"{exact['max_px']:.3f} px at most; in the mean {exact['mean_sample_px']:+.3f}, {exact['mean_line_px']:+.3f} px"
+        for name, image in report["images"].items()
+        if (exact := image["exact_camera"])
     ]
     if report["pairs"]:
         lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]

@@ -351,7 +351,10 @@ LOCALIZE = Algorithm(
 class FitRpcOptions:
     """What `fit-rpc` takes."""
 
-    points: str = option(help="Table of correspondences: a CSV or vector layer", kind=Kind.POINTS, metavar=POINTS)
+    points: str = option(
+        help="Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and "
+        "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner", kind=Kind.POINTS, metavar=POINTS,
+    )  # fmt: skip
     ground_crs: str | None = ground_crs_option()
     height_datum: str = height_datum_option()
     strict_datum: bool = strict_datum_option()
@@ -360,12 +363,10 @@ class FitRpcOptions:
         False, "One denominator for sample and line (less accurate, easier to correct later)"
     )
     min_height: float | None = option(
-        None, "Lowest height at which the RPC will be used; a warning is given for extrapolation", unit="m", metavar="M"
+        None, "Lowest height at which the RPC will be used; exact cameras are sampled from there", unit="m", metavar="M"
     )
     max_height: float | None = option(
-        None,
-        "Highest height at which the RPC will be used; a warning is given for extrapolation",
-        unit="m",
+        None, "Highest height at which the RPC will be used; a warning is given for extrapolation", unit="m",
         metavar="M",
     )
     folder: ResultFolder = nest_options(ResultFolder)
@@ -380,7 +381,9 @@ FIT_RPC = Algorithm(
         "model, and writes it as _RPC.TXT. The table has lon, lat, height (or x, y, z with `ground_crs`, or point "
         "geometry), sample and line; sample 0, line 0 is the CENTRE of the first pixel. For a check, the fit is "
         "repeated without every fifth point, and the differences there are reported. A full RPC needs at least 45 "
-        "points, spread over the image and at several heights; with fewer points only its lower terms are estimated."
+        "points, spread over the image and at several heights; with fewer points only its lower terms are estimated. "
+        "`points` may also be a file with ephemeris, attitude and detectors: the RPC is then fitted to its exact "
+        "camera, between `min_height` and `max_height`, which may be missing for an ISD file that has an RPC."
     ),
     options=FitRpcOptions,
     examples=(

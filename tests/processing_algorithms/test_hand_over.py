@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.ground.sun import SunAngles
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.projects import PROJECT_PLANNERS
-from hrsi.hrsi_engine.io.projects.colmap import PerspectiveView, write_sheared
+from hrsi.hrsi_engine.io.projects.colmap import PerspectiveView, write_shear
 from hrsi.hrsi_engine.io.projects.views import CropView
 from hrsi.hrsi_engine.io.rasters.cropping import CropWindow
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
@@ -319,7 +319,7 @@ def test_images_of_a_skewed_camera_are_sheared(block):
     shown = Image("ramp", rpc, (200, 100), str(path), ArrayRaster(ramp))
     left = np.floor(camera.shear_points(np.array([[-0.5, 99.5], [-0.5, -0.5]]))[:, 0].min())
     view = CropView(shown, rpc, CropWindow((0, 0, 200, 100), (200, 100)), np.zeros((0, 2)), np.zeros(0, int))
-    write_sheared(PerspectiveView(view, camera.begin_at(left), (210, 100), (0.0, 0.0)), str(block / "ramp.png"))
+    write_shear(PerspectiveView(view, camera.begin_at(left), (210, 100), (0.0, 0.0)), str(block / "ramp.png"))
     grey = gdal.Open(str(block / "ramp.png")).ReadAsArray()
     low, high = np.percentile(ramp, OPEN_IMAGES.stretch_percent)
     for line in (5, 50, 94):

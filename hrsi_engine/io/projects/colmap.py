@@ -45,7 +45,7 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
     frame = LocalFrame(*volume.mean(axis=0).tolist())
     views = [_approximate(view, volume, frame) for view in find_views(project)]
     local = frame.from_ground(project.points.ground)
-    files: dict[str, FileContent] = {f"{one.view.image.id}.png": partial(write_sheared, one) for one in views}
+    files: dict[str, FileContent] = {f"{one.view.image.id}.png": partial(write_shear, one) for one in views}
     cameras, images, tracks = [], [], dict[int, list[str]]()
     misses: dict[int, list[float]] = {}
     for number, (view, camera, size, _) in enumerate(views, 1):
@@ -107,7 +107,7 @@ def _approximate(view: CropView, volume: np.ndarray, frame: LocalFrame) -> Persp
     return PerspectiveView(view, camera.begin_at(left), (right - left, height), error)
 
 
-def write_sheared(one: PerspectiveView, path: str) -> None:
+def write_shear(one: PerspectiveView, path: str) -> None:
     """Write a view's pixels, sheared and stretched to 8 bit, as PNG."""
     (width, height), shear = one.size, one.camera.shear
     source = open_window(one.view.image.path, one.view.window, "cubic")

@@ -1,0 +1,186 @@
+"""Exact pushbroom cameras as vendors and other programs keep them; each is known by its content.
+
+* ISD XML of WorldView, GeoEye and QuickBird, basic images (LV1): EPH and ATT at equal steps of time, with x, y, z, w of
+  the quaternion from the camera's body, line times (TLC), principal distance and the place of the detectors in mm. The
+  detectors lie along the camera's y axis against the samples, the flight along x. (ISD documentation, Maxar.)
+* DIMAP V1 of SPOT 5: Ephemeris, Corrected_Attitudes, a look angle of each detector. Positions are interpolated over
+  eight points, attitudes linearly; lines and detectors are counted from 1. (SPOT 123-4-5 Geometry Handbook,
+  GAEL-P135-DOC-001, equations 5 to 11.)
+* CSM states of the USGS line scanner, ASP's adjusted ones among them: JSON behind the model's name. Pixels count from
+  the corner. (DOI-USGS/usgscsm, ``UsgsAstroLsSensorModel``.)
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+from xml.etree.ElementTree import Element  # nosec B405: parsed by `read_xml`
+
+import numpy as np
+from scipy.interpolate import BarycentricInterpolator, CubicSpline
+from scipy.spatial.transform import Rotation
+
+from ..camera.linescan import LinescanCamera
+from ..foundation.errors import InputError
+from .rpc_files.content import element_text, read_bytes, read_head, read_xml
+from .rpc_files.find import side_files
+
+_CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
+_HANDBOOK_POINTS = 8
+
+
+def read_exact_camera(path: str) -> LinescanCamera | None:
+    """Return the exact camera that a file holds, None where it holds none; raise `InputError` where it is damaged."""
+    try:
+        head = read_head(path)
+    except InputError:
+        return None
+    reader = next((read for mark, read in _READERS if mark in head), None)
+    if reader is None:
+        return None
+    try:
+        return reader(path)
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
+        raise InputError(f"{path}: its ephemeris, attitude or detectors are damaged ({error}): get it again") from None
+
+
+def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:
+    """Return the exact camera of a whole image: in its own file, or in one that has its RPC beside it."""
+    files = [path, *(file for beside in side_files(path).values() for file in beside)]
+    cameras = (read_exact_camera(file) for file in files if file.lower().endswith(".xml"))
+    return next((camera for camera in cameras if camera is not None and size in (None, camera.size)), None)
+
+
+def _require(root: Element, name: str) -> str:
+    text = element_text(root, name)
+    if text is None:
+        raise ValueError(f"{name} is missing")
+    return text
+
+
+def _seconds(text: str) -> float:
+    return datetime.fromisoformat(text.strip().replace("Z", "+00:00")).replace(tzinfo=UTC).timestamp()
+
+
+def _numbers(root: Element, name: str) -> np.ndarray:
+    return np.array([[float(word) for word in (element.text or "").split()] for element in root.iter(name)])
+
+
+def _turn(times: np.ndarray, quaternions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the rotation at any time, between quaternions ``(n, 4)`` with the scalar last."""
+    same = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # q and -q are one
+    between = CubicSpline(times, quaternions * same[:, None])
+    return lambda time: Rotation.from_quat(between(time)).as_matrix()
+
+
+def _read_isd(path: str) -> LinescanCamera | None:
+    root = read_xml(path)
+    eph, att, geo, image = (next(root.iter(name), None) for name in ("EPH", "ATT", "GEO", "IMAGE"))
+    if eph is None or att is None or geo is None or image is None or not (
+        element_text(root, "PRODUCTLEVEL") or ""
+    ).startswith("LV1"):  # fmt: skip
+        return None  # an RPC alone, or an image that is no longer in the camera's geometry
+    if float(element_text(geo, "POLYORDER") or -1) >= 0:
+        raise InputError(f"{path}: tells of optical distortion, which is not read: use its RPC")
+    positions, quaternions = _numbers(eph, "EPHEMLIST"), _numbers(att, "ATTLIST")
+    times, turns = (
+        _seconds(_require(part, "STARTTIME")) + float(_require(part, "TIMEINTERVAL")) * np.arange(len(rows))
+        for part, rows in ((eph, positions), (att, quaternions))
+    )
+    lines = _numbers(image, "TLCLIST")
+    lines[:, 1] += _seconds(_require(image, "TLCTIME"))
+    x, y, pitch, distance, angle = (
+        float(_require(geo, name)) for name in ("DETORIGINX", "DETORIGINY", "DETPITCH", "PD", "DETROTANGLE")
+    )
+    mounting = Rotation.from_quat([float(_require(geo, f"QCS{number}")) for number in (1, 2, 3, 4)])
+    along = np.array([np.sin(np.radians(angle)), -np.cos(np.radians(angle)), 0.0]) * pitch
+    rpc = next(root.iter("RPB"), None)
+    middle, half = (0.0 if rpc is None else float(_require(rpc, name)) for name in ("HEIGHTOFFSET", "HEIGHTSCALE"))
+    return LinescanCamera(
+        "ISD ephemeris and attitude",
+        (int(_require(root, "NUMCOLUMNS")), int(_require(root, "NUMROWS"))), lines,
+        CubicSpline(times, positions[:, 1:4]), CubicSpline(times, positions[:, 4:7]), _turn(turns, quaternions[:, 1:5]),
+        lambda sample: mounting.apply(np.array([x, y, distance]) + sample[:, None] * along), True,
+        None if rpc is None else (middle - half, middle + half),
+    )  # fmt: skip
+
+
+def _read_dimap(path: str) -> LinescanCamera | None:
+    root = read_xml(path)
+    points, angles = [*root.iter("Point")], [*next(root.iter("Corrected_Attitudes")).iter("Angles")]
+    times = np.array([_seconds(_require(point, "TIME")) for point in points])
+    positions, velocities = (
+        np.array([[float(_require(next(point.iter(part)), axis)) for axis in "XYZ"] for point in points])
+        for part in ("Location", "Velocity")
+    )
+    period, middle = float(_require(root, "LINE_PERIOD")), _seconds(_require(root, "SCENE_CENTER_TIME"))
+    first = middle + period * (1.0 - float(_require(root, "SCENE_CENTER_LINE")))
+    size = int(_require(root, "NCOLS")), int(_require(root, "NROWS"))
+    near = np.sort(np.argsort(np.abs(times - middle))[:_HANDBOOK_POINTS])
+    position, velocity = (BarycentricInterpolator(times[near] - middle, rows[near]) for rows in (positions, velocities))
+    turn_times = np.array([_seconds(_require(one, "TIME")) for one in angles])
+    turns = np.array([[float(_require(one, name)) for name in ("YAW", "PITCH", "ROLL")] for one in angles])
+    psi = np.array([[float(_require(one, name)) for name in ("PSI_X", "PSI_Y")] for one in root.iter("Look_Angles")])
+    tangents, detectors = np.tan(psi), np.arange(len(psi), dtype=np.float64)
+
+    def attitude(time: np.ndarray) -> np.ndarray:
+        yaw, pitch, roll = (np.interp(time, turn_times, column) for column in turns.T)
+        place = position(time - middle)
+        z = place / np.linalg.norm(place, axis=1)[:, None]
+        x = np.cross(velocity(time - middle), z)
+        x /= np.linalg.norm(x, axis=1)[:, None]
+        # pitch about x and roll about y are counted against the right hand, yaw with it
+        turn = Rotation.from_euler("XYZ", np.column_stack([-pitch, -roll, yaw])).as_matrix()
+        return np.asarray(np.stack([x, np.cross(z, x), z], axis=2) @ turn)
+
+    def look(sample: np.ndarray) -> np.ndarray:
+        tan_x, tan_y = (np.interp(sample, detectors, column) for column in tangents.T)
+        return np.column_stack([-tan_y, tan_x, -np.ones(len(sample))])
+
+    return LinescanCamera(
+        "DIMAP V1 ephemeris and attitudes", size,
+        np.array([[0.0, first], [size[1], first + period * size[1]]]),  # far apart: seconds since 1970 have 2e-7 s
+        lambda time: np.asarray(position(time - middle)), lambda time: np.asarray(velocity(time - middle)), attitude,
+        look, False,
+    )  # fmt: skip
+
+
+def _read_csm(path: str) -> LinescanCamera | None:
+    name, _, body = read_bytes(path).decode("utf-8").partition("{")
+    state: dict[str, Any] = json.loads("{" + body)
+    model = name.strip() or str(state.get("m_modelName"))
+    if model != _CSM_LINE_SCANNER:
+        raise InputError(f"{path}: is a CSM state of {model[:60]}: only that of {_CSM_LINE_SCANNER} is read")
+    if np.any(state["m_currentParameterValue"]) or np.any(state["m_opticalDistCoeffs"]):
+        raise InputError(f"{path}: has corrections or lens distortion beside its poses, which are not read: write "
+                         "them into positions and quaternions (ASP: bundle_adjust, jitter_solve)")  # fmt: skip
+    positions, velocities = (np.reshape(state[key], (-1, 3)) for key in ("m_positions", "m_velocities"))
+    quaternions = np.reshape(state["m_quaternions"], (-1, 4))
+    times = state["m_t0Ephem"] + state["m_dtEphem"] * np.arange(len(positions))
+    turns = state["m_t0Quat"] + state["m_dtQuat"] * np.arange(len(quaternions))
+    lines = np.column_stack([np.array(state["m_intTimeLines"]) - 1.0, state["m_intTimeStartTimes"]])
+    lines = np.vstack([lines, lines[-1] + [1.0, state["m_intTimes"][-1]]])
+    to_detector = np.array([state["m_iTransS"], state["m_iTransL"]])
+    origin = np.array([state["m_detectorSampleOrigin"], state["m_detectorLineOrigin"]]) + to_detector[:, 0]
+    focal = np.array([state["m_zDirection"], state["m_zDirection"], state["m_focalLength"]])
+
+    def look(sample: np.ndarray) -> np.ndarray:
+        detector = np.column_stack([
+            (sample + 0.5) * state["m_detectorSampleSumming"] + state["m_startingDetectorSample"],
+            np.full(len(sample), state["m_startingDetectorLine"]),
+        ])  # fmt: skip
+        plane = np.linalg.solve(to_detector[:, 1:], (detector - origin).T).T
+        return -np.column_stack([plane, np.ones(len(sample))]) * focal
+
+    return LinescanCamera(
+        "CSM state", (state["m_nSamples"], state["m_nLines"]), lines, CubicSpline(times, positions),
+        CubicSpline(times, velocities), _turn(turns, quaternions), look, False,
+    )  # fmt: skip
+
+
+_READERS: tuple[tuple[bytes, Callable[[str], LinescanCamera | None]], ...] = (
+    (b"<EPHEMLIST", _read_isd), (b"<Corrected_Attitudes", _read_dimap), (b'"m_quaternions"', _read_csm),
+    (b"USGS_ASTRO_", _read_csm),
+)  # fmt: skip
