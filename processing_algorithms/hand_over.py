@@ -9,7 +9,7 @@ import numpy as np
 from shapely.geometry import box
 from shapely.ops import unary_union
 
-from ..hrsi_engine.block.block import GroundPoints, Image
+from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.block.imaging_geometry import ViewDirection, compute_all_pairs, intersect_footprints
 from ..hrsi_engine.block.stereo_pairs import StereoPair, choose_stereo_pairs
 from ..hrsi_engine.foundation.errors import InputError
@@ -25,7 +25,6 @@ from ..hrsi_engine.io.projects import PROJECT_PLANNERS, BlockProject
 from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from ..hrsi_engine.io.rpc_files import read_rpc
 from ..hrsi_engine.ortho.point_surface import surface_of_points
-from ..hrsi_engine.surface.dem import HeightSurface
 from .block_steps.inputs import open_block_images
 from .declarations.rpcs import HandOverOptions
 from .files.opening import dem_surface
@@ -41,15 +40,18 @@ def run(options: HandOverOptions, context: Context) -> Report:
     images = [_use_refined_rpc(image, told, options.result) for image in open_block_images(record)]
     known = read_table(record.layer("ground_points"))
     points, surveyed = (interpret(known, Reference(adjusted=adjusted), ()).ground for adjusted in (True, False))
-    surface = _find_surface(points, options)
+    if points is None:
+        raise InputError(f"{options.result}: has no adjusted points: adjust the block again")
+    dem = dem_surface(options.dem, options.height_datum)
+    surface = surface_of_points(points.ground, points.sigma_m[:, 1])[0] if dem is None else dem
     views = [ViewDirection(image, surface) for image in images]
     geometries = {view.image.id: view.geometry() for view in views}
     advance(context.progress, 0.3, "pairs")
     suns = {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images}
     times = {image.id: read_time(image.path) for image in images}
     measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
-    if measured is None or points is None:
-        raise InputError(f"{options.result}: has no adjusted points: adjust the block again")
+    if measured is None:
+        raise InputError(f"{options.result}: has no image points: adjust the block again")
     ties = {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
     pairs = choose_stereo_pairs(
         compute_all_pairs(views), {name: view.incidence_deg for name, view in geometries.items()},
@@ -105,16 +107,6 @@ def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Imag
             f"{folder}: contains no refined RPC of {image.id}: adjust the block again and let it be written"
         )
     return replace(image, rpc=read_rpc(found).rpc)
-
-
-def _find_surface(points: GroundPoints | None, options: HandOverOptions) -> HeightSurface:
-    """Return the ground: the DEM of the options, else a surface through the adjusted points."""
-    dem = dem_surface(options.dem, options.height_datum)
-    if dem is not None:
-        return dem
-    if points is None:
-        raise InputError(f"{options.result}: has no adjusted points for a terrain model: give `dem`")
-    return surface_of_points(points.ground, points.sigma_m[:, 1])[0]
 
 
 def _pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:

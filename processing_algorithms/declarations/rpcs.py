@@ -366,7 +366,9 @@ class FitRpcOptions:
         None, "Lowest height at which the RPC will be used; exact cameras are sampled from there", unit="m", metavar="M"
     )
     max_height: float | None = option(
-        None, "Highest height at which the RPC will be used; a warning is given for extrapolation", unit="m",
+        None,
+        "Highest height at which the RPC will be used; a warning is given for extrapolation",
+        unit="m",
         metavar="M",
     )
     folder: ResultFolder = nest_options(ResultFolder)

@@ -21,7 +21,8 @@ def plan_cars_project(project: BlockProject) -> PlannedProject:
         "initial_elevation": {"dem": DEM_FILE, "geoid": None},
     }
     if not project.whole:
-        inputs["roi"] = project.geojson
+        feature = {"type": "Feature", "properties": {}, "geometry": project.outline}
+        inputs["roi"] = {"type": "FeatureCollection", "features": [feature]}
     output = {"directory": "out", "epsg": project.epsg, "geoid": False}
     files[DEM_FILE] = partial(write_initial_dem, project)
     files[_FILE] = json_text({"input": inputs, "output": output}, indent=1) + "\n"

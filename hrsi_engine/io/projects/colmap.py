@@ -23,7 +23,6 @@ from ...foundation.json_values import json_text
 from ...ground.geodesy import LocalFrame
 from ..opening.datasets import config_option, gdal_messages
 from ..rasters.cropping import open_window
-from ..rasters.images import OPEN_IMAGES
 from .project import PROJECTS, BlockProject, FileContent, PlannedProject
 from .views import CropView, find_views, sample_volume
 
@@ -46,8 +45,7 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
     views = [_approximate(view, volume, frame) for view in find_views(project)]
     local = frame.from_ground(project.points.ground)
     files: dict[str, FileContent] = {f"{one.view.image.id}.png": partial(write_shear, one) for one in views}
-    cameras, images, tracks = [], [], dict[int, list[str]]()
-    misses: dict[int, list[float]] = {}
+    cameras, images, tracks, misses = list[str](), list[str](), dict[int, list[str]](), dict[int, list[float]]()
     for number, (view, camera, size, _) in enumerate(views, 1):
         xy = camera.shear_points(view.xy)
         miss = np.hypot(*(camera.project(local[view.point]) - xy).T)
@@ -113,12 +111,11 @@ def write_shear(one: PerspectiveView, path: str) -> None:
     source = open_window(one.view.image.path, one.view.window, "cubic")
     bands = [1, 2, 3] if source.RasterCount >= 3 else [1]
     shown = one.view.image.pixels.read(*one.view.window.bounds)
-    low, high = np.percentile(shown[0][shown[1]], OPEN_IMAGES.stretch_percent) if shown[1].any() else (0.0, 1.0)
+    low, high = np.percentile(shown[0][shown[1]], PROJECTS.stretch_percent) if shown[1].any() else (0.0, 1.0)
     made = None
     with gdal_messages() as messages, config_option("GDAL_PAM_ENABLED", "NO"):
-        source.SetGeoTransform(
-            (shear * (one.camera.principal[1] + _CORNER) - one.camera.left, 1.0, -shear, 0.0, 0.0, -1.0)
-        )
+        begin = shear * (one.camera.principal[1] + _CORNER) - one.camera.left
+        source.SetGeoTransform((begin, 1.0, -shear, 0.0, 0.0, -1.0))
         stretched = gdal.Translate(
             "", source, format="VRT", bandList=bands, outputType=gdal.GDT_Byte,
             scaleParams=[[float(low), float(high), 0.0, 255.0]] * len(bands),

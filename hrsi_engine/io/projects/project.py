@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from shapely.geometry import Polygon
 
 from ...block.block import GroundPoints, Image, ImagePoints
 from ...block.stereo_pairs import StereoPair
-from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import WGS84, metres_per_degree
@@ -45,6 +43,7 @@ class PROJECTS:
     dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
     outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
     held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
+    stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values, shown from black to white")
     volume_layers: int = threshold(5, "layers", "of points between the lowest and the highest height of the volume")
     perspective_px: float = threshold(
         0.5,
@@ -102,10 +101,6 @@ class BlockProject:
     surveyed: GroundPoints
     measured: ImagePoints
 
-    def image(self, name: str) -> Image:
-        """Return the image of an id."""
-        return next(image for image in self.images if image.id == name)
-
     @property
     def paired(self) -> tuple[Image, ...]:
         """The images that are part of a stereo pair."""
@@ -116,12 +111,6 @@ class BlockProject:
     def outline(self) -> dict[str, object]:
         """The area as a GeoJSON geometry."""
         return {"type": "Polygon", "coordinates": [[list(corner) for corner in self.area.exterior.coords]]}
-
-    @property
-    def geojson(self) -> dict[str, object]:
-        """The area as a GeoJSON collection of one polygon."""
-        feature = {"type": "Feature", "properties": {}, "geometry": self.outline}
-        return {"type": "FeatureCollection", "features": [feature]}
 
 
 FileContent = str | Callable[[str], object]  # text, or what writes the file of a path
@@ -164,12 +153,8 @@ def plan_images(
         if image.raster is None:
             raise InputError(f"{image.id}: has no pixels, which dense matching needs: adjust the images, not RPC files")
         names[image.id] = f"{image.id}{suffix}"
-        files[names[image.id]] = partial(_write_image, write, image)
+        files[names[image.id]] = lambda target, image=image: write(image.path, target, image.rpc)
     return names, files
-
-
-def _write_image(write: Callable[[str, str, RPC], object], image: Image, target: str) -> None:
-    write(image.path, target, image.rpc)
 
 
 def find_window(image: Image, area: Polygon, surface: HeightSurface) -> tuple[int, int, int, int]:

@@ -15,15 +15,15 @@ _FILE, _RESULT = "s2p.json", "out/dsm.tif"
 
 def plan_s2p_project(project: BlockProject) -> PlannedProject:
     """Return the reference image, its partners, initial DEM and ``s2p.json``."""
-    score: Counter[str] = Counter()
+    images, score = {image.id: image for image in project.images}, Counter[str]()
     for pair in project.pairs:
         score.update({pair.left: pair.score, pair.right: pair.score})
     reference = max(score, key=lambda name: score[name])
     own = [pair for pair in project.pairs if reference in (pair.left, pair.right)]
     others = [pair.right if pair.left == reference else pair.left for pair in own]
     left_out = len(project.pairs) - len(own)
-    names, files = plan_images(project, [project.image(name) for name in (reference, *others)], project.copy)
-    x, y, w, h = find_window(project.image(reference), project.area, project.surface)
+    names, files = plan_images(project, [images[name] for name in (reference, *others)], project.copy)
+    x, y, w, h = find_window(images[reference], project.area, project.surface)
     configuration = {
         "out_dir": "out", "temporary_dir": "tmp", "images": [{"img": file} for file in names.values()],
         "roi": {"x": x, "y": y, "w": w, "h": h}, "exogenous_dem": DEM_FILE, "exogenous_dem_geoid_mode": False,
