@@ -1958,12 +1958,15 @@ def fit_rpc(
     ``ground_crs``, or point geometry), sample and line; sample 0, line 0 is the CENTRE of the first
     pixel. For a check, the fit is repeated without every fifth point, and the differences there are
     reported. A full RPC needs at least 45 points, spread over the image and at several heights; with
-    fewer points only its lower terms are estimated.
+    fewer points only its lower terms are estimated. ``points`` may also be a file with ephemeris,
+    attitude and detectors: the RPC is then fitted to its exact camera, between ``min_height`` and
+    ``max_height``, which may be missing for an ISD file that has an RPC.
 
     Parameters
     ----------
     points : path or table or array or GroundPoints or ImagePoints
-        Table of correspondences: a CSV or vector layer.
+        Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and
+        attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional
@@ -1977,7 +1980,7 @@ def fit_rpc(
     common_denominator : bool, optional
         One denominator for sample and line (less accurate, easier to correct later) (default no).
     min_height : float, optional
-        Lowest height at which the RPC will be used; a warning is given for extrapolation (unit m).
+        Lowest height at which the RPC will be used; exact cameras are sampled from there (unit m).
     max_height : float, optional
         Highest height at which the RPC will be used; a warning is given for extrapolation (unit m).
     output_dir : path, optional
