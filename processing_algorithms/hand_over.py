@@ -40,7 +40,8 @@ def run(options: HandOverOptions, context: Context) -> Report:
     images = [_use_refined_rpc(image, told, options.result) for image in open_block_images(record)]
     known = read_table(record.layer("ground_points"))
     points, surveyed = (interpret(known, Reference(adjusted=adjusted), ()).ground for adjusted in (True, False))
-    if points is None:
+    measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
+    if points is None or measured is None:
         raise InputError(f"{options.result}: has no adjusted points: adjust the block again")
     dem = dem_surface(options.dem, options.height_datum)
     surface = surface_of_points(points.ground, points.sigma_m[:, 1])[0] if dem is None else dem
@@ -49,9 +50,6 @@ def run(options: HandOverOptions, context: Context) -> Report:
     advance(context.progress, 0.3, "pairs")
     suns = {image.id: sun.angles if (sun := read_sun(image.path, image.rpc)) else None for image in images}
     times = {image.id: read_time(image.path) for image in images}
-    measured = read_points(record.layer("image_points"), image_ids=[image.id for image in images]).image
-    if measured is None:
-        raise InputError(f"{options.result}: has no image points: adjust the block again")
     ties = {image.id: set(measured.ids[measured.image_ids == image.id].tolist()) for image in images}
     pairs = choose_stereo_pairs(
         compute_all_pairs(views), {name: view.incidence_deg for name, view in geometries.items()},

@@ -83,7 +83,7 @@ def _read_isd(path: str) -> LinescanCamera | None:
     ).startswith("LV1"):  # fmt: skip
         return None  # an RPC alone, or an image that is no longer in the camera's geometry
     if float(element_text(geo, "POLYORDER") or -1) >= 0:
-        raise InputError(f"{path}: tells of optical distortion, which is not read: use its RPC")
+        raise InputError(f"{path}: has optical distortion, which is not read: use its RPC")
     positions, quaternions = _numbers(eph, "EPHEMLIST"), _numbers(att, "ATTLIST")
     times, turns = (
         _seconds(_require(part, "STARTTIME")) + float(_require(part, "TIMEINTERVAL")) * np.arange(len(rows))
@@ -154,8 +154,8 @@ def _read_csm(path: str) -> LinescanCamera | None:
     if model != _CSM_LINE_SCANNER:
         raise InputError(f"{path}: is a CSM state of {model[:60]}: only that of {_CSM_LINE_SCANNER} is read")
     if np.any(state["m_currentParameterValue"]) or np.any(state["m_opticalDistCoeffs"]):
-        raise InputError(f"{path}: has corrections or lens distortion beside its poses, which are not read: write "
-                         "them into positions and quaternions (ASP: bundle_adjust, jitter_solve)")  # fmt: skip
+        raise InputError(f"{path}: has corrections or lens distortion in addition to its poses, which are not read: "
+                         "write them into positions and quaternions (ASP: bundle_adjust, jitter_solve)")  # fmt: skip
     positions, velocities = (np.reshape(state[key], (-1, 3)) for key in ("m_positions", "m_velocities"))
     quaternions = np.reshape(state["m_quaternions"], (-1, 4))
     times = state["m_t0Ephem"] + state["m_dtEphem"] * np.arange(len(positions))
