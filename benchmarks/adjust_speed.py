@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment import Decision
 from hrsi.hrsi_engine.adjustment.outcome import assemble_adjustment
@@ -127,7 +128,7 @@ def print_models(folder: str, to_docs: bool) -> None:
         rows = models_table(best)
         print("\n".join(rows), flush=True)
     if to_docs:
-        page = Path(__file__).parents[1] / "docs" / "adjustment.md"
+        page = DOCS / "adjustment.md"
         text = page.read_text(encoding="utf-8")
         begin, end = text.index(MODELS_BEGIN) + len(MODELS_BEGIN), text.index(MODELS_END)
         page.write_text(text[:begin] + "\n" + "\n".join(rows) + "\n" + text[end:], encoding="utf-8")

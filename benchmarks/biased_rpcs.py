@@ -11,10 +11,10 @@ import argparse
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, judge
 from hrsi.hrsi_engine.block.block import Block
@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.results.verdict import Verdict
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "biased_rpcs.md"
+PAGE = DOCS / "biased_rpcs.md"
 #: Sensor, and its CE90 without ground control (`block.pointing`); of the wide-field camera, of its simulated errors.
 FIGURES_M = {
     "ikonos": 15.0,

@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hrsi.benchmarks import hobart_monte_carlo
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import (
     TEN,
     ZY3_CONTROL,
@@ -49,7 +50,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_blocks.md"
+PAGE = DOCS / "accuracy_blocks.md"
 Three = tuple[float, float, float]
 Section = tuple[str, str, Sequence[str], list[list[str]]]
 #: RMSE of check points X Y Z in m with 1 to 10 (unnamed) GCPs, shift and affine: tables 5.4 (Hobart), 5.5 (Melbourne).

@@ -12,12 +12,12 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy import special, stats
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
@@ -32,7 +32,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_blunders.md"
+PAGE = DOCS / "accuracy_blunders.md"
 TESTED = AdjustOptions(reject_sigma=4.0)  # as the command line does
 SHOWN = 10.0  # sigmas in its own residual from which a blunder must be found
 Section = tuple[str, str, Sequence[str], list[list[str]]]

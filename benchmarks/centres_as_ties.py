@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from real_blocks import DATA, sift_tracks
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
@@ -32,7 +32,7 @@ from hrsi.hrsi_engine.measurement.control_network.options import ControlNetworkO
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import run
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
+PAGE = DOCS / "interest_points_accuracy.md"
 BLOCKS = {
     "s2p triplet": ("s2p_triplet_phr", ("img_01.tif", "img_02.tif", "img_03.tif")),
     "Kahramanmaras before": ("kahramanmaras_phr4", ("pre_event_img1.tif", "pre_event_img2.tif")),

@@ -10,11 +10,11 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from hrsi.benchmarks import real_blocks
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -31,7 +31,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 )
 from hrsi.hrsi_engine.results.verdict import Verdict
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "sound_blocks.md"
+PAGE = DOCS / "sound_blocks.md"
 MODELS_JUDGED = ("shift", "affine")
 SIDES = (4000, 8000, 12000)
 

@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 
 from hrsi.benchmarks.adjust_speed import simulated, with_blunders
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import move_ground
@@ -56,7 +57,7 @@ HEAD = (
     "Ceres CPU s",
     "Ceres MB",
 )
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
+PAGE = DOCS / "large_blocks.md"
 #: Modules are compiled once, as where HRSI is installed, whatever the environment says of bytecode.
 INSTALLED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 MANY = 1_000_000  # images of the estimate

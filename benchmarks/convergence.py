@@ -18,12 +18,12 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from hrsi.benchmarks import real_blocks
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.benchmarks.thesis_tables import render
@@ -37,7 +37,7 @@ from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "convergence.md"
+PAGE = DOCS / "convergence.md"
 TIGHT = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13, "x_scale": "jac", "max_nfev": 80}  # of the reference
 PLAIN = AdjustOptions(reject_sigma=0.0, test_sigmas=False)  # one descent with the sigmas as given
 AT_THE_MINIMUM = 0.1  # standard deviations of one unknown: nothing that one would see in a coordinate

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from damaged_files import DAMAGES, MOST_BYTES, MOST_SECONDS, READERS, Ending, Laboratory, SoundFile, sound_files  # noqa: E402
 
+from hrsi.benchmarks.pages import DOCS  # noqa: E402
 from hrsi.benchmarks.thesis_tables import render  # noqa: E402
 
 #: Readers whose readings take long: each so many turns they have one.
@@ -148,7 +149,7 @@ def render_tables(
     )
 
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "damaged_files.md"
+PAGE = DOCS / "damaged_files.md"
 TEXT = """# Damaged files
 
 Printed by `benchmarks/damaged_files.py --docs`: {number} files, damaged on purpose, made of {seeds} sound ones (of

@@ -14,11 +14,12 @@ from typing import Any
 import real_blocks
 from tie_points_accuracy import SAMPLES, paths
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.processing_algorithms import run
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "evaluation.md"
+PAGE = DOCS / "evaluation.md"
 BEGIN, END = "<!-- table of evaluate_rpcs.py -->", "<!-- end of the table -->"
 MODELS = ("shift", "affine")
 HEAD = (

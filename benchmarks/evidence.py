@@ -23,12 +23,13 @@ from typing import Any
 import numpy as np
 from osgeo import ogr
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import DATA, ZY3_CONTROL
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.processing_algorithms.interface import cli
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "evidence.md"
+PAGE = DOCS / "evidence.md"
 THESIS, REAL = DATA / "thesis", DATA / "real"
 HOBART = sorted(str(path) for path in THESIS.glob("hobart_ikonos_*_RPC.TXT"))
 HOBART_POINTS = [

@@ -11,16 +11,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse, hobart, zy3
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "few_gcps.md"
+PAGE = DOCS / "few_gcps.md"
 MODELS = ("shift", "generic-shift", "affine", "generic-12", "generic-affine", "generic-full")
 BLOCKS: dict[str, tuple[Callable[[Sequence[str]], Block], tuple[str, ...]]] = {
     "Hobart, IKONOS triplet": (hobart, TEN),

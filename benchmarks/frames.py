@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from pages import put_between
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment, Decision
 from hrsi.hrsi_engine.adjustment.intersection import compute_image_residuals, intersect_points
@@ -51,7 +52,7 @@ from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, si
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "large_blocks.md"
+PAGE = DOCS / "large_blocks.md"
 POINTING_PX = (5.0, 15.0, 50.0, 100.0)
 FRAME_PX, OVERLAP, LOOKS = (800, 600), 0.4, 2
 

@@ -14,6 +14,7 @@ import numpy as np
 from osgeo import gdal
 from scipy import ndimage
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import ArrayRaster, Raster, Role
@@ -48,7 +49,7 @@ from hrsi.tests.reference_scenes import place_on_degrees
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "free_control.md"
+PAGE = DOCS / "free_control.md"
 START_OFF_M = 20.0
 EXTENT_M, EDGE_DEG = 7000.0, 0.003
 EVEN_M, STEEPEST_EVEN = 3.0, 0.4  # at trees and walls ties stand on edges that a DSM of 0.5 m rounds off

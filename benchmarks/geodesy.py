@@ -27,6 +27,7 @@ import pyproj
 from osgeo import gdal
 from pyproj.transformer import TransformerGroup
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
@@ -42,7 +43,7 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.tests.laser_scenes import laser_scene
 from hrsi.tests.simulated_blocks import block as simulated_block
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "geodesy.md"
+PAGE = DOCS / "geodesy.md"
 BEGIN, END = "<!-- benchmarks/geodesy.py writes from here -->", "<!-- to here -->"
 
 #: EPSG codes of CRS, and three places in the area of use of each: longitude and latitude.

@@ -23,12 +23,12 @@ import numpy as np
 from osgeo import gdal
 from scipy.optimize import least_squares
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.processing_algorithms import run
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "hand-over.md"
+PAGE = DOCS / "how-to" / "hand-over.md"
 TRIPLET = TEST_DATA / "real" / "s2p_triplet_phr"
 REFERENCE = TRIPLET / "s2p_reference_dsm.tif"
 IMAGES = [str(TRIPLET / f"img_0{number}.tif") for number in (1, 2, 3)]

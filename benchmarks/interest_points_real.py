@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hrsi.benchmarks.matching import PAIRS, RealPair, timed
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.interest_points import (
@@ -44,7 +44,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
 from hrsi.hrsi_engine.measurement.tile_matching.features import FEATURES, compute_root_sift, stretch_to_byte
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
+PAGE = DOCS / "interest_points_accuracy.md"
 ONE_DATE = ("s2p", "Kahramanmaras", "Ventoux")
 FITTED = ("s2p 01-03", "Kahramanmaras before")
 ACROSS_PX, PARALLAX_ROOM_PX, NEIGHBOURS = 1.0, 1.5, 12

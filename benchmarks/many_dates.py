@@ -34,7 +34,7 @@ from osgeo import gdal
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
 from hrsi.hrsi_engine.adjustment.evaluation import fit_tracks
 from hrsi.hrsi_engine.block.assembly import assemble
@@ -49,7 +49,7 @@ WRONG_RPC_PX = 200.0
 THREADS = 2
 KEYPOINTS, RATIO = 4000, 0.75  # of the rival
 END = "<!-- end of the table -->"
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "many_dates.md"
+PAGE = DOCS / "many_dates.md"
 
 
 def simulated(folder: Path, dates: int, seed: int, side: int) -> list[str]:

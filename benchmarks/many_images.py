@@ -11,11 +11,11 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from tie_points_speed import TILT, parallel_rpc
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.measurement.block_matching import overlaps
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import (
@@ -31,7 +31,7 @@ TREES, FAILS = 4, 0.1
 ALL_CELLS = (511, 511)
 HEAD = "<!-- many images: printed by benchmarks/many_images.py -->"
 END = "<!-- end of many images -->"
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "many_dates.md"
+PAGE = DOCS / "many_dates.md"
 
 
 def stacks(count: int, dates: int) -> list[Image]:

@@ -14,11 +14,11 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.laboratory.simulation import (
@@ -36,7 +36,7 @@ from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 
 FALSE_PX = 3.0
 SIZE = (1000, 1000)
-DOCS = Path(__file__).parents[1] / "docs" / "matching_traps.md"
+PAGE = DOCS / "matching_traps.md"
 
 Pixels = tuple[np.ndarray, np.ndarray]  # both images, float32
 Change = Callable[["Pair", np.ndarray, int], np.ndarray]  # pixels of an image and its number -> pixels
@@ -294,7 +294,7 @@ def main(words: Sequence[str] | None = None) -> None:
 
 def write_page(text: str, scenes: int) -> None:
     """Write the table into the documentation."""
-    DOCS.write_text(
+    PAGE.write_text(
         "# Traps for matching\n\n"
         f"Simulated Pléiades pairs of {SIZE[0]} x {SIZE[1]} px with the vendor's RPC errors, {scenes} scenes a trap, "
         "matched by `tie-points`\nwithout options. A match is false where it lies more than 3 px (of the coarser image)"

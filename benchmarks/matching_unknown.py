@@ -22,14 +22,14 @@ import cv2
 import numpy as np
 
 from hrsi.benchmarks.matching import PAIRS, RealPair, timed
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.control_network import match_windows
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "matching.md"
+PAGE = DOCS / "matching.md"
 FAR_PX, LEAST_FOUND, FOUND_SHARE = 2.0, 15, 0.9
 SIFT_RATIO, RANSAC_PX = 0.8, 2.0
 STRETCH_PERCENT = (1.0, 99.0)

@@ -11,11 +11,11 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import find_tie_points
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.camera.rpc import RPC
@@ -40,7 +40,7 @@ PAIRS = (
 WRONG_PX = 2.0
 HEAD = "<!-- mixed sensors: printed by benchmarks/mixed_sensors.py -->"
 END = "<!-- end of mixed sensors -->"
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "many_dates.md"
+PAGE = DOCS / "many_dates.md"
 
 
 def scene(names: tuple[str, str], seed: int) -> tuple[list[Image], list[RPC], np.ndarray]:

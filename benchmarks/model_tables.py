@@ -14,13 +14,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from hrsi.benchmarks import real_blocks, sigma_coverage, spot5
 from hrsi.benchmarks.clean_verdicts import REAL
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -30,7 +30,7 @@ from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.refinement.selection import RULES
 from hrsi.hrsi_engine.results.residuals import compute_residuals
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "accuracy_models.md"
+PAGE = DOCS / "accuracy_models.md"
 MODELS_COMPARED = ("shift", "affine", "auto")
 DRAWS = 6
 SIGNIFICANCE = 0.01  # one-sided, of a difference to the shift that is called worse

@@ -1,8 +1,15 @@
-"""Tables that benchmarks write into a part of a page of the documentation, between two marks."""
+"""The documentation's pages that benchmarks write, as a whole or between two marks.
+
+``HRSI_DOCS`` names another folder of pages than ``docs``: `figures.py check` compares what is written there with what
+the documentation says, and leaves the documentation alone.
+"""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+DOCS = Path(os.environ.get("HRSI_DOCS") or Path(__file__).resolve().parents[1] / "docs")
 
 
 def put_between(page: Path, name: str, text: str) -> None:

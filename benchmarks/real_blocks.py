@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.hold_out import hold_out_ties
@@ -200,7 +201,7 @@ def left_out(block: Block, name: str) -> Block:
 
 # ---- held-out ties ---------------------------------------------------------------------------------------------------
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "held_out.md"
+PAGE = DOCS / "held_out.md"
 HELD_OUT_HEAD = [
     "block", "images", "ties", "held out", "wrong", "RMSE px: held out", "ties", "epipolar px: held out", "ties",
     "verdict",

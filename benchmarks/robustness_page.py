@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from hrsi.benchmarks.pages import DOCS
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "robustness.md"
+PAGE = DOCS / "robustness.md"
 HEAD = """# Robustness
 
 What happens to files and memory when inputs are bad, when runs are ended or started twice, and when they are repeated.

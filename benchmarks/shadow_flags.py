@@ -32,7 +32,7 @@ from scipy.spatial import cKDTree
 from hrsi.benchmarks.interest_points_real import truths
 from hrsi.benchmarks.many_dates import simulated, true_cameras
 from hrsi.benchmarks.matching import PAIRS
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.sun import sun_at_time
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
@@ -43,7 +43,7 @@ from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_d
 from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interest_points_accuracy.md"
+PAGE = DOCS / "interest_points_accuracy.md"
 #: Times of acquisition, by the folder and beginning of the file's name.
 TIMES = {
     ("ventoux_phr_pair", ""): datetime(2013, 8, 5, 10, 42, 19, tzinfo=UTC),  # of RPC_PHR1B_P_201308051042194_…

@@ -22,12 +22,12 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.statistics.precision import LINE_90, predict_accuracy
@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
 from hrsi.hrsi_engine.laboratory.simulation.vendor import make_accuracy_statement
 
-DOCS = Path(__file__).resolve().parents[1] / "docs" / "coverage.md"
+PAGE = DOCS / "coverage.md"
 JUDGED = 1000  # the first seed of those that judge
 CHECKS, TIES = 60, 200
 NOISE_PX = 0.3
@@ -345,7 +345,7 @@ squares over the blocks, surveys' errors included; the median of sigma0.
 
 def write_docs(tables: dict[str, list[str]], first: int) -> None:
     """Write the tables; those of other ways, and rows of other kinds, stay."""
-    old = DOCS.read_text(encoding="utf-8") if DOCS.exists() else ""
+    old = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
     parts = [INTRODUCTION.format(first=first, judged=JUDGED).rstrip()]
     for way, (title, _) in WAYS.items():
         before = [f"## {part.rstrip()}" for part in old.split("\n## ")[1:] if part.startswith(f"{title}\n")]
@@ -355,7 +355,7 @@ def write_docs(tables: dict[str, list[str]], first: int) -> None:
         kept = [rows[name] for name in CONFIGURATIONS if name in rows]
         table = "\n".join([f"## {title}", "", "```", HEADER, *kept, "```"])
         parts += [table] if way in tables else before
-    DOCS.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    PAGE.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
 def main() -> None:

@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 from tie_points_accuracy import SAMPLES, paths, sift_rmse
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine import open_image
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "matching.md"
+PAGE = DOCS / "matching.md"
 #: What Python runs first: its finder of packages then sees none of those that a stock QGIS lacks.
 HIDE_PACKAGES = """
 from importlib.machinery import PathFinder

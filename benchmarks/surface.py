@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from osgeo import gdal
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.benchmarks.true_errors import intersect_pixels, read_rpc_text
 from hrsi.benchmarks.wrong_inputs import PLACES, TruePoints
@@ -46,7 +46,7 @@ from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 from hrsi.processing_algorithms.interface.cli import main as command
 from hrsi.tests.laser_scenes import placed_scene
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "surface.md"
+PAGE = DOCS / "surface.md"
 #: Side of a scene; pixels of 16 m see a wider one, with twice the relief.
 SIDE_M, WIDE_M, WIDE_RELIEF = 5000.0, 16000.0, 2.0
 #: Share of the DEM's cells with trees: images see crowns, radar looks into them, which differs by 5 m or so. More of

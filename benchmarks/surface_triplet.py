@@ -12,7 +12,6 @@ import argparse
 import tempfile
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -20,6 +19,7 @@ from osgeo import gdal
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import DATA
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, find_tie_points, judge, open_image
@@ -31,7 +31,7 @@ from hrsi.hrsi_engine.io.rasters.dems import open_dem
 FOLDER = DATA / "real" / "s2p_triplet_phr"
 DSM = FOLDER / "s2p_reference_dsm.tif"
 CELL_M = 30.0
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "surface.md"
+PAGE = DOCS / "surface.md"
 
 
 def displace_rpc(image: Image, offset_m: np.ndarray) -> Image:

@@ -16,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.spot5 import CASES, Spot5, read_printed_checks, read_spot5
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image
@@ -25,7 +26,7 @@ from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MO
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "thesis"
-PAGE = ROOT / "docs" / "accuracy_thesis.md"
+PAGE = DOCS / "accuracy_thesis.md"
 Pair = tuple[float, float]
 #: RMSE (sample, line) in px: number of GCPs -> generic, bias.
 TABLE_4_6: dict[int, tuple[Pair, Pair]] = {

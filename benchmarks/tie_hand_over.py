@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hrsi.benchmarks.pages import put_between
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.columns import find_unique_ids
 from hrsi.hrsi_engine.block.points import ImagePoints
@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.io.point_files import read_image_points, read_points
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
 from hrsi.hrsi_engine.io.point_files.kept_columns import COLUMNS_FILE, write_columns
 
-PAGE = Path(__file__).parents[1] / "docs" / "large_blocks.md"
+PAGE = DOCS / "large_blocks.md"
 IMAGES, VIEWS, MILLION = 100, 3, 1e6
 
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.real_blocks import DATA
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, open_image
@@ -34,7 +35,7 @@ from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.interface.options import check_options
 from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "tie_sigmas.md"
+PAGE = DOCS / "tie_sigmas.md"
 REAL = {
     "s2p triplet": ("s2p_triplet_phr", ("img_01.tif", "img_02.tif", "img_03.tif")),
     "Kahramanmaras": (

@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from osgeo import gdal
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.benchmarks.wrong_inputs import Inputs, TruePoints, clean, written
 from hrsi.benchmarks.wrong_kinds import TRUE_KINDS, TrueKind
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 
 HALF_RAY_M = 100.0
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "harmful_inputs.md"
+PAGE = DOCS / "harmful_inputs.md"
 
 
 class Harm(NamedTuple):

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from osgeo import gdal
 
+from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
@@ -49,7 +50,7 @@ from hrsi.hrsi_engine.plausibility.accuracy import estimate_accuracies
 from hrsi.hrsi_engine.plausibility.control import collect_control, fit_control
 from hrsi.hrsi_engine.plausibility.slips import estimate_common_lift, find_datum_shifts
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "wrong_inputs.md"
+PAGE = DOCS / "wrong_inputs.md"
 PLACES = ((5.45, 43.53), (147.3, -42.85), (-71.6, -33.4), (-105.0, 39.7), (36.9, 37.6), (113.2, 34.6), (18.4, -33.9))
 FOOT_M = 0.3048
 

@@ -1,0 +1,302 @@
+"""The figures of the documentation: made by commands from benchmarks/registry.toml, renewed and checked here.
+
+    python benchmarks/figures.py                      the registry: what is made by what, when, and what is stale
+    python benchmarks/figures.py renew [NAME …]       make what is stale, or what is named, anew
+    python benchmarks/figures.py check [NAME …]       make it aside and compare; exit status 1 where a figure moved
+    python benchmarks/figures.py check --turn [DAY]   a tenth of the registry, another one every day: for CI
+    python benchmarks/figures.py page                 write docs/figures.md
+
+A figure is stale where the data that it was made from, or the command, are others than those noted in
+benchmarks/made.csv. A check tells more: it runs the command, as the sources are now, with its page going into a
+temporary folder (HRSI_DOCS), and names every number that lies beyond its tolerance, with the page and line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import datetime
+import hashlib
+import os
+import platform
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data")
+REGISTRY, MADE = ROOT / "benchmarks" / "registry.toml", ROOT / "benchmarks" / "made.csv"
+#: A figure that takes longer is checked by a full check only, never in a turn.
+MOST_CPU_S_IN_TURN = 300.0
+TURNS = 10
+NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+#: What belongs to the machine and the day: times, memory and their columns.
+TIMES = re.compile(r"[-+]?\d[\d.]* ?(?:CPU s|seconds|minutes|ms|s|MiB|GiB|MB|GB)\b")
+TIME_COLUMNS = re.compile(r"\b(CPU s|seconds|MiB|GiB|time|ms|s)\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One entry of the registry; its fields are described there."""
+
+    name: str
+    page: str
+    command: str
+    data: tuple[str, ...]
+    cpu_s: float
+    tolerance: float
+    part: str = ""
+    without: tuple[str, ...] = ()
+
+    def digest(self) -> str:
+        """Return the hash of the data that the command reads, and of the command itself; "" without the data."""
+        total = hashlib.sha256(self.command.encode())
+        for folder in self.data:
+            files = sorted(path for path in (DATA / folder).rglob("*") if path.is_file())
+            if not files:
+                return ""
+            for path in files:
+                total.update(str(path.relative_to(DATA)).encode())
+                with open(path, "rb") as file:
+                    total.update(hashlib.file_digest(file, "sha256").digest())
+        return total.hexdigest()[:16]
+
+    def text(self, docs: Path) -> str:
+        """Return the page, or the part of it that the command makes."""
+        content = (docs / self.page).read_text(encoding="utf-8")
+        if not self.part:
+            return content
+        return content.split(f"<!-- {self.part}:", 1)[1].split(f"<!-- end of {self.part} -->", 1)[0]
+
+
+def read_registry() -> dict[str, Figure]:
+    """Return the entries of the registry by name."""
+    with open(REGISTRY, "rb") as file:
+        table = tomllib.load(file)
+    return {name: Figure(name, **{k: _as_tuple(v) for k, v in entry.items()}) for name, entry in table.items()}
+
+
+def _as_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def read_made() -> dict[str, dict[str, str]]:
+    """Return by name what is known of the last time that a figure was made: commit, date, machine, data, CPU s."""
+    if not MADE.exists():
+        return {}
+    with open(MADE, encoding="utf-8", newline="") as file:
+        return {row["name"]: row for row in csv.DictReader(file)}
+
+
+def write_made(made: dict[str, dict[str, str]]) -> None:
+    """Write benchmarks/made.csv."""
+    with open(MADE, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, ["name", "commit", "date", "machine", "data", "cpu_s"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(made[name] for name in sorted(made))
+
+
+# ---- making --------------------------------------------------------------------------------------------------------
+
+
+def run(figure: Figure, docs: Path) -> tuple[bool, float, str]:
+    """Run a figure's command with its page in `docs`; return success, CPU s and the end of its output."""
+    words = [word.format(docs=docs) for word in figure.command.split()]
+    environment = os.environ | {"HRSI_DOCS": str(docs), "OPENBLAS_NUM_THREADS": "1", "HRSI_TEST_DATA": str(DATA)}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, *words], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return done.returncode == 0, seconds, (done.stdout + done.stderr)[-2000:]
+
+
+def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
+    """Make figures anew, in the documentation; return how many failed."""
+    words = ["git", "rev-parse", "--short=8", "HEAD"]
+    commit = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    failed = 0
+    for figure in figures:
+        well, seconds, end = run(figure, ROOT / "docs")
+        print(f"{figure.name}: {'made' if well else 'FAILED'}, {seconds:.0f} CPU s", flush=True)
+        if not well:
+            print(end, file=sys.stderr)
+            failed += 1
+            continue
+        made[figure.name] = {
+            "name": figure.name, "commit": commit, "date": datetime.date.today().isoformat(),
+            "machine": f"{os.cpu_count()} cores {platform.machine()}", "data": figure.digest(),
+            "cpu_s": f"{seconds:.0f}",
+        }  # fmt: skip
+        write_made(made)
+    write_page(list(read_registry().values()), made)
+    return failed
+
+
+# ---- comparing -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A line of a page that says something else now; `number` is the column of the number in it, 0: the words."""
+
+    line: int
+    was: str
+    now: str
+
+
+def compare(was: str, now: str, tolerance: float, without: Sequence[str] = ()) -> list[Difference]:
+    """Return where two states of a page differ by more than the tolerance, leaving times and memory out.
+
+    Numbers may differ by the relative `tolerance`, and by one unit of the last digit that is printed. Everything else
+    must be the same, except for spaces and the lines of tables that only align columns.
+    """
+    old, new = (list(_comparable(text, without)) for text in (was, now))
+    if len(old) != len(new):
+        return [Difference(0, f"{len(old)} lines", f"{len(new)} lines")]
+    return [
+        Difference(number, a, b)
+        for (number, a), (_, b) in zip(old, new, strict=True)
+        if a != b and not _are_close(a, b, tolerance)
+    ]
+
+
+def _comparable(text: str, without: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield line numbers and lines with the columns and numbers of times left out."""
+    skipped: set[int] = set()
+    in_table = False
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.startswith("|"):
+            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+            if not in_table:
+                skipped = {k for k, cell in enumerate(cells) if TIME_COLUMNS.search(cell) or cell in without}
+            in_table = True
+            if set("".join(cells)) <= set("-: "):
+                continue
+            line = " | ".join(cell for k, cell in enumerate(cells) if k not in skipped)
+        else:
+            in_table = False
+        words = " ".join(TIMES.sub("TIME", line).split())
+        if words:
+            yield number, words
+
+
+def _are_close(was: str, now: str, tolerance: float) -> bool:
+    old, new = NUMBER.findall(was), NUMBER.findall(now)
+    if NUMBER.sub("#", was) != NUMBER.sub("#", now) or len(old) != len(new):
+        return False
+    for a, b in zip(old, new, strict=True):
+        x, y = (float(text.replace("−", "-")) for text in (a, b))
+        if abs(x - y) > max(1.001 * _last_digit(a), tolerance * abs(x)):
+            return False
+    return True
+
+
+def _last_digit(text: str) -> float:
+    """Return the worth of the last digit of a number; of a whole one nothing is rounded."""
+    mantissa, _, exponent = text.lower().partition("e")
+    digits = len(mantissa.partition(".")[2])
+    return 10.0 ** (int(exponent or 0) - digits) if digits or exponent else 0.0
+
+
+def check(figures: Sequence[Figure]) -> int:
+    """Make figures aside and compare; return how many differ or failed."""
+    wrong, total = 0, 0.0
+    for figure in figures:
+        if not figure.digest():
+            print(f"{figure.name}: not checked, its data ({', '.join(figure.data)}) are not in HRSI_TEST_DATA")
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            aside = Path(folder) / "docs"
+            shutil.copytree(ROOT / "docs", aside, ignore=shutil.ignore_patterns("pictures", "site", "*.png"))
+            well, seconds, end = run(figure, aside)
+            found = compare(figure.text(ROOT / "docs"), figure.text(aside), figure.tolerance, figure.without)
+        total += seconds
+        state = "FAILED" if not well else f"{len(found)} lines differ" if found else "as documented"
+        print(f"{figure.name}: {state}, {seconds:.0f} CPU s (docs/{figure.page})", flush=True)
+        for one in found[:20]:
+            print(f"  docs/{figure.page}:{one.line}\n    documented: {one.was}\n    now:        {one.now}")
+        if not well:
+            print(end, file=sys.stderr)
+        wrong += bool(found) or not well
+    print(f"{len(figures)} checked, {wrong} wrong, {total:.0f} CPU s")
+    return wrong
+
+
+def take_turn(figures: Sequence[Figure], day: int) -> list[Figure]:
+    """Return a day's share: figures short enough for CI, dealt to ten days by their times, the longest first."""
+    shares: list[list[Figure]] = [[] for _ in range(TURNS)]
+    for figure in sorted(figures, key=lambda one: (-one.cpu_s, one.name)):
+        if figure.cpu_s <= MOST_CPU_S_IN_TURN:
+            min(shares, key=lambda share: sum(one.cpu_s for one in share)).append(figure)
+    return shares[day % TURNS]
+
+
+# ---- the page ------------------------------------------------------------------------------------------------------
+
+
+def is_stale(figure: Figure, made: dict[str, dict[str, str]]) -> bool:
+    """Return whether the data or the command are others than those that made the figure; without the data: no."""
+    digest = figure.digest()
+    return figure.name not in made or (bool(digest) and made[figure.name]["data"] != digest)
+
+
+def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> None:
+    """Write docs/figures.md."""
+    rows = []
+    for figure in sorted(figures, key=lambda one: one.page):
+        last = made.get(figure.name, dict.fromkeys(("commit", "date", "machine", "cpu_s"), ""))
+        where = f"[{figure.page}]({figure.page})" + (f", *{figure.part}*" if figure.part else "")
+        rows.append(
+            f"| {where} | `{figure.command.format(docs='docs')}` | {last['date']} | {last['commit']} "
+            f"| {last['machine']} | {last['cpu_s']} | {100.0 * figure.tolerance:g} % |"
+        )
+    (ROOT / "docs" / "figures.md").write_text("\n".join([PAGE_HEAD, *rows, ""]), encoding="utf-8")
+
+
+PAGE_HEAD = """# Where the figures come from
+
+Each page below, or the named part of it, is written by one command and by nothing else. `make figures` makes anew what
+is stale, `make figures-check` runs every command aside and compares: a number may differ by the tolerance, or by one unit
+of its last digit; times and memory are the machine's and are not compared. CI checks a tenth of the shorter ones every
+day (`figures.py check --turn`). Written by `python benchmarks/figures.py page`.
+
+| page | made by `python …` | date | commit | machine | CPU s | tolerance |
+|---|---|---|---|---|---:|---:|"""
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("list", "renew", "check", "page"), default="list")
+    parser.add_argument("names", nargs="*", help="entries of the registry; default: all, or all that are stale")
+    parser.add_argument("--turn", nargs="?", type=int, const=datetime.date.today().toordinal(), metavar="DAY")
+    words = parser.parse_args()
+    registry, made = read_registry(), read_made()
+    unknown = sorted(set(words.names) - set(registry))
+    if unknown:
+        parser.error(f"not in the registry: {', '.join(unknown)}; there are {', '.join(registry)}")
+    figures = [registry[name] for name in words.names or registry]
+    if words.what == "renew":
+        return min(1, renew(figures if words.names else [one for one in figures if is_stale(one, made)], made))
+    if words.what == "check":
+        return min(1, check(figures if words.turn is None else take_turn(figures, words.turn)))
+    if words.what == "page":
+        write_page(list(registry.values()), made)
+        return 0
+    for one in figures:
+        state = "stale" if is_stale(one, made) else f"made {made[one.name]['date']} at {made[one.name]['commit']}"
+        print(f"{one.name:16s} docs/{one.page:28s} {one.cpu_s:6.0f} CPU s  {state}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
