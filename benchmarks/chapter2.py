@@ -26,7 +26,7 @@ from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.laboratory.registration import compare_kinds
+from hrsi.hrsi_engine.laboratory.registration import MethodComparison, compare_kinds
 from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -126,28 +126,34 @@ def print_ellipses(data: Path) -> None:
 def print_quickbird(data: Path) -> None:
     """Print the registration of the QuickBird MS and PAN images (experiment 1)."""
     print("\nQuickBird MS to PAN, standard deviation of position (m); the thesis: centres 1.25, corners 3.72\n")
-    with open(data / "quickbird_ms_pan_tie_points.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    ms = np.array([[float(row["ms_sample"]), float(row["ms_line"])] for row in rows])
-    pan = np.array([[float(row["pan_sample"]), float(row["pan_line"])] for row in rows])
-    kinds = np.array([row["kind"] for row in rows])
     for model in ("affine", "projective"):
-        result = compare_kinds(ms, pan, kinds, model, unit=QUICKBIRD_PAN_M)
+        result = register_quickbird(data, model)
         alone = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.alone.items())
         together = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.together.items())
         print(f"* {model}: alone {alone} ({result.ratio():.0%}); together {together} ({result.ratio('together'):.0%})")
 
 
-def hobart_deviations(data: Path, kind: str, model: str = "shift") -> np.ndarray:
+def register_quickbird(data: Path, model: str) -> MethodComparison:
+    """Return the registration of the printed tie points, corners and centres alone and together, in metres."""
+    with open(data / "quickbird_ms_pan_tie_points.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    ms = np.array([[float(row["ms_sample"]), float(row["ms_line"])] for row in rows])
+    pan = np.array([[float(row["pan_sample"]), float(row["pan_line"])] for row in rows])
+    kinds = np.array([row["kind"] for row in rows])
+    return compare_kinds(ms, pan, kinds, model, unit=QUICKBIRD_PAN_M)
+
+
+def hobart_deviations(data: Path, kind: str, model: str = "shift", together: bool = False) -> np.ndarray:
     """Return survey - intersection (n, 3) metres east, north, up of all points of a kind, all of them control.
 
-    The intersection uses the refined RPCs and the image points alone; the survey enters only through the refinement.
+    With ``together`` the points of the other kind are control too. The intersection uses the refined RPCs and the image
+    points alone; the survey enters only through the refinement.
     """
     images = [open_image(str(data / f"hobart_ikonos_{number}_RPC.TXT")) for number in (1, 2, 3)]
     ground = read_points(str(data / "hobart_ground_points.csv")).ground
     points = read_points(str(data / "hobart_image_points.csv"), image_ids=[image.id for image in images]).image
     assert ground is not None and points is not None
-    mine = points.kind == kind
+    mine = np.isin(points.kind, ("center", "corner")) if together else points.kind == kind
     measured = ImagePoints(
         points.ids[mine], points.image_ids[mine], points.xy[mine], points.sigma_px[mine], points.kind[mine],
         points.quality[mine],
@@ -162,7 +168,7 @@ def hobart_deviations(data: Path, kind: str, model: str = "shift") -> np.ndarray
     deviations = []
     for point in range(len(block.points)):
         rows = np.flatnonzero(block.measurements.point == point)
-        if len(rows) >= 2:
+        if len(rows) >= 2 and block.measurements.kind[rows[0]] == kind:
             survey = block.points.ground[point]
             cameras = [rpcs[image] for image in block.measurements.image[rows]]
             found = intersect(cameras, block.measurements.xy[rows], survey)

@@ -30,8 +30,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data")
+from hrsi.benchmarks.pages import DATA, ROOT
+
 REGISTRY, MADE = ROOT / "benchmarks" / "registry.toml", ROOT / "benchmarks" / "made.csv"
 #: A figure that takes longer is checked by a full check only, never in a turn.
 MOST_CPU_S_IN_TURN = 300.0
@@ -265,9 +265,9 @@ def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> No
 PAGE_HEAD = """# Where the figures come from
 
 Each page below, or the named part of it, is written by one command and by nothing else. `make figures` makes anew what
-is stale, `make figures-check` runs every command aside and compares: a number may differ by the tolerance, or by one unit
-of its last digit; times and memory are the machine's and are not compared. CI checks a tenth of the shorter ones every
-day (`figures.py check --turn`). Written by `python benchmarks/figures.py page`.
+is stale, `make figures-check` runs every command aside and compares: a number may differ by the tolerance, or by one
+unit of its last digit; times and memory are the machine's and are not compared. CI checks a tenth of the shorter ones
+every day (`figures.py check --turn`). Written by `python benchmarks/figures.py page`.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance |
 |---|---|---|---|---|---:|---:|"""

@@ -1,4 +1,4 @@
-"""The documentation's pages that benchmarks write, as a whole or between two marks.
+"""Where benchmarks read and write: the test data, and the documentation's pages, whole or between two marks.
 
 ``HRSI_DOCS`` names another folder of pages than ``docs``: `figures.py check` compares what is written there with what
 the documentation says, and leaves the documentation alone.
@@ -9,7 +9,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-DOCS = Path(os.environ.get("HRSI_DOCS") or Path(__file__).resolve().parents[1] / "docs")
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = Path(os.environ.get("HRSI_DOCS") or ROOT / "docs")
+#: The real data and those of the thesis; see CONTRIBUTING.md.
+DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data")
 
 
 def put_between(page: Path, name: str, text: str) -> None:
