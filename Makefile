@@ -114,6 +114,12 @@ fuzz: set-up-test  ## the property-based tests with many more examples, and the 
 benchmarks: set-up-test  ## accuracy and speed figures
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
 
+.PHONY: figures figures-check
+figures: set-up-test  ## make the documentation's figures anew whose data or commands changed; takes long
+	@$(BIN)/python benchmarks/figures.py renew
+figures-check: set-up-test  ## a tenth of the figures' commands, another every day, compared with the documentation; ALL=1 all
+	@$(BIN)/python benchmarks/figures.py check $(if $(ALL),,--turn)
+
 .PHONY: structure
 structure:  ## how the code is laid out, now and before: rooms, arrows, lines; written into docs/structure.md
 	@/usr/bin/python3 scripts/measure_structure.py --write

@@ -259,15 +259,19 @@ def _list(group: list[Number]) -> str:
         away = [abs(number.ours - float(number.printed)) for number in group]
         return f"{len(group)} numbers, by {np.median(away):.3f} in the median, {max(away):.3f} at most"
     digits = (len(number.printed.partition(".")[2]) for number in group)
-    return "; ".join(f"{n.column} {n.printed} → {n.ours:.{d}f}" for n, d in zip(group, digits, strict=True))
+    return "; ".join(
+        f"{n.column.replace('center', 'centre')} {n.printed} → {n.ours:.{d}f}"
+        for n, d in zip(group, digits, strict=True)
+    )
 
 
 INTRODUCTION = """# The thesis, number by number
 
 Made by `python benchmarks/thesis_numbers.py --docs`. Every number that the tables of chapters 2 to 5 print and that can
-be computed from printed data. *Equal*: to one unit of the last digit. *Within chance*: within the standard error of an
-RMSE of as many points, 1 / sqrt(2 n). Generic figures of SPOT 5 are those of the thesis's own formulas
-([accuracy](accuracy_thesis.md) has HRSI's beside them), on the geometry that its printed residuals give."""
+be computed from printed data. A number is *equal* if it differs by one unit of the last digit at most, and *within
+chance* if it differs by less than the standard error of an RMSE of as many points, 1 / sqrt(2 n). Generic figures of SPOT 5
+are those of the thesis's own formulas, on the geometry that its printed residuals give; the page on
+[accuracy](accuracy_thesis.md) has HRSI's figures, too."""
 
 
 def main() -> None:

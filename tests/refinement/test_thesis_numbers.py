@@ -20,6 +20,7 @@ def numbers(thesis_data):
     return [*chapter_2(thesis_data), *chapter_4(thesis_data), *chapter_5()]
 
 
+@pytest.mark.real  # all numbers take 40 s
 def test_no_printed_number_is_open(numbers):
     unexplained = [
         f"table {n.table}, {n.row}, {n.column}: {n.printed}, ours {n.ours:.4f}" for n in numbers if n.status == OPEN
@@ -27,6 +28,7 @@ def test_no_printed_number_is_open(numbers):
     assert not unexplained[:5], "give the reason in benchmarks/thesis_numbers.py:EXPLAINED, or mend"
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(("table", "least"), [("2.2", 1.0), ("4.6", 1.0), ("4.9", 0.94), ("4.10", 0.8), ("4.11", 0.8)])
 def test_most_numbers_are_those_of_the_thesis(numbers, table, least):
     of_table = [number for number in numbers if number.table == table]
@@ -36,12 +38,14 @@ def test_most_numbers_are_those_of_the_thesis(numbers, table, least):
     assert same >= least
 
 
+@pytest.mark.real
 def test_residuals_of_bias_compensation_are_equal_to_the_last_digit(numbers):
     bias = [n for n in numbers if n.table.startswith("App") and n.column.startswith("bias")]
     assert len(bias) == 200
     assert all(number.status == EQUAL for number in bias)
 
 
+@pytest.mark.real
 def test_residuals_of_the_formulas_are_met(numbers):
     """0.05 px: what 100 km of the pseudo sensor's height, which is not printed, changes."""
     away = [

@@ -1,0 +1,104 @@
+"""The registry of the documentation's figures: complete, runnable, and able to tell a changed figure."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hrsi.benchmarks import figures
+from hrsi.benchmarks.pages import ROOT
+
+REGISTRY = figures.read_registry()
+PAGE = """# Title
+
+Made by a benchmark in 12 CPU s.
+
+| GCPs | RMSE px | CPU s |
+| ---- | ------- | ----- |
+| 3    | 1.13    | 4.2   |
+| 37   | 0.99    | 17    |
+"""
+
+
+def test_every_entry_names_a_script_and_a_page():
+    for entry in REGISTRY.values():
+        script = entry.command.split()[0]
+        assert script == "-m" or (ROOT / script).is_file(), entry.name
+        assert (ROOT / "docs" / entry.page).is_file(), entry.name
+        assert entry.text(ROOT / "docs"), entry.name
+        assert 0.0 < entry.tolerance <= 0.05, f"{entry.name}: a change of 5 % must be seen"
+        assert entry.cpu_s > 0.0, entry.name
+
+
+def test_every_page_that_a_benchmark_makes_is_registered():
+    """Pages say so themselves: "Made by `python benchmarks/…`" in their first lines; others are named with a reason."""
+    registered = {entry.page for entry in REGISTRY.values()}
+    made = set()
+    for path in (ROOT / "docs").glob("*.md"):
+        head = "\n".join(path.read_text(encoding="utf-8").splitlines()[:8])
+        if re.search(r"(?:Made|Printed) by `(?:python )?(?:-m )?(?:hrsi\.)?benchmarks", head):
+            made.add(path.name)
+    missing = made - registered - set(NOT_REGISTERED)
+    assert not missing, f"add to benchmarks/registry.toml: {sorted(missing)}"
+    assert not set(NOT_REGISTERED) & registered, "registered now: take it out of NOT_REGISTERED"
+
+
+#: Pages whose figures are the machine's, or pooled over several runs; the command stands on the page.
+NOT_REGISTERED = {
+    "damaged_files.md": "10 000 hostile files with their times and memory",
+    "interest_points_speed.md": "times only",
+    "large_blocks.md": "times and memory only, beside another program",
+    "robustness.md": "pooled over runs of kills",
+}
+
+
+def test_turns_share_out_all_that_is_short_enough():
+    shares = [figures.take_turn(list(REGISTRY.values()), day) for day in range(figures.TURNS)]
+    dealt = [entry.name for share in shares for entry in share]
+    short = [entry.name for entry in REGISTRY.values() if entry.cpu_s <= figures.MOST_CPU_S_IN_TURN]
+    assert sorted(dealt) == sorted(short)
+    assert all(sum(entry.cpu_s for entry in share) <= 600.0 for share in shares), "CI has ten minutes for it"
+
+
+def test_what_is_the_same_has_no_difference():
+    assert figures.compare(PAGE, PAGE, 0.01) == []
+
+
+def test_times_are_not_compared():
+    assert figures.compare(PAGE, PAGE.replace("12 CPU s", "30 CPU s").replace("4.2", "9.9"), 0.01) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "differs"),
+    [
+        ("1.13", "1.14", False),  # one unit of the last digit
+        ("1.13", "1.16", True),  # 2 %
+        ("| 37 ", "| 38 ", True),  # a count is whole
+        ("0.99", "-0.99", True),
+        ("GCPs", "points", True),
+        ("| 37   | 0.99    | 17    |\n", "", True),
+    ],
+)
+def test_changes_are_found(old, new, differs):
+    found = figures.compare(PAGE, PAGE.replace(old, new), 0.005)
+    assert bool(found) is differs
+    if differs and "px" not in old and new:
+        assert any(new.strip("| \n") in difference.now for difference in found) or old == "GCPs"
+
+
+def test_a_figure_made_anew_is_compared_with_its_page(tmp_path: Path, monkeypatch, capsys):
+    """`check` runs the command with its page aside: a script that writes another number is caught, the docs stay."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "page.md").write_text(PAGE)
+    script = "import os, pathlib; p = pathlib.Path(os.environ['HRSI_DOCS'], 'page.md'); "
+    (tmp_path / "make.py").write_text(script + "p.write_text(p.read_text().replace('1.13', '1.16'))")
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "points.csv").write_text("1")
+    monkeypatch.setattr(figures, "ROOT", tmp_path)
+    monkeypatch.setattr(figures, "DATA", tmp_path)
+    entry = figures.Figure("page", "page.md", "make.py", ("data",), 1.0, 0.005)
+    assert figures.check([entry]) == 1
+    assert "docs/page.md:7" in capsys.readouterr().out
+    assert (tmp_path / "docs" / "page.md").read_text() == PAGE
