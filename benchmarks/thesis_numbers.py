@@ -269,8 +269,8 @@ INTRODUCTION = """# The thesis, number by number
 
 Made by `python benchmarks/thesis_numbers.py --docs`. Every number that the tables of chapters 2 to 5 print and that can
 be computed from printed data. A number is *equal* if it differs by one unit of the last digit at most, and *within
-chance* if it differs by less than the standard error of an RMSE of as many points, 1 / sqrt(2 n). Generic figures of SPOT 5
-are those of the thesis's own formulas, on the geometry that its printed residuals give; the page on
+chance* if it differs by less than the standard error of an RMSE of as many points, 1 / sqrt(2 n). Generic figures of
+SPOT 5 are those of the thesis's own formulas, on the geometry that its printed residuals give; the page on
 [accuracy](accuracy_thesis.md) has HRSI's figures, too."""
 
 
