@@ -1,8 +1,8 @@
 """Check the texts that users read: words, length of sentences, verbs, spelling.
 
 ``python scripts/check_words.py [FILE …]`` prints one line for each fault and ends with 1 if there is one. Without a
-file it reads all texts of the repository: the pages in Markdown, and the strings of the code (help texts, messages,
-reasons, labels; not docstrings). ``make lint`` runs it.
+file it reads all texts of the repository: the pages in Markdown, the templates of reports, and the strings of the code
+(help texts, messages, reasons, labels; not docstrings). ``make lint`` runs it.
 
 The vocabulary is the table *Words not to use* of docs/glossary.md. A sentence has 30 words at most and, in a paragraph
 of a page, a verb. Messages of the code have the form "what happened: what to do"; there a colon or semicolon ends a
@@ -41,10 +41,10 @@ SPELLINGS = {
 }  # fmt: skip
 #: Verbs of the texts, without their endings.
 VERBS = (
-    "accept add adjust affect agree aim allow alternate answer appear apply ask assume avoid bear become begin "
+    "accept add adjust affect agree aim allow alternate answer appear append apply ask assume avoid bear become begin "
     "belong bring build call carry cause change check choose click clip close come compare complete compute "
     "conclude confirm connect consider consist constrain contain continue control convert copy correct correspond "
-    "cost count cover create cross cut decide declare decrease define delete deliver depend describe detect "
+    "cost count cover create cross cut decide declare decrease define delete deliver depend derive describe detect "
     "determine deviate differ disagree discard display distinguish divide do draw drop edit end enter estimate "
     "evaluate exceed exchange exclude exist expect explain extend fail fall feed fill find finish fit fix follow "
     "forget form function gain get give go grow hand handle happen have help hide ignore import improve include "
@@ -205,9 +205,17 @@ def texts_of_code(place: str, source: str) -> Iterator[Text]:
             yield Text(f"{place}:{node.lineno}", text, True, False)
 
 
+def texts_of_template(place: str, page: str) -> Iterator[Text]:
+    """Yield the lines of a template of a page (Jinja), without its marks, styles and scripts."""
+    marks = r"<style.*?</style>|<script.*?</script>|\{#.*?#\}|\{%.*?%\}|\{\{.*?\}\}"
+    page = re.sub(marks, lambda found: "\n" * found[0].count("\n"), page, flags=re.DOTALL)
+    for number, line in enumerate(page.splitlines(), 1):
+        yield from (Text(f"{place}:{number}", text, True, False) for text in re.split(r"<[^>]*>", line) if text.strip())
+
+
 def list_files() -> list[str]:
     """Return the files with texts for users: the pages, and the code of the product."""
-    kinds = ("*.md", "hrsi_engine/*.py", "processing_algorithms/*.py", "plugin/*.py")
+    kinds = ("*.md", "hrsi_engine/*.py", "hrsi_engine/*.html.j2", "processing_algorithms/*.py", "plugin/*.py")
     found = subprocess.run(["git", "ls-files", *kinds], cwd=ROOT, capture_output=True, text=True, check=True)
     return [name for name in found.stdout.split() if name not in NOT_READ and (ROOT / name).exists()]
 
@@ -215,8 +223,8 @@ def list_files() -> list[str]:
 def check_file(name: str, words: dict[str, str], pattern: re.Pattern[str]) -> list[str]:
     """Return the faults of a file."""
     content = (ROOT / name).read_text(encoding="utf-8")
-    texts = texts_of_code(name, content) if name.endswith(".py") else texts_of_page(name, content)
-    return [fault for text in texts for fault in find_faults(text, words, pattern)]
+    read = {".py": texts_of_code, ".md": texts_of_page, ".j2": texts_of_template}[Path(name).suffix]
+    return [fault for text in read(name, content) for fault in find_faults(text, words, pattern)]
 
 
 def main(arguments: list[str]) -> int:
