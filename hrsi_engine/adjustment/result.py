@@ -35,20 +35,20 @@ class Iteration:
 
 
 class Decision(IntEnum):
-    """What data snooping says of a measurement."""
+    """Decision of data snooping on a measurement."""
 
     KEPT = 0
-    BLUNDER = 1  #: wrong: left out
-    DOUBTFUL = 2  #: one of the point's measurements is wrong, but not which; left out with the others
+    BLUNDER = 1  #: wrong, and rejected
+    DOUBTFUL = 2  #: one measurement of the point is wrong, but not identified: all are rejected
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A GCP that disagrees with the rest: its ``what`` is ``ground``, ``height`` or the id of an image.
+    """A GCP that contradicts the other observations: ``what`` is ``ground``, ``height`` or the id of an image.
 
     statistic : its error in standard deviations; size : its error in ``unit``, ``m`` or ``px``
-    left_out : whether it was taken out: what it says of the ground, its height alone, or that measurement
-    group, rivals : ids of two groups of GCPs that disagree where nobody can tell which is wrong; ``id`` is of the first
+    left_out : whether the position, its height or the measurement was rejected
+    group, rivals : ids of two contradicting groups of GCPs, of which the wrong one is unknown; ``id`` is of the first
     """
 
     id: str
@@ -63,7 +63,7 @@ class Finding:
 
     @property
     def concerned(self) -> tuple[str, ...]:
-        """Ids of all GCPs that this says something of."""
+        """Ids of all GCPs concerned."""
         return (*self.group, *self.rivals) or (self.id,)
 
 
@@ -106,16 +106,16 @@ class GcpsApart:
 
 @dataclass(frozen=True)
 class DatumPart:
-    """Images connected by common points: what holds them, and the accuracy of the ground that they measure.
+    """Images connected by common points: their datum, and the accuracy of ground points measured in them.
 
-    by_priors : how many of the parameters come from priors, in all
+    by_priors : number of parameters that follow from priors, as a sum of shares
     sigma_m : root mean square of the standard deviations over the area, east, north, up; NaN where none is predicted
-    ce90_m, le90_m : what 90 % of the errors over the area stay within, of the points that are not surveyed (GCPs as the
-        others predict them); no height where no point is seen by two images
-    points : how many points that is taken from; parallel : ids of those left out, as their rays are nearly parallel
-    leave_one_out : by how much the GCPs' leave-one-out errors exceed what is predicted of them, 1 or more; the figures
-        above contain it, and what few GCPs disagree by
-    apart : those of few GCPs that disagree most, None where they agree
+    ce90_m, le90_m : limits that 90 % of the errors over the area do not exceed, for points without survey (GCPs as
+        predicted by the others); no height if no point is measured in two images
+    points : number of points used for it; parallel : ids of excluded points with nearly parallel rays
+    leave_one_out : ratio of the leave-one-out errors of the GCPs to the predicted ones, at least 1; the figures above
+        include it, and the difference of few contradicting GCPs
+    apart : the two of few GCPs with the largest contradiction, or None
     """
 
     images: tuple[str, ...]
@@ -133,10 +133,10 @@ class DatumPart:
 
 @dataclass(frozen=True)
 class SourceGroup:
-    """Observations that share errors, a laser track or a part of a DEM, against all groups of all sources.
+    """Observations with a common error (a laser track or a part of a DEM), compared with all groups of all sources.
 
-    offset_m : what they say less what the groups together say, with the standard deviation sigma_m
-    wrong : whether it contradicts the others; left_out : and was left out, as it is clear which are wrong
+    offset_m : their mean minus that of all groups, with the standard deviation sigma_m
+    wrong : whether it contradicts the others; left_out : whether it was rejected, because it is identified as wrong
     """
 
     name: str
@@ -149,14 +149,14 @@ class SourceGroup:
 
 @dataclass(frozen=True)
 class HeightAgreement:
-    """A source of heights that hold tie points: how many they are, how many do not fit and are left out.
+    """A source of heights that constrain tie points: numbers of observations and of rejected ones.
 
-    determines : how many unknowns of the block follow from it: the observations in use less their partial redundancy
-    rmse_m : of point - source, of those that fit; left_out_median_m : median of point - source of the others
+    determines : number of unknowns that it determines: used observations minus their partial redundancy
+    rmse_m : of point - source, of the used ones; left_out_median_m : median of point - source of the rejected ones
     sigma_m : median standard deviation as estimated, sigma_factor times the given one
-    share : of what the sources together say of the block's height; alone_m : what the block would rise by if this
-    source alone held it
-    gcps : GCPs whose surveyed heights contradict what the block lies on, and all that were compared
+    share : weight in the height of the block, of all sources; alone_m : change of its height if this source alone
+    determined it
+    gcps : number of GCPs whose surveyed heights contradict the source, and number of compared GCPs
     """
 
     source: str
@@ -174,12 +174,12 @@ class HeightAgreement:
 
     @property
     def contradicts(self) -> bool:
-        """Whether all of its groups contradict what holds the block otherwise: most likely they have one cause."""
+        """Whether all of its groups contradict the other constraints of the block, probably with one cause."""
         return bool(self.groups) and all(group.wrong for group in self.groups)
 
     @property
     def undecided(self) -> tuple[str, ...]:
-        """Names of the groups that contradict others and are kept, as it cannot be told which are wrong."""
+        """Names of contradicting groups that are used because the wrong ones are not identified."""
         return tuple(group.name for group in self.groups if group.wrong and not group.left_out)
 
 
@@ -198,12 +198,12 @@ class PlanGroup:
 
 @dataclass(frozen=True)
 class PlanAgreement:
-    """An orthoimage whose places hold the block in plan; as `HeightAgreement`, each place being two observations.
+    """An orthoimage that constrains the block in plan; as `HeightAgreement`, with two observations per place.
 
     rmse_m : of a coordinate, point - source, of the places that fit
-    sigma_m : of a coordinate of a place: what all share, as given, and sigma_factor times what it has by itself
-    share : of what tells the block's place: it against the RPCs, by their standard deviations in the mean
-    alone_m : what the block would move by, east and north, if it alone held it
+    sigma_m : of a coordinate of a place: the common error, as given, and sigma_factor times the independent one
+    share : weight in the position of the block against that of the RPCs
+    alone_m : change of position, east and north, if it alone determined the block
     """
 
     source: str
@@ -220,12 +220,12 @@ class PlanAgreement:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceOutcome:
-    """What the relief of a surface says of a part of a block that no GCP holds.
+    """Result of matching a part of a block without GCPs with the relief of a surface.
 
     images : ids of the part's images
-    match : how its tie points lie by the RPCs as given; left_m : (3,) displacement left after the adjustment
-    covariance_m2 : (3, 3) of the part's place by the surface, with that of the surface's own place
-    open : why it does not hold the part in plan; empty where it does
+    match : match at the positions by the original RPCs; left_m : (3,) displacement after the adjustment
+    covariance_m2 : (3, 3) of the position by the surface, including the error of the surface
+    open : reason why it does not determine the part in plan, or empty
     pointing_m : standard deviation of each coordinate in plan by the RPCs
     beyond_pointing : length of the displacement in plan in standard deviations of the RPCs' place and of itself
     surface : the surface; points : (k,) its tie points in the block; before : (k, 3) their places by the RPCs as given
@@ -245,10 +245,10 @@ class SurfaceOutcome:
 
 @dataclass(frozen=True, eq=False)
 class LaserOutcome:
-    """What became of each laser point ``(n,)``, in the order of the points.
+    """Use of each laser point ``(n,)``, in the order of the points.
 
-    points : the laser points; reason : why one holds nothing, empty where it holds
-    ties : number of tie points that it holds; residual_m : its height less theirs, NaN without any
+    points : the laser points; reason : why one is not used, or empty
+    ties : number of tie points that it constrains; residual_m : its height minus theirs, NaN without any
     sigma_m : standard deviation that it was given, with that of the ground between
     """
 
@@ -317,7 +317,7 @@ class Adjustment:
     observations, unknowns : int
         Of the last solution.
     redundancy : float
-        Observations and what priors tell, less unknowns.
+        Number of observations, including priors, minus number of unknowns.
     converged : bool
         Whether the loop ended by itself.
     status : str
@@ -337,11 +337,11 @@ class Adjustment:
     warnings : tuple of str
         What a user should know.
     heights : tuple of HeightAgreement
-        How tie points agree with the DEM and the laser points that held their heights.
+        Agreement of tie points with the DEM and the laser points that constrain their heights.
     plan : PlanAgreement or None
-        How the places of a reference agree, where one holds the block in plan.
+        Agreement of the places of a reference, if one constrains the block in plan.
     surfaces : tuple of SurfaceOutcome
-        What became of each surface that holds the block.
+        Result for each surface that constrains the block.
     rpcs_alone_m : tuple of float or None
         What the block would move by, east, north and up, if its RPCs alone held it: the median of its tie points; None
         without any.

@@ -960,8 +960,8 @@
       <translation>Zwei Bilder einpassen</translation>
     </message>
     <message>
-      <source>Registration of two images from their matched points, by kind of point</source>
-      <translation>Einpassung zweier Bilder aus ihren homologen Punkten, nach Art der Punkte</translation>
+      <source>Registration of two images from matched points, by kind of point</source>
+      <translation type="unfinished" />
     </message>
     <message>
       <source>Reject</source>

@@ -106,7 +106,7 @@ class PointsDock(QDockWidget):
             ui.previous: lambda: self.step_to_gap(-1), ui.take: self.take_prediction,
             ui.forget: self.forget_measurement, ui.pick: self.pick_point, ui.go_to: self.go_to_place,
             ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
-            ui.accept: lambda: self.accept_transfers(self.answered_image()), ui.accept_all: self.accept_transfers,
+            ui.accept: lambda: self.accept_transfers(self.find_active_image()), ui.accept_all: self.accept_transfers,
             ui.reject: self.reject_transfer,
         }  # fmt: skip
         for action, slot in actions.items():
@@ -425,7 +425,7 @@ class PointsDock(QDockWidget):
                 view.markers.show_markers(self._markers(view.image()))
         self.ui.enable_answers(bool(self.proposals))
         if is_asked:
-            self.answered_image()
+            self.find_active_image()
         keys = tr("Y takes what was found in the framed view, Shift+Y all, X refuses it.") if self.proposals else ""
         if not is_asked:
             self.tell(f"{self._clicked}  {keys}")
@@ -434,7 +434,7 @@ class PointsDock(QDockWidget):
         said = ";  ".join(f"{image}: {one.refusal or good.format(one.correlation)}" for image, one in found.items())
         self.tell(f"{self.point()}  {keys}  {said or tr('no other image should show it')}")
 
-    def answered_image(self) -> str:
+    def find_active_image(self) -> str:
         """Return the image whose proposal the next answer is for, with its view framed; empty without."""
         waiting = [view for view in self.ui.list_views() if view.image() in self.proposals]
         if waiting and self._active not in waiting:
@@ -458,7 +458,7 @@ class PointsDock(QDockWidget):
 
     def reject_transfer(self) -> None:
         """Refuse what was found in the active view."""
-        image = self.answered_image()
+        image = self.find_active_image()
         if self.proposals.pop(image, None) is not None:
             self.tell(tr("{} on {}: refused; click where it is, or leave it").format(self.point(), image))
             self.refresh()

@@ -534,7 +534,7 @@ def test_tie_points_are_clicked_once_and_found_in_the_other_images(dock, rendere
         if number % 2 == 0:
             press(dock, Qt.Key.Key_Y, Qt.KeyboardModifier.ShiftModifier)
         else:
-            first = dock.answered_image()
+            first = dock.find_active_image()
             press(dock, Qt.Key.Key_X)
             assert first not in dock.proposals and (tie, first) not in dock.session.measured
             press(dock, Qt.Key.Key_Y)

@@ -166,7 +166,7 @@ def _make_environment() -> jinja2.Environment:
     environment.filters["crs_name"] = name_crs
     environment.filters["crs_unit"] = name_crs_unit
     environment.filters["at"] = find_entry
-    environment.filters["filled"] = keep_filled
+    environment.filters["filled"] = select_used_columns
     return environment
 
 
@@ -193,7 +193,7 @@ def find_entry(entry: Any, part: str) -> Any:
     return entry
 
 
-def keep_filled(columns: Iterable[tuple[str, str, int | None]], rows: Sequence[Any]) -> list[Any]:
+def select_used_columns(columns: Iterable[tuple[str, str, int | None]], rows: Sequence[Any]) -> list[Any]:
     """Return the columns (title, part, digits) of a table in which any of the rows (name, key, entry) has a value."""
     return [column for column in columns if any(find_entry(row[2], column[1]) is not None for row in rows)]
 

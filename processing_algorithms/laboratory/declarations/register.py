@@ -17,7 +17,7 @@ class RegisterOptions:
     images: tuple[str, ...] = option(
         (), "The two images; needed for the models with RPC only", kind=Kind.IMAGES, metavar="IMAGE"
     )
-    image_points: str = option(help="Points measured on both images", kind=Kind.POINTS, metavar="FILE")
+    image_points: str = option(help="Points measured in both images", kind=Kind.POINTS, metavar="FILE")
     first: str | None = option(None, "Id of the first image; by default the first one", metavar="ID")
     second: str | None = option(None, "Id of the second image; by default the next one", metavar="ID")
     registration: RegistrationOptions = nest_options(RegistrationOptions)
@@ -30,12 +30,11 @@ class RegisterOptions:
 
 ALGORITHM = Algorithm(
     name="register", title="Register two images", group="Laboratory",
-    summary="Registration of two images from their matched points, by kind of point",
+    summary="Registration of two images from matched points, by kind of point",
     help=(
-        "Carries the points of the first image to the second, by a transformation in image space or after the RPCs "
-        "(over a DEM or at a height), and reports what is left over for centres and corners, each registering the "
-        "images alone and all together. The images may have different resolutions. Residuals are in pixels of the "
-        "second image, or in metres with `gsd`."
+        "Transforms the points of the first image to the second one, in image space or with the RPCs (on a DEM or at "
+        "a height). It reports the residuals of centres and corners, used separately and together. The images can "
+        "have different resolutions. Residuals are in pixels of the second image, or in metres with `gsd`."
     ),
     options=RegisterOptions,
     examples=(

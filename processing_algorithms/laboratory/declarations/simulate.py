@@ -24,11 +24,11 @@ from ...interface.option_groups import Common, ResultFolder
 class ViewOptions:
     """Which sensor looks from where."""
 
-    sensor: str = option("pleiades", "Sensor that takes the images", choices=SENSOR_NAMES)
+    sensor: str = option("pleiades", "Sensor of the images", choices=SENSOR_NAMES)
     images: int = option(2, "Number of images of each place and date", minimum=1, maximum=50, metavar="N")
     dates: int = option(
         1,
-        "Number of dates over a year, each seen from another side under its own sun; 1 takes all images on one day",
+        "Number of dates in a year, each with another viewing direction and sun position; 1: all images on one day",
         minimum=1,
         maximum=366,
         metavar="N",
@@ -43,21 +43,21 @@ class ViewOptions:
         metavar="DEG",
     )
     size: int = option(
-        2000, "Samples, and lines where those are not given, of each image", minimum=64, unit="px", metavar="PX"
+        2000, "Samples of each image, and lines if they are not given", minimum=64, unit="px", metavar="PX"
     )
-    lines: int = option(0, "Lines of each image; 0 takes the samples", minimum=0, unit="px", metavar="PX")
+    lines: int = option(0, "Lines of each image; 0: equal to the samples", minimum=0, unit="px", metavar="PX")
     along: tuple[str, ...] = option(
         (), "Off-nadir angles along the track, one for each image of a place", unit="deg", metavar="A,B,…"
     )
     across: float = option(
         0.0, "Off-nadir angle to the right of the track", minimum=-50.0, maximum=50.0, unit="deg", metavar="DEG"
     )
-    heading: float = option(HEADING_DEG, "Azimuth of the flight, and of the lines", unit="deg", metavar="DEG")
-    strips: int = option(1, "Strips beside each other", minimum=1, advanced=True, metavar="N")
-    places: int = option(1, "Places along each strip", minimum=1, advanced=True, metavar="N")
+    heading: float = option(HEADING_DEG, "Azimuth of the flight direction", unit="deg", metavar="DEG")
+    strips: int = option(1, "Number of adjacent strips", minimum=1, advanced=True, metavar="N")
+    places: int = option(1, "Number of scenes along each strip", minimum=1, advanced=True, metavar="N")
     overlap: float = option(
         STRIP_OVERLAP,
-        "Share by which neighbouring places overlap",
+        "Overlap of neighbouring scenes, as a share",
         minimum=0.0,
         maximum=0.9,
         advanced=True,
@@ -85,7 +85,7 @@ class VendorErrorOptions:
     vendor_attitude_drift: tuple[str, ...] = _error_option("roll, pitch and yaw, their change over the image", "rad")
     jitter: float = option(
         0.0,
-        "Amplitude of the attitude's vibration, unknown to the vendor",
+        "Amplitude of a vibration of the attitude, which the RPCs do not include",
         minimum=0.0,
         unit="px",
         advanced=True,
@@ -108,9 +108,9 @@ class SimulateOptions:
     laser: LaserSpec = nest_options(LaserSpec)
     free_dem: FreeDemSpec = nest_options(FreeDemSpec)
     free_ortho: FreeOrthoSpec = nest_options(FreeOrthoSpec)
-    pixels: bool = option(True, "Render the images; without, RPC files stand for them")
-    ms: bool = option(False, "Render multispectral images of larger pixels too")
-    ortho: bool = option(False, "Write an orthophoto of the scene, georeferenced and free of errors")
+    pixels: bool = option(True, "Render the images; otherwise only RPC files are written")
+    ms: bool = option(False, "Also render multispectral images with larger pixels")
+    ortho: bool = option(False, "Write an orthoimage of the scene without errors")
     folder: ResultFolder = nest_options(ResultFolder)
     common: Common = nest_options(Common)
 
@@ -119,17 +119,17 @@ ALGORITHM = Algorithm(
     name="simulate", title="Simulate block", group="Laboratory",
     summary="A synthetic block with images, DEM, GCPs, noise and full truth",
     help=(
-        "Takes pushbroom images of a fractal, textured ground through an exact physical camera, with RPCs whose "
-        "orbit and attitude are wrong as a vendor's are. Writes images, terrain (ellipsoidal heights), ground points, "
-        "image points and the truth of all of them, to test methods and to plan blocks.\n\n"
-        "With `dates` the images are taken over a year: shading and cast shadows as the sun stands, crops and leaves "
-        "by the season, ploughed fields, snow, buildings that stand up and of which some are built or torn down, cars, "
-        "haze and gain. truth.gpkg then says what changed when.\n\n"
-        "With `laser_passes` a laser altimeter flies over it: laser.csv holds its points as SlideRule writes them, "
-        "with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each met. With `free_dem` and "
-        "`free_ortho` free_dem.tif is a DEM with the errors of Copernicus GLO-30 (ellipsoidal heights; by what it is "
-        "displaced stands in truth.json), and free_ortho.tif an orthoimage in four bands, from another season and some "
-        "metres beside the truth; what free_ortho.tif is off by stands in report.json."
+        "Simulates pushbroom images of a fractal, textured terrain with an exact physical camera. The RPCs have "
+        "errors of orbit and attitude like those of a vendor. Writes images, terrain (ellipsoidal heights), ground "
+        "points, image points and the truth of all of them, to test methods and to plan blocks.\n\nWith `dates` the "
+        "images are distributed over a year. Shading and cast shadows follow the sun; crops, leaves, ploughed fields "
+        "and snow follow the season. Buildings have heights, and some are built or demolished; there are also cars, "
+        "haze and gain. truth.gpkg contains all changes with their dates.\n\nWith `laser_passes` there are passes of "
+        "a laser altimeter: laser.csv contains its points in the format of SlideRule, with the noise and misfits of "
+        "real ICESat-2 segments, and true_laser.gpkg their true surface. `free_dem` writes free_dem.tif, a DEM with "
+        "the errors of Copernicus GLO-30 (ellipsoidal heights; its displacement is in truth.json). `free_ortho` "
+        "writes free_ortho.tif, an orthoimage in four bands of another season with errors of some metres, which are "
+        "in report.json."
     ),
     options=SimulateOptions,
     examples=(
