@@ -2253,51 +2253,51 @@ def simulate(
 ) -> Result:
     """A synthetic block with images, DEM, GCPs, noise and full truth.
 
-    Takes pushbroom images of a fractal, textured ground through an exact physical camera, with RPCs
-    whose orbit and attitude are wrong as a vendor's are. Writes images, terrain (ellipsoidal heights),
-    ground points, image points and the truth of all of them, to test methods and to plan blocks.
+    Simulates pushbroom images of a fractal, textured terrain with an exact physical camera. The RPCs
+    have errors of orbit and attitude like those of a vendor. Writes images, terrain (ellipsoidal
+    heights), ground points, image points and the truth of all of them, to test methods and to plan
+    blocks.
 
-    With ``dates`` the images are taken over a year: shading and cast shadows as the sun stands, crops
-    and leaves by the season, ploughed fields, snow, buildings that stand up and of which some are built
-    or torn down, cars, haze and gain. truth.gpkg then says what changed when.
+    With ``dates`` the images are distributed over a year. Shading and cast shadows follow the sun;
+    crops, leaves, ploughed fields and snow follow the season. Buildings have heights, and some are
+    built or demolished; there are also cars, haze and gain. truth.gpkg contains all changes with their
+    dates.
 
-    With ``laser_passes`` a laser altimeter flies over it: laser.csv holds its points as SlideRule
-    writes them, with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg what each
-    met. With ``free_dem`` and ``free_ortho`` free_dem.tif is a DEM with the errors of Copernicus GLO-30
-    (ellipsoidal heights; by what it is displaced stands in truth.json), and free_ortho.tif an
-    orthoimage in four bands, from another season and some metres beside the truth; what free_ortho.tif
-    is off by stands in report.json.
+    With ``laser_passes`` there are passes of a laser altimeter: laser.csv contains its points in the
+    format of SlideRule, with the noise and misfits of real ICESat-2 segments, and true_laser.gpkg their
+    true surface. ``free_dem`` writes free_dem.tif, a DEM with the errors of Copernicus GLO-30
+    (ellipsoidal heights; its displacement is in truth.json). ``free_ortho`` writes free_ortho.tif, an
+    orthoimage in four bands of another season with errors of some metres, which are in report.json.
 
     Parameters
     ----------
     sensor : str, optional
-        Sensor that takes the images (one of ikonos, quickbird, worldview-2, pleiades, spot5, wide-
-        field; default pleiades).
+        Sensor of the images (one of ikonos, quickbird, worldview-2, pleiades, spot5, wide-field;
+        default pleiades).
     images : int, optional
         Number of images of each place and date (at least 1; at most 50; default 2).
     dates : int, optional
-        Number of dates over a year, each seen from another side under its own sun; 1 takes all images
+        Number of dates in a year, each with another viewing direction and sun position; 1: all images
         on one day (at least 1; at most 366; default 1).
     off_nadir : float, optional
         Largest off-nadir angle of the views of many dates (unit deg; at least 0; at most 35; default
         20).
     size : int, optional
-        Samples, and lines where those are not given, of each image (unit px; at least 64; default
-        2000).
+        Samples of each image, and lines if they are not given (unit px; at least 64; default 2000).
     lines : int, optional
-        Lines of each image; 0 takes the samples (unit px; at least 0; default 0).
+        Lines of each image; 0: equal to the samples (unit px; at least 0; default 0).
     along : sequence of str, optional
         Off-nadir angles along the track, one for each image of a place (unit deg).
     across : float, optional
         Off-nadir angle to the right of the track (unit deg; at least -50; at most 50; default 0).
     heading : float, optional
-        Azimuth of the flight, and of the lines (unit deg; default 190).
+        Azimuth of the flight direction (unit deg; default 190).
     strips : int, optional
-        Strips beside each other (at least 1; default 1).
+        Number of adjacent strips (at least 1; default 1).
     places : int, optional
-        Places along each strip (at least 1; default 1).
+        Number of scenes along each strip (at least 1; default 1).
     overlap : float, optional
-        Share by which neighbouring places overlap (at least 0; at most 0.9; default 0.2).
+        Overlap of neighbouring scenes, as a share (at least 0; at most 0.9; default 0.2).
     lon : float, optional
         Longitude of the scene's centre (unit deg; default 5.45).
     lat : float, optional
@@ -2353,7 +2353,8 @@ def simulate(
         Error of the vendor's roll, pitch and yaw, their change over the image, the same for all images,
         instead of a random one (unit rad).
     jitter : float, optional
-        Amplitude of the attitude's vibration, unknown to the vendor (unit px; at least 0; default 0).
+        Amplitude of a vibration of the attitude, which the RPCs do not include (unit px; at least 0;
+        default 0).
     jitter_period : float, optional
         Period of the vibration (unit lines; at least 50; default 2000).
     laser_passes : int, optional
@@ -2393,11 +2394,11 @@ def simulate(
         How much of the ground looks different in the free orthoimage, as in another season (at least 0;
         at most 1; default 0.4).
     pixels : bool, optional
-        Render the images; without, RPC files stand for them (default yes).
+        Render the images; otherwise only RPC files are written (default yes).
     ms : bool, optional
-        Render multispectral images of larger pixels too (default no).
+        Also render multispectral images with larger pixels (default no).
     ortho : bool, optional
-        Write an orthophoto of the scene, georeferenced and free of errors (default no).
+        Write an orthoimage of the scene without errors (default no).
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional
@@ -2439,17 +2440,17 @@ def register(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Result:
-    """Registration of two images from their matched points, by kind of point.
+    """Registration of two images from matched points, by kind of point.
 
-    Carries the points of the first image to the second, by a transformation in image space or after the
-    RPCs (over a DEM or at a height), and reports what is left over for centres and corners, each
-    registering the images alone and all together. The images may have different resolutions. Residuals
-    are in pixels of the second image, or in metres with ``gsd``.
+    Transforms the points of the first image to the second one, in image space or with the RPCs (on a
+    DEM or at a height). It reports the residuals of centres and corners, used separately and together.
+    The images can have different resolutions. Residuals are in pixels of the second image, or in metres
+    with ``gsd``.
 
     Parameters
     ----------
     image_points : path or table or array or GroundPoints or ImagePoints
-        Points measured on both images.
+        Points measured in both images.
     images : path or Image or sequence of them, optional
         The two images; needed for the models with RPC only.
     first : str, optional
