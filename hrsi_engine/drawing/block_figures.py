@@ -14,7 +14,7 @@ import numpy as np
 
 from ..foundation.thresholds import threshold, thresholds
 from .block_map import BlockMap, MapDrawing, draw_map
-from .plots import choose_round_length, compute_typical_length, draw_histogram, draw_qq_plot, make_arrow_path
+from .plots import choose_round_length, compute_typical_length, draw_histogram, make_arrow_path
 from .target_chips import TargetChip, draw_target_chip
 
 CARD_WIDTH, CARD_MARGIN, CARD_KEY = 360.0, 14.0, 24.0
@@ -198,7 +198,7 @@ def draw_figures(figures: ReportFigures) -> dict[str, Any]:
         "surfaces": figures.surfaces,
         "cards": [(card, draw_image_card(card, typical)) for card in figures.cards],
         "distributions": [
-            (axis, draw_histogram(values, f"Histogram, {axis}"), draw_qq_plot(values, f"Q-Q, {axis}"))
+            (axis, draw_histogram(values, f"Histogram, {axis}"))
             for axis, values in figures.normalised.items()
             if len(values)
         ],

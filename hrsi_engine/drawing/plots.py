@@ -1,16 +1,14 @@
-"""Plots as SVG: distributions of normalised residuals, residual vectors over an image, bars; the arrows of drawings."""
+"""Plots as SVG: distributions of normalised residuals, bars; the arrows of drawings."""
 
 import html
 import math
 from collections.abc import Mapping
-from statistics import NormalDist
 
 import numpy as np
 
 HISTOGRAM_WIDTH, HISTOGRAM_HEIGHT = 360.0, 230.0
 LEFT, RIGHT, TOP, BOTTOM = 34.0, 10.0, 10.0, 26.0
 SIGMAS_SHOWN = 5.0  # sigmas shown
-QUANTILES = 160
 
 
 def draw_histogram(values: np.ndarray, label: str) -> str:
@@ -24,7 +22,7 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
     middle = np.linspace(-SIGMAS_SHOWN, SIGMAS_SHOWN, 101)
     curve = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
     top = 1.08 * max(float(density.max(initial=0.0)), float(curve.max()))
-    parts = [_open_plot(label, [])]
+    parts = [_open_plot(label)]
     for low, high, value in zip(edges[:-1], edges[1:], density, strict=True):
         (x0, y), (x1, y1) = _place_point(low, value / top), _place_point(high, 0.0)
         if value > 0.0:
@@ -35,24 +33,7 @@ def draw_histogram(values: np.ndarray, label: str) -> str:
     return "".join([*parts, "</svg>"])
 
 
-def draw_qq_plot(values: np.ndarray, label: str) -> str:
-    """Return the quantiles of normalised values against those of the normal distribution, with the line y = x.
-
-    values : (n,) residuals over their standard deviations; label : text alternative
-    """
-    parts = [_open_plot(label, [-4, -2, 0, 2, 4])]
-    (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
-    parts.append(f'<polyline class="normal" points="{x0:.1f},{y0:.1f} {x1:.1f},{y1:.1f}"/>')
-    if len(values):
-        probability = (np.arange(min(len(values), QUANTILES)) + 0.5) / min(len(values), QUANTILES)
-        expected, found = np.array([NormalDist().inv_cdf(p) for p in probability]), np.quantile(values, probability)
-        for x, y in zip(expected, np.clip(found, -SIGMAS_SHOWN, SIGMAS_SHOWN), strict=True):
-            at = _place_point(x, (y + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
-            parts.append(f'<circle class="quantile" cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="2"/>')
-    return "".join([*parts, "</svg>"])
-
-
-def _open_plot(label: str, y_ticks: list[int]) -> str:
+def _open_plot(label: str) -> str:
     """Return the opening of a plot with its axes."""
     (x0, y0), (x1, y1) = _place_point(-SIGMAS_SHOWN, 0.0), _place_point(SIGMAS_SHOWN, 1.0)
     parts = [
@@ -63,9 +44,6 @@ def _open_plot(label: str, y_ticks: list[int]) -> str:
     for tick in (-4, -2, 0, 2, 4):
         x, y = _place_point(tick, 0.0)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 15.0:.1f}" text-anchor="middle">{tick}</text>')
-    for tick in y_ticks:
-        x, y = _place_point(-SIGMAS_SHOWN, (tick + SIGMAS_SHOWN) / (2.0 * SIGMAS_SHOWN))
-        parts.append(f'<text class="tick" x="{x - 5.0:.1f}" y="{y + 4.0:.1f}" text-anchor="end">{tick}</text>')
     return "".join(parts)
 
 
@@ -105,38 +83,12 @@ def choose_round_length(longest: float) -> float:
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= longest * 1.000001)
 
 
-RESIDUALS_WIDTH, MARGIN = 560.0, 34.0
+BARS_WIDTH = 560.0
 
 
 def compute_typical_length(residual: np.ndarray) -> float:
     """Return the 90th percentile of the lengths of residuals (n, 2)."""
     return float(np.percentile(np.hypot(*residual.T), 90.0))
-
-
-def draw_residual_vectors(xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str) -> str:
-    """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
-
-    xy, residual : (n, 2) places and residuals, lines downwards; groups : (n,) they name the colour
-    unit : of the residuals, for the scale
-    """
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    scale = (RESIDUALS_WIDTH - 2.0 * MARGIN) / max(float((high - low).max()), 1e-9)
-    height = float((high - low)[1]) * scale + 2.0 * MARGIN + 24.0
-    typical = compute_typical_length(residual)
-    per_unit = 32.0 / typical if typical > 0.0 else 0.0  # drawing units of the 90th percentile
-    parts = [f'<svg class="card" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
-    for (x, y), (dx, dy), group in zip((xy - low) * scale + MARGIN, residual * per_unit, groups, strict=True):
-        parts.append(_draw_arrow(x, y, dx, dy, str(group)))
-    if typical > 0.0:
-        length = choose_round_length(1.5 * typical)
-        parts.append(_draw_arrow(MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))
-        x = MARGIN + length * per_unit + 8.0
-        parts.append(f'<text x="{x:.1f}" y="{height - 10.0:.1f}">{length:g} {html.escape(unit)}</text>')
-    return "".join([*parts, "</svg>"])
-
-
-def _draw_arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
-    return f'<path class="v {html.escape(group)}" d="M{x:.1f},{y:.1f}h0{make_arrow_path(x, y, dx, dy, head=5.0)}"/>'
 
 
 def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
@@ -147,10 +99,10 @@ def draw_bars(values: Mapping[str, Mapping[str, float]], unit: str) -> str:
     rows = [(case, group, value) for case, groups in values.items() for group, value in groups.items()]
     largest = max((value for _, _, value in rows if math.isfinite(value)), default=1.0) or 1.0
     height = 26.0 * len(rows) + 10.0
-    parts = [f'<svg class="bars" viewBox="0 0 {RESIDUALS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
+    parts = [f'<svg class="bars" viewBox="0 0 {BARS_WIDTH:.0f} {height:.0f}" role="img" aria-label="Comparison">']
     for number, (case, group, value) in enumerate(rows):
         y = 26.0 * number + 6.0
-        length = 0.0 if not math.isfinite(value) else (RESIDUALS_WIDTH - 320.0) * value / largest
+        length = 0.0 if not math.isfinite(value) else (BARS_WIDTH - 320.0) * value / largest
         label = html.escape(f"{case}, {group}")
         parts.append(f'<text x="4" y="{y + 14.0:.1f}">{label}</text>')
         parts.append(f'<rect x="230" y="{y:.1f}" width="{length:.1f}" height="18" class="bar {html.escape(group)}"/>')

@@ -5,7 +5,7 @@ few; of many the worst, and all of them as cells of the map and of the images.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,11 @@ def report_figures(
     pictures = _read_pictures(result.block.images, [card.image for card in cards])
     return ReportFigures(
         map=_make_map(result, left, shown, images, pictures), points=_point_columns(result, left, shown),
-        pictures=list(pictures.values()), cards=[_with_picture(card, pictures.get(card.image)) for card in cards],
+        pictures=list(pictures.values()),
+        cards=[
+            replace(card, picture=own.name, picture_size=own.covers) if (own := pictures.get(card.image)) else card
+            for card in cards
+        ],
         chips=_make_chips(result, shown, outline),
         normalised={axis: _thin_values(values) for axis, values in normalise_residuals(result).items()},
         surfaces=draw_surfaces(result),
@@ -268,12 +272,6 @@ def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, 
         if picture is not None:
             found[image.id] = picture
     return found
-
-
-def _with_picture(card: ImageCard, picture: Picture | None) -> ImageCard:
-    if picture is None:
-        return card
-    return ImageCard(**{**card.__dict__, "picture": picture.name, "picture_size": picture.covers})
 
 
 def _lay_out(images: Sequence[Image], pictures: Mapping[str, Picture], height_m: float) -> list[GroundPicture]:

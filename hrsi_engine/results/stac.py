@@ -16,12 +16,12 @@ from shapely.geometry import MultiPolygon, Polygon, box, mapping
 from shapely.geometry.polygon import orient
 
 from ..block.block import Image
-from ..block.imaging_geometry import compute_footprint, compute_view_directions
+from ..block.imaging_geometry import compute_footprint
 from ..block.pointing import compute_gsd_m
 from ..io.catalogue.lineage import file_entry
 from ..io.catalogue.stac_items import href_of
 from ..io.opening.item_images import item_of
-from ..io.rasters.sun_angles import read_sun, read_time
+from ..io.rasters.sun_angles import read_sun
 from ..io.rpc_files.fields import STAC_NAMES, json_members
 from ..refinement.model import RefitRPC
 from .lineage import block_accuracy
@@ -63,7 +63,7 @@ class DeliveryFiles:
 def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report: Mapping[str, Any]) -> dict[str, Any]:
     """Return a refined image as a STAC item, as JSON takes it; the report is finished but for the times."""
     new, height = replace(image, rpc=refined.rpc), image.middle_height_m
-    outline = _orient_outline(compute_footprint(new, height))
+    outline, entry = _orient_outline(compute_footprint(new, height)), report["images"][image.id]
     assets = {"image": _make_asset(files.image, files, "data")}
     if image.size is not None:
         assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
@@ -81,8 +81,8 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
         "id": image.id,
         "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
         "properties": {
-            **_time_properties(image, report["date"]), "created": report["date"],
-            **_platform_properties(image), **_view_properties(new, height),
+            **_time_properties(entry, report["date"]), "created": report["date"],
+            **_platform_properties(image), **_view_properties(image, entry),
             **_processing_properties(image, report), **_accuracy_properties(refined, report),
             **json_members(refined.rpc, STAC_NAMES),
         },
@@ -100,11 +100,10 @@ def has_time(item: Mapping[str, Any]) -> bool:
     return item["properties"]["datetime"] is not None
 
 
-def _time_properties(image: Image, date: str) -> dict[str, Any]:
+def _time_properties(entry: Mapping[str, Any], date: str) -> dict[str, Any]:
     """Return when an image was taken; at some time before the run's ``date`` where that is not known."""
-    time = read_time(image.path) if image.path else None
-    if time is not None:
-        return {"datetime": time.strftime("%Y-%m-%dT%H:%M:%SZ")}
+    if entry["acquired"] is not None:
+        return {"datetime": entry["acquired"]}
     return {"datetime": None, "start_datetime": EARLIEST, "end_datetime": date}
 
 
@@ -114,16 +113,11 @@ def _platform_properties(image: Image) -> dict[str, Any]:
     return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept}
 
 
-def _view_properties(image: Image, height: float) -> dict[str, Any]:
+def _view_properties(image: Image, entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return where the satellite and the sun stood, seen from the middle of the image."""
-    first_sample, last_sample, first_line, last_line = image.domain_px
-    middle = np.array([[0.5 * (first_sample + last_sample), 0.5 * (first_line + last_line)]])
-    east, north, up = compute_view_directions(image.rpc, image.rpc.localize(middle, height).ground)[0].tolist()
-    # The azimuth of a view is that of its way down, from below the satellite to the scene
-    view = {
-        "view:incidence_angle": float(np.degrees(np.arccos(min(up, 1.0)))),
-        "view:azimuth": float(np.degrees(np.arctan2(-east, -north)) % 360.0),
-    }
+    view = {}
+    if entry["incidence_deg"] is not None:  # the azimuth of a view is that of its way down, to the scene
+        view = {"view:incidence_angle": entry["incidence_deg"], "view:azimuth": (entry["azimuth_deg"] + 180.0) % 360.0}
     sun = read_sun(image.path, image.rpc) if image.path else None
     if sun is not None:
         view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...hrsi_engine.block.block import ImagePoints
-from ...hrsi_engine.drawing.plots import draw_bars, draw_residual_vectors
+from ...hrsi_engine.drawing.plots import choose_round_length, compute_typical_length, draw_bars, make_arrow_path
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
 from ...hrsi_engine.io.geopackage.declared_layers import RegisteredPointRows
@@ -181,3 +182,32 @@ def summarise(report: Report) -> str:
     ratios = report["center_over_corner"] or {}
     lines += [f"centre over corner, {table}: {ratio:.0%}" for table, ratio in ratios.items() if ratio is not None]
     return "\n".join(lines)
+
+
+_WIDTH, _MARGIN = 560.0, 34.0  # of the residual vectors, SVG units
+
+
+def draw_residual_vectors(xy: np.ndarray, residual: np.ndarray, groups: np.ndarray, unit: str) -> str:
+    """Return residual arrows at the points' places (thesis figures 2.13, 2.14, 2.17 to 2.20).
+
+    xy, residual : (n, 2) places and residuals, lines downwards; groups : (n,) they name the colour
+    unit : of the residuals, for the scale
+    """
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    scale = (_WIDTH - 2.0 * _MARGIN) / max(float((high - low).max()), 1e-9)
+    height = float((high - low)[1]) * scale + 2.0 * _MARGIN + 24.0
+    typical = compute_typical_length(residual)
+    per_unit = 32.0 / typical if typical > 0.0 else 0.0  # drawing units of the 90th percentile
+    parts = [f'<svg class="card" viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
+    for (x, y), (dx, dy), group in zip((xy - low) * scale + _MARGIN, residual * per_unit, groups, strict=True):
+        parts.append(_draw_arrow(x, y, dx, dy, str(group)))
+    if typical > 0.0:
+        length = choose_round_length(1.5 * typical)
+        parts.append(_draw_arrow(_MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))
+        x = _MARGIN + length * per_unit + 8.0
+        parts.append(f'<text x="{x:.1f}" y="{height - 10.0:.1f}">{length:g} {html.escape(unit)}</text>')
+    return "".join([*parts, "</svg>"])
+
+
+def _draw_arrow(x: float, y: float, dx: float, dy: float, group: str) -> str:
+    return f'<path class="v {html.escape(group)}" d="M{x:.1f},{y:.1f}h0{make_arrow_path(x, y, dx, dy, head=5.0)}"/>'

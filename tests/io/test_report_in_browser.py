@@ -181,7 +181,7 @@ def test_it_opens_with_what_was_reached(simulated: Path) -> None:
     assert {block.count('<svg class="chip"') for block in blocks} == {len(report["images"])}
     assert known < len(blocks) <= known + 12  # all known ones, and the worst tie points
     assert page.count('id="picture-') == 2
-    assert page.count('class="plot"') == 4  # histogram and Q-Q of samples and lines
+    assert page.count('class="plot"') == 2  # histograms of samples and lines
     assert page.count('<svg class="card"') == 2
 
 
