@@ -181,11 +181,11 @@
       element("dt", term, list);
       element("dd", text, list);
     };
-    tell("role", { gcp: "control point", check: "check point", tie: "tie point", held_out: "held-out tie point" }[roles[points.role[number]]]);
+    tell("role", { gcp: "GCP", check: "check point", tie: "tie point", held_out: "held-out tie point" }[roles[points.role[number]]]);
     if (points.flag[number]) tell("flag", FLAGS[points.flag[number]]);
     tell("position", `${decimals(points.lat[number], 6)}°, ${decimals(points.lon[number], 6)}°, ${decimals(points.height[number], 2)} m`);
     if (points.east[number] !== null) {
-      tell("survey − computed", `E ${decimals(points.east[number], 2)}, N ${decimals(points.north[number], 2)}, H ${decimals(points.up[number], 2)} m`);
+      tell("survey − computed", `E ${decimals(points.east[number], 2)}, N ${decimals(points.north[number], 2)}${points.up[number] === null ? "" : `, H ${decimals(points.up[number], 2)}`} m`);
     }
     if (points.sigma[number] !== null) tell("sigma, position", `${decimals(points.sigma[number], 2)} m`);
     tell("images", String(points.rays[number]));
