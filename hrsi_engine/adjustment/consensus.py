@@ -15,14 +15,12 @@ The scale of the parallaxes is that of a normal distribution on a uniform backgr
 A measurement takes part in the start where it agrees with half of the others of its point that it was compared with.
 """
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ..foundation.compiled_code import is_wanted
 from ..foundation.thresholds import threshold, thresholds
 from ..foundation.workers.threads import thread_count
 from .equations import NormalEquations, State
@@ -51,7 +49,6 @@ class PARALLAX:
     least_for_scale: int = threshold(12, "parallaxes", "fewer judge nothing")
     agreeing: float = threshold(3.0, "sigma", "a parallax off its plane by less agrees")
     levelling: float = threshold(1e-3, "", "relative weight that keeps slopes of poorly spread parallaxes at zero")
-    worth_compiling: int = threshold(200, "image pairs", "from here on planes are tried by a compiled loop")
 
 
 PARALLEL = 1e-9  # sine of the angle below which rays are
@@ -59,10 +56,6 @@ LEAST_AREA = 1e-6  # of a triangle that carries a plane, twice; the image's is 2
 PLANE_STEPS = 6
 CYCLES = 60
 PAIRS_AT_ONCE = 200
-
-
-#: Returns which of the planes ``tried (p, t, c)`` has the least distance number ``kept (p,)``, ``(p,)``.
-Nearest = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Parallaxes(NamedTuple):
@@ -161,7 +154,6 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
     departure, judged = np.zeros(len(order)), np.zeros(len(order), dtype=bool)
     count = np.diff(bounds)
     large = np.flatnonzero(count >= 3)
-    nearest = _choose_search(len(large))
 
     def fit(part: np.ndarray, three: np.ndarray) -> None:
         """Judge the parallaxes of some image pairs, by planes through ``three`` of each sample of a plane at a time."""
@@ -175,9 +167,9 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
         planes, tilted = np.zeros((len(part), 3)), size >= PARALLAX.least_for_plane
         kept = (PARALLAX.sample * np.clip(3.0 / size, PARALLAX.quantile, 1.0)).astype(np.int64) - 1
         samples = terms[picked], y[picked], sigma[picked], kept
-        planes[tilted] = _fit_planes(nearest, three, *(sample[tilted] for sample in samples))
+        planes[tilted] = _fit_planes(three, *(sample[tilted] for sample in samples))
         samples = samples[0][:, :, :1], *samples[1:]
-        planes[~tilted, :1] = _fit_planes(nearest, None, *(sample[~tilted] for sample in samples))
+        planes[~tilted, :1] = _fit_planes(None, *(sample[~tilted] for sample in samples))
         here = np.repeat(begin - np.cumsum(size) + size, size) + np.arange(size.sum())  # pairs with less lie between
         computed = np.einsum("nc,nc->n", terms[here], np.repeat(planes, size, axis=0))
         departure[order[span][here]] = (y[here] - computed) / sigma[here]
@@ -195,7 +187,7 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 
 
 def _fit_planes(
-    nearest: Nearest, three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+    three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
     """Return the plane ``(p, 3)`` that most of the parallaxes ``(p, s)`` of each image pair are near.
 
@@ -217,7 +209,7 @@ def _fit_planes(
         through[~spread] = 0.0
         through[~spread, 0] = y_of_three[~spread, 0]
         tried = np.concatenate([tried, through], axis=1)
-    plane = tried[np.arange(len(y)), nearest(terms, y, sigma, tried, kept)]
+    plane = tried[np.arange(len(y)), _find_nearest_planes(terms, y, sigma, tried, kept)]
     flat = PARALLAX.levelling * np.array([0.0, 1.0, 1.0])[: terms.shape[2]]
     for _ in range(PLANE_STEPS):
         # Parallaxes farther than number kept of a pair weigh nothing
@@ -236,19 +228,15 @@ def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
-def _choose_search(pairs: int) -> Nearest:
-    """Return what finds the planes of that many image pairs."""
-    if is_wanted(pairs >= PARALLAX.worth_compiling):
-        from .compiled_planes import find_nearest_planes
-
-        return find_nearest_planes
-    return _find_nearest_planes
-
-
 def _find_nearest_planes(
     terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, tried: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
-    """As `compiled_planes.find_nearest_planes`."""
+    """Return the plane ``(p,)`` of each image pair whose distance number ``kept`` (the smallest is 0) is the least.
+
+    terms, y, sigma : (p, s, c), (p, s) and (p, s) of the parallaxes
+    tried : (p, t, c) planes, c of 3 or 1 for level ones
+    kept : (p,) numbers
+    """
     apart = np.abs(y[:, None] - tried @ terms.swapaxes(1, 2)) / sigma[:, None]
     apart.partition(np.unique(kept), axis=2)
     reach = np.take_along_axis(apart, kept[:, None, None], axis=2)[:, :, 0]

@@ -18,7 +18,7 @@ WITH_PACKAGE = {
         "measurement.interest_points.level_regions",
     },
     "numba": {
-        "adjustment.compiled_planes", "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
+        "adjustment.equations.elimination_kernels", "camera.compiled_rpc",
         "foundation.compiled_code",
         "measurement.window_matching.lsm_kernels",
         "refinement.compiled_cameras",
