@@ -23,7 +23,6 @@ import sqlite3
 import struct
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -341,24 +340,13 @@ _ROOT = 1
 _ROWS_AT_ONCE, _NODES_AT_ONCE = 25_000, 1000
 
 
-_Level = tuple[np.ndarray, np.ndarray]  # ascending keys, and a value for each
-
-
-@dataclass(frozen=True)
-class RtreeTables:
-    """The tables of an R-tree.
-
-    nodes : by level, numbers of nodes and their contents (dtype ``V``)
-    rowids : rows and the nodes that they are in; parents : by level, nodes and the ones that they are in
-    """
-
-    nodes: Sequence[_Level]
-    rowids: _Level
-    parents: Sequence[_Level]
+#: Rows of an R-tree's three tables: name, columns, and for each level of the tree ascending keys and a value for each.
+RtreeTables = Sequence[tuple[str, tuple[str, str], Sequence[tuple[np.ndarray, np.ndarray]]]]
 
 
 def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTables | None:
-    """Return a packed two-dimensional R-tree of boxes; None without any box.
+    """Return a packed two-dimensional R-tree of boxes: nodes with their contents (dtype ``V``), rows and nodes with the
+    nodes that they are in; None without any box.
 
     rowids : (n,) int, ascending; low, high : (n, 2) least and largest x, y; the same for points
     """
@@ -405,18 +393,18 @@ def pack_rtree(rowids: np.ndarray, low: np.ndarray, high: np.ndarray) -> RtreeTa
         nodes.append((numbers, content.view(f"V{_NODE.itemsize}")))
         least, largest = (f.reduceat(boxes, bounds[:-1]) for f in (np.minimum, np.maximum))
         boxes = np.column_stack([least[:, 0], largest[:, 1], least[:, 2], largest[:, 3]])
-    return RtreeTables([nodes[-1], *nodes[:-1]], places[0], places[1:])  # the root first, as its number is
+    return (
+        ("node", ("nodeno", "data"), [nodes[-1], *nodes[:-1]]),  # the root first, as its number is
+        ("rowid", ("rowid", "nodeno"), places[:1]),
+        ("parent", ("nodeno", "parentnode"), places[1:]),
+    )
 
 
 def fill_rtree(rows: Inserter, rtree: str, tree: RtreeTables | None) -> None:
     """Fill an empty R-tree, a virtual table, through ``rows``: its tables grow at their ends."""
     if tree is None:
         return
-    for table, names, levels in (
-        ("node", ("nodeno", "data"), tree.nodes),
-        ("rowid", ("rowid", "nodeno"), [tree.rowids]),
-        ("parent", ("nodeno", "parentnode"), tree.parents),
-    ):
+    for table, names, levels in tree:
         for keys, values in levels:
             for begin in range(0, len(keys), _ROWS_AT_ONCE):
                 part = slice(begin, begin + _ROWS_AT_ONCE)
