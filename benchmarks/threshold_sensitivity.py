@@ -1,8 +1,8 @@
 """What half and double of thresholds change on measured blocks: `threshold_sensitivity.py [--docs]`.
 
 Thresholds that no data decided say *judgement* as their origin. Here each of those that are read while blocks are
-adjusted and judged is halved and doubled, alone, and compared with the result as it is: the verdict with its reasons, and by how
-much the points move in their own standard deviations. ``--docs`` writes `docs/threshold_sensitivity.csv`, from which
+adjusted and judged is halved and doubled, alone, and compared with the result as it is: the verdict with its reasons,
+and by how much the points move in their own standard deviations. ``--docs`` writes the table, from which
 `scripts/list_thresholds.py` takes what it says of them. The blocks: Hobart (three IKONOS images, ten GCPs), the same
 with a GCP 136 m off, the same without GCPs, the ZY-3 pair (seven GCPs), QuickBird (one image, five GCPs), and six
 simulated images with ties and GCPs wrong. HRSI_TEST_DATA names the data.
