@@ -961,7 +961,7 @@
     </message>
     <message>
       <source>Registration of two images from matched points, by kind of point</source>
-      <translation type="unfinished" />
+      <translation>Registrierung zweier Bilder aus zugeordneten Punkten, nach Punktart</translation>
     </message>
     <message>
       <source>Reject</source>
