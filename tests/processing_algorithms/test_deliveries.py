@@ -80,7 +80,7 @@ def test_a_dim_without_pixels_names_its_rpc_and_height(capsys, rpc: RPC, tmp_pat
 def test_a_dim_whose_rpc_file_is_missing_names_it(capsys, tmp_path: Path) -> None:
     (tmp_path / "DIM_x.XML").write_text(deliveries.dimap_product("RPC_x.XML", SIZE, SIZE, {}))
     _, log = told(capsys, "rpc-info", tmp_path / "DIM_x.XML", code=2)
-    assert "DIM_x.XML: names the RPC file 'RPC_x.XML', which is not beside it" in log
+    assert "DIM_x.XML: names the RPC file 'RPC_x.XML', which is not in its folder" in log
 
 
 def tiled(scene: Path, rpc: RPC, folder: Path) -> list[Path]:
