@@ -1,10 +1,12 @@
 """Surface models that CARS and s2p make of handed-over projects, compared with the reference of the s2p triplet.
 
-`python benchmarks/hand_over.py --bin cars=DIR --bin s2p=DIR [--work DIR] [--docs]`: DIR is the folder of the program's
-own environment (``pip install cars``, ``pip install s2p`` beside it, not in HRSI's). The triplet is adjusted by tie
-points alone, handed over, and the printed command is run as it stands; then the same project with the vendor's RPCs in
-its images, and for CARS with those that its own ``cars-bundleadjustment`` finds. What is finished in --work is not run
-again. With --docs the table goes into docs/how-to/hand-over.md.
+`python benchmarks/hand_over.py [cars s2p] [--bin cars=DIR …] [--best-pair] [--work DIR] [--docs]`: each program is
+installed from the package registry in an environment of its own below --work, unless --bin names the folder of its
+commands. The triplet is adjusted by tie points alone, handed over, and the printed command is run as it stands; then
+the same project with the vendor's RPCs in its images, and for CARS with those that its own ``cars-bundleadjustment``
+finds. With --best-pair CARS gets the best pair and no initial DEM (a fifth of the time). What is finished in --work is
+not run again, and a program that fails gets a row that says so. With --docs the table goes into
+docs/how-to/hand-over.md.
 
 The reference was made by s2p with the vendor's RPCs, whose position no GCP controls; refined RPCs lie a little beside
 it as a whole. So the median difference is told apart, and the spread also after the best shift in plan and height.
@@ -17,6 +19,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +38,36 @@ IMAGES = [str(TRIPLET / f"img_0{number}.tif") for number in (1, 2, 3)]
 WILD_M = 20.0  # a difference beyond this is a wrong match and not counted in RMSE; completeness leaves it out too
 
 
+PACKAGES = {"cars": ["cars==1.3.0", "rpcfit"], "s2p": ["s2p==1.0b25"]}
+#: Debian packages with what s2p is compiled with; they are unpacked below its environment, not installed.
+HEADERS = ["libfftw3-dev", "libfftw3-double3", "libfftw3-single3", "libgdal-dev", "libtiff-dev", "libtiffxx6"]
+
+
+def installed(program: str, work: Path) -> str:
+    """Return the folder of a program's commands in an environment of its own, which is made where it is missing."""
+    environment = work / "environments" / program
+    if not (environment / "bin" / program).exists():
+        environment.mkdir(parents=True, exist_ok=True)
+        words = dict(os.environ)
+        if program == "s2p":
+            subprocess.run(["apt-get", "download", *HEADERS], cwd=environment, check=True)
+            for package in environment.glob("*.deb"):
+                subprocess.run(["dpkg", "-x", str(package), str(environment / "debian")], check=True)
+            usr = environment / "debian" / "usr"
+            libraries = str(next((usr / "lib").glob("*-linux-gnu")))
+            headers = [
+                usr / "include",
+                next((usr / "include").glob("*-linux-gnu"), usr / "include"),
+                usr / "include" / "gdal",
+            ]
+            words |= {"CPATH": ":".join(map(str, headers)), "LIBRARY_PATH": libraries, "LD_LIBRARY_PATH": libraries,
+                      "PATH": f"{usr / 'bin'}:{os.environ['PATH']}"}  # fmt: skip
+        subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+        pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", *PACKAGES[program]]
+        subprocess.run(pip, check=True, env=words)
+    return str(environment / "bin")
+
+
 def adjusted(work: Path) -> Path:
     """Return the triplet's result folder: tie points, no GCPs."""
     folder = work / "result"
@@ -51,20 +84,28 @@ def typed(folder: Path, commands: list[str], result: Path, programs: str) -> Non
             subprocess.run(" && ".join(commands), shell=True, check=True, env=environment, stdout=log, stderr=log)
 
 
-def handed(work: Path, target: str, programs: str) -> dict[str, Path]:
-    """Return the surface models of a target by the RPCs that it got."""
-    own, vendor = work / f"{target}_refined", work / f"{target}_vendor"
+def handed(work: Path, target: str, programs: str, best_pair: bool) -> dict[str, Path]:
+    """Return the surface models of a target by the RPCs that it got; those that failed are not there."""
+    own, vendor = (work / f"{target}_{name}{'_pair' * best_pair}" for name in ("refined", "vendor"))
     if not own.exists():
         run("hand-over", result=str(adjusted(work)), to=target, output_dir=str(own))
+        if best_pair:
+            configuration = json.loads((own / "cars.json").read_text())
+            configuration["input"]["pairing"] = configuration["input"]["pairing"][:1]
+            del configuration["input"]["initial_elevation"]
+            (own / "cars.json").write_text(json.dumps(configuration))
     report = json.loads((own / "report.json").read_text())
     result = Path(report["expected"]).relative_to(own)
     if not vendor.exists():
         shutil.copytree(own, vendor, ignore=shutil.ignore_patterns("out", "tmp"))
         for image in IMAGES:
             shutil.copy(image, vendor)
-    made = {"vendor's": vendor, "HRSI's": own}
-    for folder in made.values():
-        typed(folder, [f"cd {folder}", *report["commands"][1:]], folder / result, programs)
+    made = {"HRSI's": own, "vendor's": vendor}
+    for name, folder in made.items():
+        try:
+            typed(folder, [f"cd {folder}", *report["commands"][1:]], folder / result, programs)
+        except subprocess.CalledProcessError:
+            print(f"{target} failed with {name} RPCs: see {folder}.log")
     return {name: folder / result for name, folder in made.items()}
 
 
@@ -75,11 +116,11 @@ def bundle_adjusted(work: Path, programs: str) -> Path:
         shutil.copytree(vendor, folder, ignore=shutil.ignore_patterns("out"))
         whole = json.loads((folder / "cars.json").read_text())
         pairing = [["img_01", "img_02"], ["img_01", "img_03"]]  # each pair begins with an image of those before
-        matching = {"decimation_factor": 100}
+        matching = {"decimation_factor": 100, "save_intermediate_data": True}
         whole["tie_points"] = {"applications": {
             "bundle_adjustment": {"pairing": pairing, "separate": False}, "sparse_matching": matching,
         }}  # fmt: skip
-        whole["output"]["directory"] = "adjusted"
+        whole["output"] = {"directory": "adjusted"}  # it takes neither CRS nor datum
         (folder / "bundle.json").write_text(json.dumps(whole))
     typed(folder, [f"cd {folder}", "cars-bundleadjustment bundle.json"], folder / "adjusted" / "img_01.geom", programs)
     configuration = json.loads((vendor / "cars.json").read_text())
@@ -130,6 +171,8 @@ def figures(path: Path) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
+    parser.add_argument("--best-pair", action="store_true", help="CARS: the best pair, no initial DEM")
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", default="build/hand_over", help="folder of projects and results")
     parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
@@ -137,14 +180,19 @@ def main() -> None:
     work = Path(options.work).resolve()
     work.mkdir(parents=True, exist_ok=True)
     rows = []
-    for target, programs in (entry.split("=", 1) for entry in options.bin):
-        models = handed(work, target, programs)
-        if target == "cars":
+    given = dict(entry.split("=", 1) for entry in options.bin)
+    for target in options.programs:
+        programs = given.get(target) or installed(target, work)
+        models = handed(work, target, programs, options.best_pair and target == "cars")
+        if target == "cars" and not options.best_pair:
             try:
                 models["cars-bundleadjustment's"] = bundle_adjusted(work, programs)
             except subprocess.CalledProcessError as error:
                 print(f"cars-bundleadjustment failed ({error.returncode}): see {work}/cars_bundle.log")
-        rows += [[target, name, *figures(path)] for name, path in models.items()]
+        rows += [
+            [target, name, *(figures(path) if path.exists() else ["failed", *[""] * 5])]
+            for name, path in models.items()
+        ]
     header = ["program", "RPCs", "RMSE m", "median m", "NMAD m", "RMSE m, shifted", "NMAD m, shifted", "complete"]
     text = render(header, rows)
     print(text)
