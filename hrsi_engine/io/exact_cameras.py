@@ -42,7 +42,7 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
         return None
     try:
         return reader(path)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
+    except (TypeError, ValueError, LookupError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise InputError(f"{path}: its ephemeris, attitude or detectors are damaged ({error}): get it again") from None
 
 

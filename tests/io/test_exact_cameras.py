@@ -246,6 +246,13 @@ def test_damaged_and_other_files(tmp_path, isd):
     (tmp_path / "short.xml").write_text(text.replace("<PD>11430.0</PD>", ""))
     with pytest.raises(InputError, match="PD is missing"):
         read_exact_camera(str(tmp_path / "short.xml"))
+    for number, hostile in enumerate((
+        '{"m_quaternions": ' + "[" * 100_000, '{"m_quaternions": [1e999]}', "<a><!-- <Corrected_Attitudes --></a>",
+        text.replace("<TIMEINTERVAL>0.02", "<TIMEINTERVAL>nan"), text[: len(text) // 2],
+    )):  # fmt: skip
+        (tmp_path / f"hostile{number}.xml").write_text(hostile)
+        with pytest.raises(InputError, match=f"hostile{number}.xml"):
+            read_exact_camera(str(tmp_path / f"hostile{number}.xml"))
     (tmp_path / "points.csv").write_text("id,lon,lat\n1,2,3\n")
     assert read_exact_camera(str(tmp_path / "points.csv")) is None
 
