@@ -4,7 +4,7 @@
 installed from the package registry in an environment of its own below --work, unless --bin names the folder of its
 commands. The triplet is adjusted by tie points alone, handed over, and the printed command is run as it stands; then
 the same project with the vendor's RPCs in its images, and for CARS with those that its own ``cars-bundleadjustment``
-finds. With --best-pair CARS gets the best pair and no initial DEM (a fifth of the time). What is finished in --work is
+finds. With --best-pair CARS gets the best pair only (a fifth of the time). What is finished in --work is
 not run again, and a program that fails gets a row that says so. With --docs the table goes into
 docs/how-to/hand-over.md.
 
@@ -92,7 +92,6 @@ def handed(work: Path, target: str, programs: str, best_pair: bool) -> dict[str,
         if best_pair:
             configuration = json.loads((own / "cars.json").read_text())
             configuration["input"]["pairing"] = configuration["input"]["pairing"][:1]
-            del configuration["input"]["initial_elevation"]
             (own / "cars.json").write_text(json.dumps(configuration))
     report = json.loads((own / "report.json").read_text())
     result = Path(report["expected"]).relative_to(own)
@@ -172,7 +171,7 @@ def figures(path: Path) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
-    parser.add_argument("--best-pair", action="store_true", help="CARS: the best pair, no initial DEM")
+    parser.add_argument("--best-pair", action="store_true", help="CARS: the best pair only")
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", default="build/hand_over", help="folder of projects and results")
     parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")

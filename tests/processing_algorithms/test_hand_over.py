@@ -71,8 +71,8 @@ def test_cars_project(block):
     for name, sensor in sensors.items():
         assert gdal_rpc(folder / sensor["image"]) == gdal_rpc(block / "result" / f"{name}.tif")
         assert gdal_rpc(folder / sensor["image"]) != gdal_rpc(block / "made" / f"{name}.tif")
-    # ellipsoidal in and out: no geoid of CARS's own
-    assert configuration["input"]["initial_elevation"] == {"dem": "dem.tif", "geoid": None}
+    # no geoid of CARS's own, and no surface of tie points below its epipolar grids
+    assert set(configuration["input"]) == {"sensors", "pairing"}
     assert configuration["output"]["geoid"] is False
     assert report["commands"] == [f"cd {folder}", "cars cars.json"]
 
@@ -93,14 +93,14 @@ def compare_with_truth(block: Path, folder: Path) -> np.ndarray:
 
 
 def test_initial_dem_of_tie_points_is_near_the_true_terrain(block):
-    folder, _ = hand_over(block, "cars", "terrain")
+    folder, _ = hand_over(block, "s2p", "terrain")
     # 60 tie points on a relief of 40 m tell it to a fraction of that; an undulation of the geoid would be about 50 m
     assert np.median(np.abs(compare_with_truth(block, folder))) < 8.0
 
 
 def test_initial_dem_reaches_beyond_the_images_without_a_step(block):
-    """CARS takes a quarter of the extent and 0.02 degrees around the images, and 0 m where a DEM has no heights."""
-    folder, report = hand_over(block, "cars", "margin")
+    """A quarter of the extent and 0.02 degrees around the images, all of it at heights of the terrain."""
+    folder, report = hand_over(block, "s2p", "margin")
     dem = gdal.Open(str(folder / "dem.tif"))
     left, dx, _, top, _, dy = dem.GetGeoTransform()
     west, south, east, north = report["area"]

@@ -36,10 +36,8 @@ class PROJECTS:
         1000, "nodes", "of the initial DEM along each side", "a start for matching needs no more"
     )
     node_pixels: float = threshold(4.0, "px", "of the images, distance of the initial DEM's nodes at least")
-    margin: float = threshold(
-        0.25, "", "of the area's extent, by which the initial DEM reaches beyond it", "default of CARS"
-    )
-    margin_deg: float = threshold(0.02, "deg", "by which the initial DEM reaches farther still", "default of CARS")
+    margin: float = threshold(0.25, "", "of the area's extent, by which the initial DEM reaches beyond it")
+    margin_deg: float = threshold(0.02, "deg", "by which the initial DEM reaches farther still")
     dsm_pixels: float = threshold(4.0, "px", "of the images, cell of a surface model", "advice of ASP's handbook")
     outline_nodes: int = threshold(21, "nodes", "along each side of an area that is carried into an image")
     held_out_of: int = threshold(8, "views", "of which one is held out, to judge a reconstruction", "custom of LLFF")
@@ -179,9 +177,8 @@ def sample_area(bounds: Bounds, surface: HeightSurface, columns: int, rows: int 
 def write_initial_dem(project: BlockProject, path: str) -> None:
     """Write the initial DEM: heights above the WGS84 ELLIPSOID at lon, lat nodes.
 
-    It reaches well beyond the images: CARS lays its epipolar grids over the images' surroundings, takes 0 m where the
-    DEM ends without a nodata value, and its cubic interpolation carries such a step far into the images (waves of
-    10 m in a surface model). Nodes where the terrain is not known therefore get the height of the nearest one that is.
+    It extends beyond the images, and nodes where the terrain is not known get the height of the nearest one that is:
+    programs that interpolate in it or follow rays down must find neither gaps nor steps.
     """
     west, south, east, north = project.area.bounds
     margin = PROJECTS.margin * np.array([east - west, north - south]) + PROJECTS.margin_deg
