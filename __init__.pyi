@@ -1670,8 +1670,8 @@ def hand_over(
     Writes a folder in which the target program runs with one printed command. It contains the images
     with their refined RPCs, the chosen stereo pairs, an initial DEM of ellipsoidal heights, the
     configuration of the program, and the expected accuracy. Pairs are chosen by convergence angle, sun,
-    season and the share of common tie points. The initial DEM is ``dem``, or a surface through the
-    adjusted points.
+    season and the share of common tie points. The initial DEM (not for CARS) is ``dem``, or a surface
+    through the adjusted points.
 
     Parameters
     ----------
