@@ -80,7 +80,7 @@ CASES: dict[str, Callable[[], scenes.Scene]] = {
     "another season": lambda: seasonal(scenes.make(size=800)),
     "pixels of 0.35 m": lambda: scenes.make(size=800, ratio=0.5),
     "pixels of 2.8 m": lambda: scenes.make(size=800, ratio=4.0),
-    "RPC 240 px off": lambda: scenes.make(size=800, error=LARGE),
+    "RPC with an error of 240 px": lambda: scenes.make(size=800, error=LARGE),
     "rough DEM": lambda: rough_dem(scenes.make(size=800)),
 }
 
