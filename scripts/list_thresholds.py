@@ -6,9 +6,11 @@ and writes the page; ``--check`` only tells whether the page is current. The plu
 
 from __future__ import annotations
 
+import csv
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -26,8 +28,12 @@ HEAD = f"""# Thresholds
 
 Every number that HRSI compares with, by topic: the limits of tests, the sizes of windows and buffers, the ends of
 iterations. Each is a field of its topic, `NAME.field` in the module below the heading. The origin is a theory, a
-publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided.
+publication, the data and date of the tuning, or *judgement* where an engineer chose it and no data decided. Where
+*half* and *double* stand beside it, `benchmarks/threshold_sensitivity.py` has tried these values on measured blocks:
+they change nothing, move a point by so many of its standard deviations at the most, or change the verdict.
 """
+#: What `benchmarks/threshold_sensitivity.py` found, by the module, topic and field of each threshold.
+SENSITIVITY = ROOT / "docs" / "threshold_sensitivity.csv"
 
 
 class Topic(NamedTuple):
@@ -63,6 +69,13 @@ def find_topics() -> list[Topic]:
     return [topic for name in declaring_modules() for topic in topics_of(import_module(name))]
 
 
+@cache
+def read_sensitivity() -> dict[str, str]:
+    """Return what is to be said of half and double of thresholds, by ``module.TOPIC.field``."""
+    with SENSITIVITY.open(encoding="utf-8", newline="") as file:
+        return {row["threshold"]: f"; half: {row['half']}, double: {row['double']}" for row in csv.DictReader(file)}
+
+
 def find_faults(topic: Topic) -> Iterator[str]:
     """Yield what a topic lacks: unit, meaning or origin of a field."""
     for field in topic.values.__dataclass_fields__.values():
@@ -93,7 +106,9 @@ def format_topic(topic: Topic) -> Iterator[str]:
     yield from ("", f"| {topic.name} | value | unit | meaning | origin |", "|---|---:|---|---|---|")
     for field in topic.values.__dataclass_fields__.values():
         texts = field.name, format_value(getattr(topic.values, field.name)), *(
-            field.metadata[key] for key in ("unit", "meaning", "origin")
+            field.metadata[key] for key in ("unit", "meaning")
+        ), field.metadata["origin"] + read_sensitivity().get(
+            f"{topic.module.removeprefix('hrsi.')}.{topic.name}.{field.name}", ""
         )  # fmt: skip
         yield "| " + " | ".join(text.replace("``", "`").replace("|", "\\|") for text in texts) + " |"
 

@@ -86,7 +86,7 @@ def test_wrong_heights_are_counted_and_named():
     assert 0.15 < result.heights[0].left_out / result.heights[0].observations < 0.35
     assert result.heights[0].rmse_m < 7.0  # the rays' own 5 m
     assert result.heights[0].left_out_median_m < -15.0
-    assert any("heights of the DEM do not fit" in text for text in result.warnings)
+    assert any("heights of the DEM are outliers" in text for text in result.warnings)
     _, clean, _ = surfaces(0.0, 1)
     result = adjust(block, AdjustOptions(test_sigmas=False, dem=clean, sigma_dem_m=SIGMA_DEM_M))
     assert result.heights[0].left_out <= 4

@@ -146,48 +146,6 @@ def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRang
     return compute_footprint(image, height)
 
 
-def find_overlaps(
-    images: Sequence[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float,
-    candidates: Sequence[tuple[int, int]] | None = None,
-) -> list[Overlap]:  # fmt: skip
-    """Return the pairs of images, of all or of candidates, that share at least ``smallest`` (0 to 1) of one of them."""
-    if surface is not None:
-        outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
-    else:
-        sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
-    found = []
-    for a, b in find_candidate_pairs(images, ranges) if candidates is None else candidates:
-        if surface is not None:
-            share = max(compute_overlap(outlines[a], outlines[b]))
-        else:
-            share = compute_overlap_share(sliding[a], sliding[b], intersect_heights(ranges[a], ranges[b]))
-        if share >= smallest:
-            found.append(Overlap(a, b, share))
-    return found
-
-
-def estimate_overlaps(
-    images: Sequence[Image], ranges: Sequence[GroundRange], candidates: Sequence[tuple[int, int]]
-) -> list[Overlap]:
-    """Return approximate overlaps of candidates by the boxes around footprints: the largest of three heights."""
-    boxes = [SlidingFootprint(image, heights).box for image, heights in zip(images, ranges, strict=True)]
-    box, slide = np.array(boxes).transpose(1, 0, 2)
-    first, second = np.array(candidates, dtype=np.int64).T
-    low, high = np.array(ranges).T
-    bottom, top = np.maximum(low[first], low[second]), np.minimum(high[first], high[second])
-    share = np.zeros(len(first))
-    for part in (0.0, 0.5, 1.0):
-        level = bottom + part * (top - bottom)
-        x0, y0, x1, y1 = (box[first] + (level - low[first])[:, None] * slide[first]).T
-        u0, v0, u1, v1 = (box[second] + (level - low[second])[:, None] * slide[second]).T
-        turn = wrap_degrees(u0 - x0) - (u0 - x0)
-        width = np.minimum(x1, u1 + turn) - np.maximum(x0, u0 + turn)
-        common = np.maximum(width, 0.0) * np.maximum(np.minimum(y1, v1) - np.maximum(y0, v0), 0.0)
-        smaller = np.minimum((x1 - x0) * (y1 - y0), (u1 - u0) * (v1 - v0))
-        share = np.fmax(share, common / np.maximum(smaller, 1e-18))
-    return [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
-
-
 def intersect_heights(first: GroundRange, second: GroundRange) -> GroundRange:
     """Return the heights that both images may see; all of both where they exclude one another."""
     low, high = max(first.low_m, second.low_m), min(first.high_m, second.high_m)
@@ -200,12 +158,41 @@ def find_likely_overlaps(
     """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
     candidates = find_candidate_pairs(images, ranges)
     if 2 * len(candidates) > CHOICE.measured_partners * len(images):
-        rough = estimate_overlaps(images, ranges, candidates)
+        # Approximate overlaps by the boxes around the footprints: the largest of three heights
+        boxes = [SlidingFootprint(image, heights).box for image, heights in zip(images, ranges, strict=True)]
+        box, slide = np.array(boxes).transpose(1, 0, 2)
+        first, second = np.array(candidates, dtype=np.int64).T
+        low, high = np.array(ranges).T
+        bottom, top = np.maximum(low[first], low[second]), np.minimum(high[first], high[second])
+        share = np.zeros(len(first))
+        for part in (0.0, 0.5, 1.0):
+            level = bottom + part * (top - bottom)
+            x0, y0, x1, y1 = (box[first] + (level - low[first])[:, None] * slide[first]).T
+            u0, v0, u1, v1 = (box[second] + (level - low[second])[:, None] * slide[second]).T
+            turn = wrap_degrees(u0 - x0) - (u0 - x0)
+            width = np.minimum(x1, u1 + turn) - np.maximum(x0, u0 + turn)
+            common = np.maximum(width, 0.0) * np.maximum(np.minimum(y1, v1) - np.maximum(y0, v0), 0.0)
+            smaller = np.minimum((x1 - x0) * (y1 - y0), (u1 - u0) * (v1 - v0))
+            share = np.fmax(share, common / np.maximum(smaller, 1e-18))
+        rough = [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
         first, second = np.array(candidates).T
         angle_deg = compute_convergence_deg(compute_central_views(images), first, second)
         rows = choose_probes(rough, angle_deg, CHOICE.measured_partners)
         candidates = [candidates[row] for row in rows.tolist()]
-    return find_overlaps(images, ranges, surface, smallest, candidates)
+    # Pairs that share at least so much of one of them
+    if surface is not None:
+        outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
+    else:
+        sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
+    found = []
+    for a, b in find_candidate_pairs(images, ranges) if candidates is None else candidates:
+        if surface is not None:
+            of_pair = max(compute_overlap(outlines[a], outlines[b]))
+        else:
+            of_pair = compute_overlap_share(sliding[a], sliding[b], intersect_heights(ranges[a], ranges[b]))
+        if of_pair >= smallest:
+            found.append(Overlap(a, b, of_pair))
+    return found
 
 
 def choose_probes(overlaps: list[Overlap], angle_deg: np.ndarray, most: int = CHOICE.partners) -> np.ndarray:
