@@ -38,7 +38,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "processing_algorithms.facade.calls": (
             "triangulate tie_points adjust evaluate refine write_rpc crop strip hand_over rpc_info project localize "
-            "fit_rpc gcps_from_reference interest_points match measure_targets orthorectify ortho_check simulate "
+            "fit_rpc gcps_from_reference interest_points match measure_targets orthorectify ortho_check run simulate "
             "register open"
         ),
         "processing_algorithms.facade.result": "Result read_result",

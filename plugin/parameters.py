@@ -248,6 +248,7 @@ BINDINGS: dict[Kind, Binding] = {
     Kind.RASTER: Binding(RasterParameter, lambda param, reading: raster_source(reading.raw(param), reading.context)),
     Kind.POINTS: Binding(_points, _read_points),
     Kind.FILE: Binding(FileParameter, "parameterAsFile"),
+    Kind.PROJECT: Binding(FileParameter, "parameterAsFile"),
     Kind.CRS: Binding(QgsProcessingParameterCrs, _read_crs),
     Kind.EXTENT: Binding(_extent, _read_extent),
     Kind.TEXT: Binding(_text, "parameterAsString"),

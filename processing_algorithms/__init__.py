@@ -8,7 +8,7 @@ are light, and the module of an algorithm, which imports what is heavy, is loade
 from typing import Any
 
 from ..hrsi_engine.foundation.progress import Progress, silent
-from .declarations import image_points, orthoimages, rpcs, triangulation
+from .declarations import image_points, orthoimages, projects, rpcs, triangulation
 from .interface.declare import Algorithm, Context, Log, Report
 from .interface.options import check_options, find_algorithm
 from .laboratory.declarations import register, simulate
@@ -20,6 +20,7 @@ REGISTRY: dict[str, Algorithm] = {
         *image_points.ALGORITHMS,
         *rpcs.ALGORITHMS,
         *orthoimages.ALGORITHMS,
+        *projects.ALGORITHMS,
         simulate.ALGORITHM,
         register.ALGORITHM,
     )

@@ -158,7 +158,7 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
             report = algorithm.execute(check_options(algorithm, options, PYTHON), context)
         except HrsiError as error:  # it names the parameters
             raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
-        return Result(report, options.get("output_dir"), kept)
+        return Result(report, options.get("output_dir") or report.get("folder"), kept)
 
     call.__name__ = call.__qualname__ = function_name(algorithm.name)
     call.__doc__ = describe_call(algorithm)

@@ -1,5 +1,6 @@
 """The command ``hrsi ALGORITHM [options] IMAGE...``: results on stdout, progress and one-line errors on stderr."""
 
+import argparse
 import contextlib
 import gc
 import io
@@ -17,7 +18,16 @@ from ...hrsi_engine.foundation.interruption import ending, quit_on_signals, sign
 from ...hrsi_engine.foundation.shared_heap import share_one_heap
 from ...hrsi_engine.foundation.version import VERSION
 from .. import REGISTRY
-from .command_parser import COMMANDS, LINE_PARAMS, algorithm_parser, help_page, json_usage, registry_help, split_log
+from .command_parser import (
+    COMMANDS,
+    LINE_PARAMS,
+    CommandParser,
+    algorithm_parser,
+    help_page,
+    json_usage,
+    registry_help,
+    split_log,
+)
 from .declare import Algorithm, Context, Report, fill_options, is_unusable, spell_arguments, unusable_text
 from .option_groups import LineOptions
 from .options import TYPED, OptionSource, check_options, find_algorithm
@@ -120,6 +130,8 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         if len(rest) != 1:
             raise InputError(f"completion needs the name of a shell: hrsi completion {'|'.join(SHELLS)}")
         print(completion_script(rest[0], registry), end="")
+    elif first == "init" and not HELP & set(rest):
+        _init_project(rest)
     elif first == "rerun" and not HELP & set(rest):
         from .rerun import read_past_run  # loads NumPy, which help does without
 
@@ -143,6 +155,22 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     if words[0] in COMMAND_PAGES:
         return COMMAND_PAGES[words[0]]
     return help_page(find_algorithm(registry, words[0], COMMANDS))
+
+
+def _init_project(words: list[str]) -> None:
+    """Write a project file; tell on stderr how the folder was understood."""
+    from ..project.inference import PROJECT_FILE, write_project  # loads GDAL
+
+    parser = CommandParser("hrsi init", argument_default=argparse.SUPPRESS)
+    parser.add_argument("folder", nargs="?")
+    parser.add_argument("-o", "--output")
+    parser.add_argument("--overwrite", action="store_true")
+    given = parser.parse_words(words)
+    folder = given.get("folder") or os.curdir
+    target = given.get("output") or os.path.join(folder, PROJECT_FILE)
+    made = write_project(folder, target, given.get("overwrite", False), lambda text: print(text, file=sys.stderr))
+    print("\n".join(made))
+    print(f"look through {made[0]}, then: hrsi run {shlex.quote(made[0])}", file=sys.stderr)
 
 
 def _format_json(value: Mapping[str, Any]) -> str:
@@ -213,17 +241,18 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
             listener.finish()
     finally:
         terminal.break_line()
+    folder = options.get("output_dir") or report.get("folder")
     summary = "" if line.json and log is None else spelt(algorithm.summarise(report))
     if log is not None:
         for text in filter(None, map(str.strip, summary.splitlines())):
             log.write("RESULT", text)
     if line.json:
         print(_format_json(report), end="")
-    elif line.dry_run or not options.get("output_dir"):  # the lines are what was asked for
+    elif line.dry_run or not folder:  # the lines are what was asked for
         print(summary)
     elif not line.quiet:
         print("\n".join(text for text in summary.strip("\n").splitlines() if text not in told), file=sys.stderr)
-        print("\n".join(list_outputs(report, options["output_dir"], begun)))
+        print("\n".join(list_outputs(report, folder, begun)))
     return _judge_report(report, line, spelt, log)
 
 
@@ -273,6 +302,16 @@ hrsi.
 usage: hrsi help [ALGORITHM]
 
 Shows the options and examples of an algorithm; without one, the list.
+""",
+    "init": """\
+usage: hrsi init [FOLDER] [-o PROJECT.toml] [--overwrite]
+
+Looks for images with RPCs, point files and a DEM in a folder, tells how columns, CRS and ids were understood, and
+writes a commented project file (project.toml in the folder) with a JSON schema for editors beside it. Nothing else is
+written: read it, correct it, then hrsi run PROJECT.toml does the rest.
+
+example:
+  hrsi init block
 """,
     "rerun": """\
 usage: hrsi rerun report.json [options]

@@ -21,6 +21,7 @@ LINE_PARAMS = params_of(LineOptions)  #: of the command line itself
 #: Commands that are no algorithms, and what they do.
 COMMANDS = {
     "help": "Show the page of an algorithm",
+    "init": "Write a project file for hrsi run from what a folder holds: images, points, DEM",
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
@@ -41,6 +42,7 @@ _LONG_OPTION = re.compile(r"--[a-z][a-z0-9-]*$")
 SPELLING: dict[Kind, dict[str, Any]] = {
     Kind.IMAGES: {"nargs": "*"},
     Kind.RESULT: {"nargs": "?"},
+    Kind.PROJECT: {"nargs": "?"},
     Kind.FLAG: {"action": argparse.BooleanOptionalAction},
     Kind.FOLDERS: {"action": "append"},
 }
@@ -194,6 +196,7 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
         "More:\n"
         "  hrsi ALGORITHM --help              an algorithm's examples and the options that most runs need\n"
         "  hrsi ALGORITHM --help-all          all its options, in groups; --json-usage: the same for programs\n"
+        "  hrsi init FOLDER                   a project file for hrsi run, from the images, points and DEM in it\n"
         "  hrsi rerun report.json [options]   a run again, with other options where they are given\n"
         "  hrsi completion bash|zsh|fish      what a shell needs to complete all this\n"
         "  hrsi --version                     the version, and those of the libraries\n\n"

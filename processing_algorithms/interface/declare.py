@@ -49,6 +49,7 @@ class Kind(Enum):
     RANGE = "range"  #: two numbers ``LOW,HIGH``, or one for both
     RESULT = "result folder"  #: of an earlier run; positional
     FOLDERS = "named folders"  #: ``NAME=DIR``; given again for each
+    PROJECT = "project file"  #: TOML; positional
     OUTPUT_DIR = "output directory"
 
 
@@ -65,11 +66,11 @@ KIND_OF_TYPE = {
 
 
 #: Kinds of parameters that name files to read.
-READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE, Kind.RESULT)
+READ_KINDS = (Kind.IMAGES, Kind.RASTER, Kind.POINTS, Kind.FILE, Kind.RESULT, Kind.PROJECT)
 #: The layer that the folder of a result stands for, by the option's key; others choose it by themselves.
 LAYER_OF_RESULT = {"terrain_points": "ground_points", "gcps": "ground_points"}
 #: Kinds of parameters that stand without a name on the command line.
-POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT)
+POSITIONAL_KINDS = (Kind.IMAGES, Kind.RESULT, Kind.PROJECT)
 
 
 @dataclass(frozen=True)

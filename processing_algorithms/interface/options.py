@@ -217,5 +217,6 @@ KINDS = {
         _parse_folders, "a directory with its name: NAME=DIR", "NAME=DIR", _FOLDERS_TYPE, "dict of str to path"
     ),
     Kind.RESULT: KindFacts(_parse_path, "the name of a directory", "RESULT", "Path", "path"),
+    Kind.PROJECT: KindFacts(_parse_path, _FILE_NAME, "PROJECT", "Path", "path"),
     Kind.OUTPUT_DIR: KindFacts(_parse_path, "the name of a directory", "DIR", "Path", "path"),
 }

@@ -1,0 +1,1 @@
+"""Project files: what they hold, how they are checked, and how one is written from what a folder holds."""

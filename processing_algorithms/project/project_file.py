@@ -1,0 +1,142 @@
+"""A project file (TOML): its texts, the inputs that its steps share, and a table of options for each step.
+
+Options are those of the algorithms, so that they are checked, and described to editors, by the declarations. Paths
+count from the file's folder.
+"""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.io.opening.budgets import require_size
+from .. import REGISTRY
+from ..interface.declare import READ_KINDS, Kind, Param
+from ..interface.options import suggestion
+
+#: Steps in their order, and the folder of each in the output directory.
+FOLDERS = {
+    "triangulate": "triangulated", "orthorectify": "orthoimages", "ortho-check": "check", "evaluate": "evaluation",
+}  # fmt: skip
+SINGLE = "refine-rpc"  #: what takes the place of `triangulate` where there is one image
+TEXTS = {
+    "title": "Title of the report", "client": "Who the report is for", "place": "Where the images were taken",
+    "output_dir": "Directory for the results",
+}  # fmt: skip
+SHARED = (
+    "images", "gcps", "image_points", "gcp_ids", "check_ids", "ground_crs", "height_datum", "gcp_epoch", "dem",
+    "dem_datum",
+)  # fmt: skip
+SKIP = "skip"  #: a step with this set is left out
+
+
+@dataclass(frozen=True)
+class Project:
+    """What a project file holds, its paths as seen from here.
+
+    texts : of the report, by name; shared : inputs by option key; steps : options of each step that is not left out
+    """
+
+    path: str
+    texts: Mapping[str, str]
+    shared: Mapping[str, Any]
+    steps: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def options_of(self, step: str, algorithm: str) -> dict[str, Any]:
+        """Return the options of a step, done by an algorithm: its own, and the shared ones that it takes."""
+        known = REGISTRY[algorithm].defaults()
+        return {**{key: value for key, value in self.shared.items() if key in known}, **self.steps[step]}
+
+
+def read_project(path: str) -> Project:
+    """Return the project of a file; raise `InputError` naming table and key of what cannot be."""
+    require_size(path, "names")
+    try:
+        with open(path, "rb") as file:
+            content = tomllib.load(file)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as a project file ({error}): hrsi init writes one") from None
+    known = [*TEXTS, *SHARED, *FOLDERS, SINGLE]
+    for key in content:
+        if key not in known:
+            raise InputError(f"{path}: has no place for {key!r}{suggestion(key, known)}: it has {', '.join(known)}")
+    if not content.get("images"):
+        raise InputError(f'{path}: names no images: add images = ["folder"]')
+    folder = os.path.dirname(path)
+    texts = {key: str(content[key]) for key in TEXTS if content.get(key)}
+    if "output_dir" in texts:
+        texts["output_dir"] = os.path.join(folder, texts["output_dir"])
+    shared = _place_options(path, "triangulate", {key: content[key] for key in SHARED if key in content})
+    tables = {name: content.get(name, {}) for name in FOLDERS}
+    if SINGLE in content:
+        tables["triangulate"] = {**tables["triangulate"], **content[SINGLE]} if len(shared["images"]) == 1 else {}
+    wrong = next((name for name, table in tables.items() if not isinstance(table, dict)), None)
+    if wrong is not None:
+        raise InputError(f"{path}: {wrong} is no table: write [{wrong}] above its options")
+    steps = {
+        name: _place_options(path, name, {key: value for key, value in table.items() if key != SKIP})
+        for name, table in tables.items()
+        if not table.get(SKIP)
+    }
+    return Project(path, texts, shared, steps)
+
+
+def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options by key, their files as seen from here."""
+    found, names = {}, [step, SINGLE] if step == "triangulate" else [step]
+    params = {param.key: param for name in reversed(names) for param in REGISTRY[name].params}
+    for name, value in table.items():
+        key = name.replace("-", "_")
+        if key not in params:
+            raise InputError(
+                f"{path}: [{step}] has no option {name}{suggestion(key, params)}; see hrsi {step} --help-all"
+            )
+        found[key] = _place_value(os.path.dirname(path), params[key], value)
+    return found
+
+
+def _place_value(folder: str, param: Param, value: Any) -> Any:
+    """Return an option's value with the files that it names as seen from here."""
+    if param.kind is Kind.IMAGES:
+        listed = [value] if isinstance(value, str) else value
+        return [_place_file(folder, str(one)) for one in listed]
+    if not isinstance(value, str) or value in param.words or value in param.choices:
+        return value
+    if param.kind in READ_KINDS:
+        return ";".join(_place_file(folder, part.strip()) for part in value.split(";"))
+    placed = _place_file(folder, value)
+    return placed if {"FILE", "DIR"} & set(param.metavar.split("|")) and os.path.exists(placed) else value
+
+
+def _place_file(folder: str, name: str) -> str:
+    sign = "@" if name.startswith("@") else ""
+    return name if name.startswith("/vsi") else sign + os.path.join(folder, name.removeprefix(sign))
+
+
+def project_schema() -> dict[str, Any]:
+    """Return the JSON Schema of project files, with which editors complete and check them."""
+    tables = {name: {"type": "object", "additionalProperties": False, "properties": {
+        SKIP: {"type": "boolean", "description": "Leave this step out"},
+        **{param.key: _describe_param(param) for param in REGISTRY[name].params},
+    }} for name in (*FOLDERS, SINGLE)}  # fmt: skip
+    shared = {param.key: _describe_param(param) for param in REGISTRY["triangulate"].params if param.key in SHARED}
+    texts = {key: {"type": "string", "description": text} for key, text in TEXTS.items()}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "HRSI project", "type": "object",
+        "required": ["images"], "additionalProperties": False, "properties": {**texts, **shared, **tables},
+    }  # fmt: skip
+
+
+#: JSON types by kind; all other kinds are texts.
+_TYPES = {Kind.FLAG: "boolean", Kind.INTEGER: "integer", Kind.NUMBER: "number"}
+_LISTS = (Kind.IMAGES, Kind.IDS, Kind.FOLDERS, Kind.GROUPS)
+
+
+def _describe_param(param: Param) -> dict[str, Any]:
+    kind = {"type": ["array", "string"]} if param.kind in _LISTS else {"type": _TYPES.get(param.kind, "string")}
+    facts = {"enum": list(param.choices), "minimum": param.minimum, "maximum": param.maximum}
+    given = {key: value for key, value in facts.items() if value not in (None, [])}
+    unit = f" ({param.unit})" if param.unit else ""
+    return {**kind, **given, "description": param.help.replace("`", "") + unit}

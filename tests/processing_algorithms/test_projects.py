@@ -1,0 +1,161 @@
+"""A new user's path, by the real command line: a folder of images, points as text and a DEM with gaps, to the report.
+
+The images, points and terrain are simulated, so that the truth is known.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import chromium_program
+from osgeo import gdal
+
+import hrsi
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.processing_algorithms.interface.cli import main
+from hrsi.processing_algorithms.project.project_file import FOLDERS, project_schema, read_project
+
+HOLES, HOLE = 40, (3, 4)  #: gaps of the DEM, each of so many rows and columns
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as a client sends it: no header lines, latitude before longitude, a DEM with gaps."""
+    folder = tmp_path_factory.mktemp("client")
+    words = "--images 3 --along=-12,0,12 --size 320 --gcps 6 --checks 12 --ties 0 --relief 60 --quiet"
+    assert main(["simulate", *words.split(), "--output-dir", str(folder / "block")]) == 0
+    block, survey = folder / "block", folder / "survey"
+    (survey / "images").mkdir(parents=True)
+    for image in block.glob("image_*.tif"):
+        shutil.copy(image, survey / "images")
+    rows = [list(csv.DictReader((block / f"{name}.csv").open())) for name in ("ground_points", "image_points")]
+    (survey / "points.txt").write_text(
+        "".join(f"{r['id']} {float(r['lat']):.9f} {float(r['lon']):.9f} {float(r['height']):.3f}\n" for r in rows[0])
+    )
+    (survey / "measured.txt").write_text(
+        "".join(f"{r['id']} {r['image']} {r['sample']} {r['line']}\n" for r in rows[1])
+    )
+    gdal.Translate(str(survey / "dem.tif"), str(block / "dem.tif"), noData=-9999)
+    dem = gdal.Open(str(survey / "dem.tif"), gdal.GA_Update)
+    heights = dem.ReadAsArray()
+    generator = np.random.default_rng(3)
+    for row, column in generator.integers(5, np.array(heights.shape) - 9, (HOLES, 2)):
+        heights[row : row + HOLE[0], column : column + HOLE[1]] = -9999
+    dem.GetRasterBand(1).WriteArray(heights)
+    return survey
+
+
+def hrsi_command(folder: Path, *words: str) -> tuple[list[str], str]:
+    """Run the command itself in a folder; return the lines of stdout, and stderr."""
+    command = [sys.executable, "-m", "hrsi", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=600)
+    assert done.returncode == 0, (words, done.stderr)
+    return done.stdout.splitlines(), done.stderr
+
+
+@pytest.mark.programs
+def test_twelve_steps_from_a_folder_to_the_document(survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    work = survey.parent
+    shutil.rmtree(survey / "result", ignore_errors=True)
+    # 1 and 2: what is there? 3: the project file
+    assert "hrsi init FOLDER" in "\n".join(hrsi_command(work, "--help")[0])
+    assert "PROJECT" in "\n".join(hrsi_command(work, "run", "--help")[0])
+    made, told = hrsi_command(work, "init", "survey", "--overwrite")
+    assert [os.path.basename(path) for path in made] == ["project.toml", "project.schema.json"]
+    # 4: how the folder was understood
+    assert "18 ground points; read as the columns id, lat, lon, height" in told
+    assert "18 of 18 ground points are measured on images" in told and "the DEM has gaps inside" in told
+    # 5: the title; 6: a look before the run
+    file = survey / "project.toml"
+    assert tomllib.loads(file.read_text())["orthorectify"]["fill_gaps"] >= max(HOLE)
+    file.write_text(file.read_text().replace('title = "survey"', 'title = "Valley <1>"').replace('"auto" ', '"none" '))
+    assert "nothing wrong was found" in "\n".join(hrsi_command(work, "run", "survey/project.toml", "--dry-run")[0])
+    assert not (survey / "result").exists()
+    # 7: the run; 8: its outputs
+    made, told = hrsi_command(work, "run", "survey/project.toml")
+    assert all(os.path.isfile(work / path) for path in made)
+    for name in ("triangulated/image_1.tif", "orthoimages/image_2_ortho.tif", "check/report.html", "report.html"):
+        assert os.path.join("survey", "result", name) in made
+    for line in filter(None, map(str.strip, told.splitlines())):
+        assert re.fullmatch(r"[.0-9]+( - done\.)?", line) or told.count(f"\n{line}\n") <= 1, line
+    report = json.loads((survey / "result" / "report.json").read_text())
+    assert {step: entry["status"] for step, entry in report["steps"].items()} == dict.fromkeys(FOLDERS, "done")
+    assert report["verdict"]["level"] == "ok"
+    # 9: again, and nothing is done; 10: another resolution, and only what depends on it is
+    _, told = hrsi_command(work, "run", "survey/project.toml")
+    assert told.count("nothing has changed, kept") == 4
+    file.write_text(file.read_text().replace("# resolution = 0.5 ", "resolution = 1.0 "))
+    os.remove(survey / "result" / "evaluation" / "report.html")
+    _, told = hrsi_command(work, "run", "survey/project.toml")
+    kept = re.findall(r"^(\S+): nothing has changed", told, re.MULTILINE)
+    assert kept == ["triangulate"]
+    # 11: the report, a chapter for each step; 12: as PDF, where there is a browser
+    page = (survey / "result" / "report.html").read_text()
+    assert "Valley &lt;1&gt;" in page and page.count('<section class="chapter"') == 4
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert {target for target in re.findall(r'href="#([^"]+)"', page)} <= set(ids)
+    chromium = chromium_program()
+    if chromium is not None:
+        pdf = tmp_path / "report.pdf"
+        source = (survey / "result" / "report.html").as_uri()
+        words = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", f"--print-to-pdf={pdf}"]
+        subprocess.run([chromium, *words, source], check=True, capture_output=True, timeout=300)
+        assert pdf.read_bytes().startswith(b"%PDF") and pdf.read_bytes().count(b"/Type /Page\n") >= 2
+
+
+def test_one_image_is_refined_by_itself(survey: Path, tmp_path: Path):
+    folder = tmp_path / "one"
+    shutil.copytree(survey, folder, ignore=shutil.ignore_patterns("result", "image_2*", "image_3*", "*.toml"))
+    measured = (folder / "measured.txt").read_text().splitlines(keepends=True)
+    (folder / "measured.txt").write_text("".join(line for line in measured if " image_1 " in line))
+    assert main(["init", str(folder)]) == 0
+    text = (folder / "project.toml").read_text().replace('tracks = "auto"', 'tracks = "none"')
+    (folder / "project.toml").write_text(text)
+    result = hrsi.run(folder / "project.toml", report=False)
+    assert result.report["steps"]["triangulate"]["algorithm"] == "refine-rpc"
+    assert result.report["steps"]["ortho-check"]["told"] == "1 orthoimages: two are needed"
+    assert (folder / "result" / "orthoimages" / "image_1_ortho.tif").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("images = [", ["cannot be read as a project file", "hrsi init"]),
+        ("title = 'a'", ["names no images"]),
+        ("imges = ['a']", ["'imges'", "did you mean images"]),
+        ("images = ['a']\n[triangulate]\nmodle = 'affine'", ["[triangulate]", "did you mean model"]),
+        ("images = ['a']\ntriangulate = 3", ["write [triangulate]"]),
+    ],
+)
+def test_what_a_project_file_may_not_hold(tmp_path: Path, text: str, fragments: list[str]):
+    path = tmp_path / "project.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_project(str(path))
+    assert all(fragment in str(error.value) for fragment in fragments)
+
+
+def test_paths_count_from_the_project_file_and_the_schema_has_every_key(tmp_path: Path):
+    (tmp_path / "geoid.tif").write_bytes(b"")
+    path = tmp_path / "project.toml"
+    path.write_text('images = ["a", "/b/c.tif"]\ngcps = "p.txt|columns=id,x,y"\nheight_datum = "egm96"\n'
+                    'dem_datum = "geoid.tif"\n[evaluate]\nskip = true\n')  # fmt: skip
+    project = read_project(str(path))
+    assert project.shared["images"] == [str(tmp_path / "a"), "/b/c.tif"]
+    assert project.shared["gcps"] == f"{tmp_path / 'p.txt'}|columns=id,x,y"
+    assert (project.shared["height_datum"], project.shared["dem_datum"]) == ("egm96", str(tmp_path / "geoid.tif"))
+    assert "evaluate" not in project.steps
+    known = project_schema()["properties"]
+    assert {"images", "gcps", "dem", "title"} <= known.keys()
+    assert known["orthorectify"]["properties"]["fill_gaps"]["type"] == "integer"
