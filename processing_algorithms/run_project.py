@@ -26,7 +26,7 @@ from .declarations.projects import RunOptions
 from .files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from .interface.declare import Context, Report, is_unusable
 from .interface.options import check_options
-from .project.project_file import FOLDERS, SINGLE, Project, read_project
+from .projects.project_file import FOLDERS, SINGLE, Project, read_project
 
 KEPT, DONE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: what became of a step
 LEVELS = [level.label for level in sorted(Level)]

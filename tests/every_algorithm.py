@@ -6,6 +6,7 @@ kind. Where that does not do, `ESPECIALLY` and `BESIDES` say what does.
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,7 +32,7 @@ SOUND: dict[str, Any] = {
     "dem": "dem.tif", "reference": "orthophoto.tif", "rpc": "cameras/image_1_RPC.TXT", "before": "before",
     "height_datum": "geoid.tif", "dem_datum": "geoid.tif", "laser": "ground_points.csv",
     "laser_datum": "geoid.tif", "work_dir": "kept", "matches": "ties.csv", "surface": "dem.tif",
-    "surface_datum": "geoid.tif", "result": "adjusted",
+    "surface_datum": "geoid.tif", "result": "adjusted", "project": "project.toml",
 }  # fmt: skip
 BY_KIND = {Kind.IMAGES: SOUND["images"], Kind.RASTER: "dem.tif", Kind.POINTS: "points.csv", Kind.FILE: "points.csv"}
 #: Where one algorithm needs something else.
@@ -92,7 +93,8 @@ def role_of(param: Param) -> str | None:
     if param.key.startswith("scheduler_") or param.key in (
         "add_to",
         "result",
-    ):  # certificates, and a result: tests of their own
+        "project",
+    ):  # certificates, a result and a project: tests of their own
         return None
     if param.kind is Kind.OUTPUT_DIR or not (param.kind in READ_KINDS or named):
         return None
@@ -143,6 +145,10 @@ def make_scene(folder: Path) -> None:
         shutil.copy(folder / name, folder / "before" / name)
     for number, line in ((1, 0), (2, 70)):
         gdal.Translate(str(folder / f"part_{number}.tif"), str(folder / "image_1.tif"), srcWin=[0, line, 160, 90])
+    names = {key: SOUND[key] for key in ("images", "gcps", "image_points", "dem")}
+    lines = [*(f"{key} = {json.dumps(value)}" for key, value in names.items()), 'height_datum = "ellipsoidal"']
+    lines += ["[triangulate]", 'tie_points = "none"', "[evaluate]", 'tracks = "none"']
+    (folder / "project.toml").write_text("\n".join(lines) + "\n")
     run(
         "adjust", images=[str(folder / name) for name in SOUND["images"]], gcps=str(folder / SOUND["gcps"]),
         height_datum="ellipsoidal", image_points=str(folder / SOUND["image_points"]), report=False,
@@ -172,7 +178,8 @@ def sound_options(algorithm: Algorithm, scene: Path, varied: str = "") -> dict[s
             continue
         value = own.get(key, SOUND.get(key, BY_KIND.get(param.kind)))
         options[key] = [str(scene / name) for name in value] if isinstance(value, list) else str(scene / value)
-    options |= {param.key: str(scene / SOUND[param.key]) for param in algorithm.params if param.kind is Kind.RESULT}
+    named = (Kind.RESULT, Kind.PROJECT)
+    options |= {param.key: str(scene / SOUND[param.key]) for param in algorithm.params if param.kind in named}
     if "height_datum" in algorithm.defaults() and varied != "height_datum":
         options["height_datum"] = "ellipsoidal"
     return options
@@ -186,4 +193,5 @@ def words_of(algorithm: Algorithm, options: Mapping[str, Any]) -> list[str]:
             continue
         name = "--" + key.replace("_", "-")
         words += ([name] if value else ["--no-" + name[2:]]) if isinstance(value, bool) else [f"{name}={value}"]
-    return [*words, *([options["result"]] if "result" in last else options.get("images", []))]
+    alone = [options[key] for key in ("result", "project") if key in last]
+    return [*words, *(alone or options.get("images", []))]

@@ -17,6 +17,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.cli import main
 from hrsi.processing_algorithms.interface.completion import SHELLS, completion_script
+from hrsi.processing_algorithms.interface.declare import POSITIONAL_KINDS
 
 CASES = [
     ("hrsi tri", {"triangulate"}),
@@ -75,7 +76,7 @@ def test_bash_in_detail(folder: Path, words: tuple[str, ...], offered: set[str])
 
 def test_bash_knows_every_option_of_every_algorithm(folder: Path) -> None:
     for name, algorithm in REGISTRY.items():
-        expected = {f"--{param.name}" for param in algorithm.params if param.name not in ("images", "result")}
+        expected = {f"--{param.name}" for param in algorithm.params if param.kind not in POSITIONAL_KINDS}
         assert expected <= in_bash(folder, "hrsi", name, "-"), name
 
 

@@ -30,7 +30,7 @@ BLOCK = [
 ]
 ADJUST = ["adjust", "block/image_1.tif", "block/image_2.tif", *BLOCK]
 #: Examples that match images: seconds each, and the tests of their algorithms run the same.
-MATCHING = {"match", "tie-points", "gcps-from-reference", "triangulate"}
+MATCHING = {"match", "tie-points", "gcps-from-reference", "triangulate", "run"}
 
 
 @pytest.fixture(scope="module")

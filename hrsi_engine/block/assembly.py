@@ -78,10 +78,12 @@ def assemble(
     measured = np.isin(known.ids, ids)
     known, unmeasured = known.select(measured), known.select(~measured)
     if len(unmeasured):
-        warnings.append(
-            f"{len(unmeasured)} ground points are not measured in any image and are not used: "
-            f"{list_ids(unmeasured.ids)}"
-        )
+        told = f"{len(known)} of {len(measured)} ground points are measured on images; "
+        told += f"{len(unmeasured)} are not used: {list_ids(unmeasured.ids)}"
+        alone = ids[(np.bincount(point_index, minlength=len(ids)) == 1) & ~np.isin(ids, known.ids)]
+        if len(alone):
+            told += f"; {len(alone)} points measured on one image have no ground position: {list_ids(alone)}"
+        warnings.append(told)
     role = _assign_roles(known, gcp_ids, check_ids)
     points = _make_points(ids, known, role, defaults)
     order = np.lexsort((image_index, point_index))

@@ -159,7 +159,7 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
 
 def _init_project(words: list[str]) -> None:
     """Write a project file; tell on stderr how the folder was understood."""
-    from ..project.inference import PROJECT_FILE, write_project  # loads GDAL
+    from ..projects.inference import PROJECT_FILE, write_project  # loads GDAL
 
     parser = CommandParser("hrsi init", argument_default=argparse.SUPPRESS)
     parser.add_argument("folder", nargs="?")

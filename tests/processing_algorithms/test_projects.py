@@ -23,7 +23,7 @@ from osgeo import gdal
 import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.processing_algorithms.interface.cli import main
-from hrsi.processing_algorithms.project.project_file import FOLDERS, project_schema, read_project
+from hrsi.processing_algorithms.projects.project_file import FOLDERS, project_schema, read_project
 
 HOLES, HOLE = 40, (3, 4)  #: gaps of the DEM, each of so many rows and columns
 

@@ -91,7 +91,7 @@ def adjust_images(pixels: Path) -> str:
 
 FILLED = {
     Kind.IMAGES: RPCS, Kind.POINTS: GROUND, Kind.RASTER: RPCS[0], Kind.FILE: GROUND,
-    Kind.RESULT: str(HOBART), Kind.OUTPUT_DIR: "TEMPORARY_OUTPUT",
+    Kind.RESULT: str(HOBART), Kind.PROJECT: str(HOBART / "project.toml"), Kind.OUTPUT_DIR: "TEMPORARY_OUTPUT",
 }  # fmt: skip
 BLOCK = {"GCPS": GROUND, "IMAGE_POINTS": MEASURED, "GCP_IDS": "H003,H022,H024,H035,H048,H058"}
 #: Parameters of a short run of each algorithm, beside OUTPUT_DIR: on the Hobart block, else on a simulated one.

@@ -80,6 +80,7 @@ class TinyFields:
     gcp_ids: tuple[str, ...] | None = option(None, "Control points")
     strips: tuple[tuple[str, ...], ...] = option((), "Images of one strip")
     earlier: str | None = option(None, "Folder of an earlier result", kind=Kind.RESULT)
+    project: str | None = option(None, "Project file", kind=Kind.PROJECT)
     sets: tuple[str, ...] = option((), "Folders with names", kind=Kind.FOLDERS, metavar="NAME=DIR")
     scale: tuple[float, float] = option((0.8, 1.25), "Ratio of the pixels")
     model: str = option("auto", "Model", choices=("auto", "shift", "affine"))

@@ -56,7 +56,7 @@ def write_project(folder: str, path: str, overwrite: bool, log: Callable[[str], 
     Raises `InputError` where the folder holds no image with an RPC, or the file is there.
     """
     if os.path.exists(path) and not overwrite:
-        raise InputError(f"{path} exists: add --overwrite, or name another file by -o")
+        raise InputError(f"{path} exists: allow `overwrite`, or name another file")
     images = [open_image(one) for one in resolve_images([folder], lambda text: None) if not _is_of_result(one, folder)]
     files = sorted(
         os.path.join(place, name) for place, _, names in os.walk(folder) for name in names
@@ -68,7 +68,7 @@ def write_project(folder: str, path: str, overwrite: bool, log: Callable[[str], 
     here = os.path.dirname(os.path.abspath(path))
     lines = [
         f"#:schema ./{SCHEMA_FILE}", "# HRSI project: hrsi run makes refined RPCs, orthoimages and a report of it.",
-        "# Paths count from this file's folder; hrsi ALGORITHM --help-all lists the options of each step.", "",
+        "# Paths count from this file's folder; hrsi help STEP tells the options of each step.", "",
         f'title = {json_text(os.path.basename(os.path.abspath(folder)))}', 'client = ""', 'place = ""',
         'output_dir = "result"', "", f"# {len(images)} images with RPCs", "images = [",
         *(f"  {json_text(os.path.relpath(image.path, here))}," for image in images), "]",

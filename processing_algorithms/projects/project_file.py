@@ -91,7 +91,7 @@ def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, 
         key = name.replace("-", "_")
         if key not in params:
             raise InputError(
-                f"{path}: [{step}] has no option {name}{suggestion(key, params)}; see hrsi {step} --help-all"
+                f"{path}: [{step}] has no option {name}{suggestion(key, params)}; hrsi help {step} lists them"
             )
         found[key] = _place_value(os.path.dirname(path), params[key], value)
     return found
