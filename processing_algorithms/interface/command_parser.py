@@ -107,12 +107,8 @@ def help_page(algorithm: Algorithm, whole: bool = False) -> str:
     images, output = listed.get(IMAGES_TITLE, ()), [*listed.get(OUTPUT_TITLE, ()), *quiet]
     groups = listed
     if not whole:
-        others = [
-            param
-            for title, params in listed.items()
-            if title not in (IMAGES_TITLE, OUTPUT_TITLE, COMMON)
-            for param in params
-        ]
+        apart = (IMAGES_TITLE, OUTPUT_TITLE, COMMON)
+        others = [param for title, params in listed.items() if title not in apart for param in params]
         chosen = [param for name in algorithm.main for param in others if param.name == name]
         shown = chosen or sorted((one for one in others if not one.advanced), key=lambda one: not one.required)
         groups = {
@@ -128,20 +124,13 @@ def help_page(algorithm: Algorithm, whole: bool = False) -> str:
 
 def json_usage(algorithm: Algorithm) -> dict[str, Any]:
     """Return what an algorithm says of itself, for programs: ``--json-usage``."""
+    listed = [*algorithm.params, *LINE_PARAMS]
+    changed = [{"kind": one.kind.value, "help": spell_arguments(one.help, listed), "short": SHORT.get(one.key),
+                "positional": one.kind in POSITIONAL_KINDS, "metavar": value_name(one)} for one in listed]  # fmt: skip
     return {
         "name": algorithm.name, "summary": algorithm.summary, "examples": list(algorithm.examples),
-        "description": " ".join(spell_arguments(algorithm.help, algorithm.params).split()),
-        "options": [
-            {
-                "name": param.name, "short": SHORT.get(param.key, [""])[0].removeprefix("-") or None,
-                "kind": param.kind.value, "positional": param.kind in POSITIONAL_KINDS,
-                "help": spell_arguments(param.help, algorithm.params), "group": param.group or None,
-                "default": param.default, "choices": list(param.choices) or None, "unit": param.unit or None,
-                "minimum": param.minimum, "maximum": param.maximum, "required": param.required,
-                "advanced": param.advanced, "metavar": value_name(param),
-            }
-            for param in (*algorithm.params, *LINE_PARAMS)
-        ],
+        "description": " ".join(spell_arguments(algorithm.help, listed).split()),
+        "options": [{**vars(one), **said} for one, said in zip(listed, changed, strict=True)],
     }  # fmt: skip
 
 

@@ -13,16 +13,15 @@ from scipy import ndimage
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import compute_footprint
-from ...hrsi_engine.block.points import GroundPoints, ImagePoints
 from ...hrsi_engine.foundation.errors import HrsiError, InputError, list_ids
 from ...hrsi_engine.foundation.json_values import json_text
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.map_crs import map_epsg_of
 from ...hrsi_engine.io.catalogue.deliveries import IMAGE_ENDINGS, resolve_images
-from ...hrsi_engine.io.opening.datasets import open_dataset, quiet
+from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.pages.report import write_text
-from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.rpc_files import rpc_reader_of
 from .project_file import project_schema
@@ -41,13 +40,11 @@ class INFERENCE:
 
 
 class FoundPoints(NamedTuple):
-    """A point file, how it is named and read, and what it holds."""
+    """A point file, how it is named (``spec``, ``crs``), and what was read of it."""
 
     spec: str
     crs: str
-    told: str
-    ground: GroundPoints | None
-    image: ImagePoints | None
+    tables: PointTables
 
 
 def write_project(folder: str, path: str, overwrite: bool, log: Callable[[str], None]) -> list[str]:
@@ -63,18 +60,17 @@ def write_project(folder: str, path: str, overwrite: bool, log: Callable[[str], 
         if not _is_of_result(os.path.join(place, name), folder)
     )  # fmt: skip
     points = [one for file in files if file.lower().endswith(POINT_ENDINGS) for one in _read_point_file(file, images)]
-    taken = {os.path.realpath(image.path) for image in images}
-    dems = [file for file in files if file.lower().endswith(IMAGE_ENDINGS) and os.path.realpath(file) not in taken]
     here = os.path.dirname(os.path.abspath(path))
+    dem, gaps = _describe_dem([file for file in files if file.lower().endswith(IMAGE_ENDINGS)], here)
     lines = [
         f"#:schema ./{SCHEMA_FILE}", "# HRSI project: hrsi run makes refined RPCs, orthoimages and a report of it.",
         "# Paths count from this file's folder; hrsi help STEP tells the options of each step.", "",
         f'title = {json_text(os.path.basename(os.path.abspath(folder)))}', 'client = ""', 'place = ""',
         'output_dir = "result"', "", f"# {len(images)} images with RPCs", "images = [",
         *(f"  {json_text(os.path.relpath(image.path, here))}," for image in images), "]",
-        *_describe_points(points, here), *_describe_dem(dems, here),
+        *_describe_points(points, here), *dem,
         "", "[triangulate]", '# model = "auto"    # shift, affine, …: the correction of each RPC',
-        "", "[orthorectify]", *_describe_gaps(dems), "# resolution = 0.5   # m; by default that of the images",
+        "", "[orthorectify]", *gaps, "# resolution = 0.5   # m; by default that of the images",
         "", "[ortho-check]", "", "[evaluate]", 'tracks = "auto"   # "none" compares at the known points only',
     ]  # fmt: skip
     for line in lines[9:]:
@@ -118,79 +114,57 @@ def _read_point_file(file: str, images: Sequence[Image]) -> list[FoundPoints]:
             near = (lonlat > corners.min(axis=0) - beyond) & (lonlat < corners.max(axis=0) + beyond)
             if np.mean(near.all(axis=1)) < 0.5:
                 continue
-        told = next((note.partition(": ")[2] for note in tables.warnings if "read as the columns" in note), "")
-        return [FoundPoints(spec, crs, told, ground, tables.image)]
+        return [FoundPoints(spec, crs, tables)]
     return []
 
 
 def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
     """Return the lines of the project file on control and measurements."""
-    ground = next((one for one in points if one.ground is not None), None)
-    measured = next((one for one in points if one.image is not None), None)
-    lines = [""]
-    for one, key in ((ground, "gcps"), (measured, "image_points")):
+    lines, ids = [""], dict[str, set[str]]()
+    for key, what in (("gcps", "ground"), ("image_points", "image")):
+        one = next((one for one in points if getattr(one.tables, what) is not None), None)
         if one is None:
             lines += [f"# no file of {key.replace('_', ' ')} was found", f'# {key} = "points.csv"']
             continue
         file, bar, rest = one.spec.partition("|")
-        count = f"{len(one.ground)} ground points" if key == "gcps" and one.ground is not None else ""
-        count = count or f"{len(one.image.ids)} image points" if one.image is not None else count
-        where = f", CRS {one.crs}" if one.crs else ""
-        lines += [
-            f"# {os.path.basename(file)}: {count}{where}{f'; {one.told}' if one.told else ''}",
-            f"{key} = {json_text(os.path.relpath(file, here) + bar + rest)}",
-            *([f'ground_crs = "{one.crs}"'] if one.crs and key == "gcps" else []),
-        ]
-    if ground is not None and measured is not None and ground.ground is not None and measured.image is not None:
-        known, seen = set(ground.ground.ids.tolist()), set(map(str, measured.image.ids))
-        lines.append(f"# {len(known & seen)} of {len(known)} ground points are measured on images")
-        if alone := sorted(seen - known):
-            lines.append(f"# measured, but without a ground position: {list_ids(alone)}")
+        found, notes = getattr(one.tables, what).ids, [note.partition(": ")[2] for note in one.tables.warnings]
+        ids[key] = set(map(str, found))
+        facts = [f"{len(found)} {what} points", *([f"CRS {one.crs}"] if one.crs else []),
+                 *(note for note in notes if note.startswith("read as the columns"))]  # fmt: skip
+        lines += [f"# {os.path.basename(file)}: {'; '.join(facts)}",
+                  f"{key} = {json_text(os.path.relpath(file, here) + bar + rest)}"]  # fmt: skip
+        lines += [f'ground_crs = "{one.crs}"'] if one.crs and key == "gcps" else []
+    if len(ids) == 2:
+        known, seen = ids.values()
+        alone = f"; without a ground position: {list_ids(sorted(seen - known))}" if seen - known else ""
+        lines.append(f"# {len(known & seen)} of {len(known)} ground points are measured on images{alone}")
     return [*lines, 'height_datum = "layer"   # of the points: ellipsoidal, egm96, egm2008 or a geoid grid file']
 
 
-def _find_dem(files: Sequence[str]) -> tuple[str, gdal.Dataset] | None:
-    """Return the first raster of heights: one band of signed numbers on a map."""
-    for file in files:
-        dataset, _ = open_dataset(file)
-        kinds = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)
-        if dataset is None or dataset.RasterCount != 1 or dataset.GetRasterBand(1).DataType not in kinds:
+def _describe_dem(files: Sequence[str], here: str) -> tuple[list[str], list[str]]:
+    """Return the lines on the first raster of heights (a band of signed numbers on a map), and on its gaps."""
+    signed = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)
+    for file, (dem, _) in ((file, open_dataset(file)) for file in files):
+        if dem is None or dem.RasterCount != 1 or dem.GetRasterBand(1).DataType not in signed:
             continue
-        if dataset.GetSpatialRef() is not None:
-            return file, dataset
-    return None
-
-
-def _describe_dem(files: Sequence[str], here: str) -> list[str]:
-    """Return the lines of the project file on the DEM."""
-    found = _find_dem(files)
-    if found is None:
-        return ["", "# no DEM was found: orthoimages take the heights of the adjusted points", '# dem = "dem.tif"']
-    file, dataset = found
-    with quiet():
-        size, crs = f"{dataset.RasterXSize} x {dataset.RasterYSize} cells", dataset.GetSpatialRef().GetName()
-    return [
-        "", f"# {os.path.basename(file)}: DEM of {size}, {crs}", f"dem = {json_text(os.path.relpath(file, here))}",
+        if (crs := dem.GetSpatialRef()) is not None and not dem.GetMetadata("RPC"):
+            break
+    else:
+        return ["", "# no DEM was found: orthoimages take the heights of the adjusted points", '# dem = "dem.tif"'], []
+    told = [
+        "", f"# {os.path.basename(file)}: DEM of {dem.RasterXSize} x {dem.RasterYSize} cells, {crs.GetName()}",
+        f"dem = {json_text(os.path.relpath(file, here))}",
         'dem_datum = "layer"   # of its heights: as the file says, or ellipsoidal, egm96, egm2008, a geoid grid file',
     ]  # fmt: skip
-
-
-def _describe_gaps(files: Sequence[str]) -> list[str]:
-    """Return the option that bridges the gaps of the DEM, where it has some."""
-    found = _find_dem(files)
-    if found is None:
-        return []
-    band = found[1].GetRasterBand(1)
+    band = dem.GetRasterBand(1)
     step = max(1, -(-max(band.XSize, band.YSize) // INFERENCE.probe_px))
     heights = band.ReadAsArray(buf_xsize=band.XSize // step, buf_ysize=band.YSize // step).astype(np.float64)
-    empty = ~np.isfinite(heights) if band.GetNoDataValue() is None else (
-        ~np.isfinite(heights) | (heights == band.GetNoDataValue())
-    )  # fmt: skip
+    empty = ~np.isfinite(heights) | (heights == (np.nan if band.GetNoDataValue() is None else band.GetNoDataValue()))
     holes = ndimage.binary_fill_holes(~empty) & empty  # not what lies beyond its edge
     if not holes.any():
-        return []
+        return told, []
     widest = int(np.ceil(2.0 * step * ndimage.distance_transform_edt(np.pad(holes, 1)).max())) + 2 * step
-    return [
+    return told, [
         f"# the DEM has gaps inside: {100.0 * holes.mean():.2g} % of its cells, up to {widest} cells wide",
         f"fill_gaps = {min(widest, INFERENCE.widest_gap)}   # bridges them by interpolation",
     ]
