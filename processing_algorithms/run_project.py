@@ -38,9 +38,8 @@ def run(options: RunOptions, context: Context) -> Report:
     wrong = [step for step in options.steps or () if step not in FOLDERS]
     if wrong:
         raise InputError(f"`steps` names {wrong[0]!r}: the steps are {', '.join(FOLDERS)}")
-    folder = options.output_dir or project.texts.get("output_dir") or os.path.join(
-        os.path.dirname(project.path), "result"
-    )  # fmt: skip
+    beside = os.path.join(os.path.dirname(project.path), "result")
+    folder = options.output_dir or project.texts.get("output_dir") or beside
     images = resolve_images(project.shared["images"], lambda text: None)
     if context.dry_run:
         counts = {"images": len(images), "steps": len(project.steps)}
@@ -53,10 +52,11 @@ def run(options: RunOptions, context: Context) -> Report:
         **context.record, "seconds": {}, "document": dict(project.texts), "folder": folder,
         "steps": dict(earlier.get("steps") or {}), "warnings": [],
     }  # fmt: skip
-    chain = _Chain(project, images, folder, options, context, report)
+    results: dict[str, Report] = {}
     with only_writer(folder if options.output_dir is None else None):
         for number, step in enumerate(FOLDERS):
-            chain.do_step(step, context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS)))
+            part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
+            _do_step(step, project, images, results, report, options, part)
             write_report_json(os.path.join(folder, REPORT_FILE), report)  # a run that is killed goes on from here
         report["verdict"], report["seconds"] = _judge_steps(report["steps"]), {"total": time.monotonic() - begun}
         report["outputs"] = {"report": os.path.join(folder, REPORT_FILE)}
@@ -74,81 +74,66 @@ def summarise(report: Report) -> str:
     return "\n".join([*lines, f"{report['verdict']['sentence']}. Verdict: {report['verdict']['level']}"])
 
 
-class _Chain:
-    """The steps of a project with what they hand to one another; ``report`` gets an entry of each."""
+def _do_step(
+    step: str, project: Project, images: tuple[str, ...], results: dict[str, Report], report: Report,
+    options: RunOptions, context: Context,
+) -> None:  # fmt: skip
+    """Do a step, or keep what it made earlier; ``report`` gets its entry, ``results`` its report."""
+    entries, folder = report["steps"], os.path.join(report["folder"], FOLDERS[step])
+    algorithm = SINGLE if step == "triangulate" and len(images) == 1 else step
+    if step not in project.steps or step not in (options.steps or FOLDERS):
+        entries[step] = {"status": LEFT_OUT, "told": "not asked for"}
+        return
+    given, lacking = _chain_inputs(step, project, images, results, report["folder"])
+    if lacking:
+        entries[step] = {"status": LEFT_OUT, "told": lacking}
+        return
+    values = check_options(REGISTRY[algorithm], {**project.options_of(step, algorithm), **given, "output_dir": folder})
+    inputs = input_entries(REGISTRY[algorithm].files_by_option(values))
+    contents = sorted(f"{one['path']} {one['sha256'] or one['sampled_sha256']}" for one in inputs)
+    mark = digest(VERSION, algorithm, sorted(f"{key} {value}" for key, value in values.items() if key != "threads"),
+                  contents)  # fmt: skip
+    before, past = entries.pop(step, {}), read_report(os.path.join(folder, REPORT_FILE))
+    there = all(
+        os.path.isfile(path) and os.path.getsize(path) == size for path, size in before.get("files", {}).items()
+    )
+    if past and there and before.get("digest") == mark and not options.overwrite:
+        entries[step], results[step] = {**before, "status": KEPT}, past
+        context.log(f"{step}: nothing has changed, kept")
+        return
+    context.log(f"{step}:")
+    values["overwrite"] = bool(past) and (past["algorithm"] == algorithm or options.overwrite)
+    try:
+        made = results[step] = REGISTRY[algorithm].execute(values, Context(context.progress, context.log))
+    except SolveError as error:
+        entries[step] = {"status": FAILED, "told": str(error)}
+        return
+    files = [path for path in sorted(Path(folder).iterdir()) if path.is_file() and not path.name.startswith(".")]
+    entries[step] = {
+        "status": DONE, "algorithm": algorithm, "digest": mark, "told": _tell_result(made),
+        "verdict": made.get("verdict"), "files": {str(path): path.stat().st_size for path in files},
+    }  # fmt: skip
 
-    def __init__(
-        self, project: Project, images: tuple[str, ...], folder: str, options: RunOptions, context: Context,
-        report: Report,
-    ) -> None:  # fmt: skip
-        self.project, self.images, self.folder, self.options, self.report = project, images, folder, options, report
-        self.results: dict[str, Report] = {}  #: reports of steps by name
 
-    def do_step(self, step: str, context: Context) -> None:
-        """Do a step, or keep what it made earlier; note what became of it."""
-        entries, algorithm = self.report["steps"], step
-        if step == "triangulate" and len(self.images) == 1:
-            algorithm = SINGLE
-        lacking = self._find_lack(step)
-        if lacking:
-            entries[step] = {"status": LEFT_OUT, "told": lacking}
-            return
-        given = {**self._inputs_of(step), "output_dir": os.path.join(self.folder, FOLDERS[step])}
-        options = check_options(REGISTRY[algorithm], {**self.project.options_of(step, algorithm), **given})
-        inputs = input_entries(REGISTRY[algorithm].files_by_option(options))
-        contents = sorted(str((one["path"], one["sha256"] or one["sampled_sha256"])) for one in inputs)
-        told = {key: value for key, value in options.items() if key not in ("threads", "overwrite")}
-        mark = digest(VERSION, algorithm, sorted(map(repr, told.items())), contents)
-        before = entries.get(step) or {}
-        past = read_report(os.path.join(given["output_dir"], REPORT_FILE))
-        if past and before.get("digest") == mark and not self.options.overwrite and _are_there(before["files"]):
-            entries[step], self.results[step] = {**before, "status": KEPT}, past
-            context.log(f"{step}: nothing has changed, kept")
-            return
-        context.log(f"{step}:")
-        entries.pop(step, None)
-        started = time.monotonic()
-        try:
-            own = bool(past) and (past["algorithm"] == algorithm or self.options.overwrite)
-            made = REGISTRY[algorithm].execute({**options, "overwrite": own}, Context(context.progress, context.log))
-        except SolveError as error:
-            entries[step] = {"status": FAILED, "told": str(error), "algorithm": algorithm}
-            return
-        self.results[step] = made
-        entries[step] = {
-            "status": DONE, "algorithm": algorithm, "digest": mark, "verdict": made.get("verdict"),
-            "told": _tell_result(made),
-            "files": {str(path): path.stat().st_size for path in sorted(Path(given["output_dir"]).iterdir())
-                      if path.is_file() and not path.name.startswith(".")},
-            "seconds": time.monotonic() - started,
-        }  # fmt: skip
-
-    def _find_lack(self, step: str) -> str:
-        """Return why a step cannot be done or is not asked for; empty where it can."""
-        if step not in self.project.steps or step not in (self.options.steps or FOLDERS):
-            return "not asked for"
-        if step == "triangulate":
-            return ""
-        if not (block := self.results.get("triangulate")) or is_unusable(block):
-            return "there are no refined RPCs" if block is None else "the refined RPCs are unusable"
-        count = len(self.results.get("orthorectify", {}).get("images", ()))
-        return f"{count} orthoimages: two are needed" if step == "ortho-check" and count < 2 else ""
-
-    def _inputs_of(self, step: str) -> dict[str, Any]:
-        """Return the options that earlier steps give."""
-        if step == "triangulate":
-            known = {param.key for param in REGISTRY[step].params}
-            texts = {key: text for key, text in self.project.texts.items() if key in known and key != "output_dir"}
-            return {"images": self.images, **({} if len(self.images) == 1 else texts)}
-        folder = os.path.join(self.folder, FOLDERS["triangulate"])
-        if step == "evaluate":
-            return {"images": self.images, "rpcs": [f"refined={folder}"]}
-        source = "triangulate" if step == "orthorectify" else "orthorectify"
-        found: dict[str, Any] = {"images": [entry["output"] for entry in self.results[source]["images"].values()]}
-        own = {**self.project.shared, **self.project.steps[step]}
-        if step == "orthorectify" and not {"dem", "height", "terrain_points"} & {key for key in own if own[key]}:
-            found["terrain_points"] = folder
-        return found
+def _chain_inputs(
+    step: str, project: Project, images: tuple[str, ...], results: Mapping[str, Report], folder: str
+) -> tuple[dict[str, Any], str]:
+    """Return the options that a step gets from earlier steps, and why it cannot be done; empty where it can."""
+    if step == "triangulate":
+        texts = {key: text for key, text in project.texts.items() if key != "output_dir" and len(images) > 1}
+        return {"images": images, **texts}, ""
+    block, refined = results.get("triangulate"), os.path.join(folder, FOLDERS["triangulate"])
+    if not block or is_unusable(block):
+        return {}, "the refined RPCs are unusable" if block else "there are no refined RPCs"
+    if step == "evaluate":
+        return {"images": images, "rpcs": [f"refined={refined}"]}, ""
+    source = block if step == "orthorectify" else results.get("orthorectify", {"images": {}})
+    given: dict[str, Any] = {"images": [entry["output"] for entry in source["images"].values()]}
+    if step == "ortho-check":
+        return given, "" if len(given["images"]) > 1 else f"{len(given['images'])} orthoimages: two are needed"
+    if not {"dem", "height", "terrain_points"} & {*project.shared, *project.steps[step]}:
+        given["terrain_points"] = refined
+    return given, ""
 
 
 def _tell_result(report: Report) -> str:
@@ -165,17 +150,12 @@ def _tell_result(report: Report) -> str:
     return REGISTRY[report["algorithm"]].summarise(report).strip().splitlines()[-1]
 
 
-def _are_there(files: Mapping[str, int]) -> bool:
-    return all(os.path.isfile(path) and os.path.getsize(path) == size for path, size in files.items())
-
-
 def _judge_steps(steps: Mapping[str, Report]) -> Report:
     """Return the worst verdict of the steps with all their reasons; a step that failed is doubtful."""
     judged = [entry["verdict"] for entry in steps.values() if entry.get("verdict")]
-    levels = [verdict["level"] for verdict in judged]
-    failed = [name for name, entry in steps.items() if entry["status"] == FAILED]
-    levels += [Level.DOUBTFUL.label] * bool(failed)
-    told = [verdict["sentence"] for verdict in judged] + [f"{', '.join(failed)} failed"] * bool(failed)
+    failed = [f"{name} failed" for name, entry in steps.items() if entry["status"] == FAILED]
+    levels = [*(verdict["level"] for verdict in judged), *[Level.DOUBTFUL.label] * len(failed)]
+    told = [*(verdict["sentence"] for verdict in judged), *failed]
     return {
         "level": max(levels, key=LEVELS.index, default=Level.OK.label),
         "sentence": "; ".join(told) or "nothing was judged",

@@ -11,7 +11,7 @@ from ..interface.option_groups import Common, report_option
 class RunOptions:
     """What `run` takes."""
 
-    project: str = option(help="Project file (TOML), as hrsi init writes it", kind=Kind.PROJECT, metavar="PROJECT")
+    project: str = option(help="Project file (TOML)", kind=Kind.PROJECT, metavar="PROJECT")
     steps: tuple[str, ...] | None = option(
         None, "Only these steps, of triangulate, orthorectify, ortho-check, evaluate", metavar="A,B,…"
     )
@@ -28,12 +28,11 @@ RUN = Algorithm(
     name="run", title="Run project", group="Project",
     summary="All steps of a project: triangulate, orthorectify, check and evaluate, with one report",
     help=(
-        "Takes images, points, DEM and the options of each step from a project file and runs the steps one after the "
-        "other, each on the results of those before: refined RPCs, orthoimages, their misregistration, and how well "
-        "the refined RPCs fit beside the original ones. One image with GCPs is refined by itself. Each step has a "
-        "folder in the output directory, and the report a chapter.\n\n"
-        "A run that was stopped goes on where it was. Of a finished one only those steps are done again whose inputs "
-        "(by their SHA-256) or options have changed. hrsi init writes the project file from what a folder holds."
+        "Reads images, points, DEM and the options of each step from a project file and runs the steps in order: "
+        "refined RPCs, orthoimages, their misregistration, evaluation of the RPCs. Each step has a folder in the "
+        "output directory and a chapter of the report. One image is refined from its GCPs alone.\n\n"
+        "A stopped run continues. After a finished run only steps with other inputs (by SHA-256) or options are "
+        "repeated."
     ),
     options=RunOptions,
     module=f"{__name__.partition('.declarations.')[0]}.run_project",

@@ -1,6 +1,5 @@
 """The command ``hrsi ALGORITHM [options] IMAGE...``: results on stdout, progress and one-line errors on stderr."""
 
-import argparse
 import contextlib
 import gc
 import io
@@ -21,10 +20,10 @@ from .. import REGISTRY
 from .command_parser import (
     COMMANDS,
     LINE_PARAMS,
-    CommandParser,
     algorithm_parser,
     help_page,
     json_usage,
+    read_template,
     registry_help,
     split_log,
 )
@@ -130,8 +129,6 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         if len(rest) != 1:
             raise InputError(f"completion needs the name of a shell: hrsi completion {'|'.join(SHELLS)}")
         print(completion_script(rest[0], registry), end="")
-    elif first == "init" and not HELP & set(rest):
-        _init_project(rest)
     elif first == "rerun" and not HELP & set(rest):
         from .rerun import read_past_run  # loads NumPy, which help does without
 
@@ -152,25 +149,9 @@ def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:
     """Return the page of an algorithm or of a command; without words, or for several, the list of them."""
     if len(words) != 1 or words[0] in HELP:
         return f"{registry_help(registry)}\n"
-    if words[0] in COMMAND_PAGES:
-        return COMMAND_PAGES[words[0]]
+    if words[0] in COMMANDS:  # no algorithms
+        return read_template(f"{words[0]}.txt")
     return help_page(find_algorithm(registry, words[0], COMMANDS))
-
-
-def _init_project(words: list[str]) -> None:
-    """Write a project file; tell on stderr how the folder was understood."""
-    from ..projects.inference import PROJECT_FILE, write_project  # loads GDAL
-
-    parser = CommandParser("hrsi init", argument_default=argparse.SUPPRESS)
-    parser.add_argument("folder", nargs="?")
-    parser.add_argument("-o", "--output")
-    parser.add_argument("--overwrite", action="store_true")
-    given = parser.parse_words(words)
-    folder = given.get("folder") or os.curdir
-    target = given.get("output") or os.path.join(folder, PROJECT_FILE)
-    made = write_project(folder, target, given.get("overwrite", False), lambda text: print(text, file=sys.stderr))
-    print("\n".join(made))
-    print(f"look through {made[0]}, then: hrsi run {shlex.quote(made[0])}", file=sys.stderr)
 
 
 def _format_json(value: Mapping[str, Any]) -> str:
@@ -286,46 +267,6 @@ def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[s
 
 
 HELP, HELP_ALL, JSON_USAGE = {"--help", "-h"}, "--help-all", "--json-usage"
-#: Pages of the commands that are no algorithms.
-COMMAND_PAGES = {
-    "completion": """\
-usage: hrsi completion bash|zsh|fish
-
-Prints what the shell needs to complete algorithms, options, choices and files. It is read once; no key press starts
-hrsi.
-
-  bash  source <(hrsi completion bash)
-  zsh   source <(hrsi completion zsh)
-  fish  hrsi completion fish | source
-""",
-    "help": """\
-usage: hrsi help [ALGORITHM]
-
-Shows the options and examples of an algorithm; without one, the list.
-""",
-    "init": """\
-usage: hrsi init [FOLDER] [-o PROJECT.toml] [--overwrite]
-
-Looks for images with RPCs, point files and a DEM in a folder, tells how columns, CRS and ids were understood, and
-writes a commented project file (project.toml in the folder) with a JSON schema for editors beside it. Nothing else is
-written: read it, correct it, then hrsi run PROJECT.toml does the rest.
-
-example:
-  hrsi init block
-""",
-    "rerun": """\
-usage: hrsi rerun report.json [options]
-
-Repeats the run that a report tells of: the same algorithm, options and inputs. Options that are given win over those of
-the report; images that are given take the place of its images. Relative paths of inputs count from the folder in which
-the run was started, or from where the report lies now where all was moved together. The output directory counts from
-the current folder; what is there is replaced only with --overwrite. Inputs that have changed since, by their SHA-256,
-and other versions of libraries are named.
-
-example:
-  hrsi rerun adjusted/report.json --model shift --output-dir shifted
-""",
-}
 
 
 def version_page() -> str:

@@ -8,6 +8,7 @@ import re
 import shutil
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from ...hrsi_engine.foundation.errors import InputError
@@ -21,7 +22,6 @@ LINE_PARAMS = params_of(LineOptions)  #: of the command line itself
 #: Commands that are no algorithms, and what they do.
 COMMANDS = {
     "help": "Show the page of an algorithm",
-    "init": "Write a project file for hrsi run from what a folder holds: images, points, DEM",
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }
@@ -178,20 +178,12 @@ def registry_help(registry: Mapping[str, Algorithm]) -> str:
         text = textwrap.fill(algorithm.summary, _help_width(), initial_indent=first, subsequent_indent=" " * len(first))
         groups.setdefault(algorithm.group, []).append(text)
     listing = "\n\n".join("\n".join([f"{group}:", *texts]) for group, texts in groups.items())
-    return (
-        "usage: hrsi ALGORITHM [options] IMAGE...\n\n"
-        "Block triangulation of high-resolution satellite images with RPC camera models.\n\n"
-        f"{listing}\n\n"
-        "More:\n"
-        "  hrsi ALGORITHM --help              an algorithm's examples and the options that most runs need\n"
-        "  hrsi ALGORITHM --help-all          all its options, in groups; --json-usage: the same for programs\n"
-        "  hrsi init FOLDER                   a project file for hrsi run, from the images, points and DEM in it\n"
-        "  hrsi rerun report.json [options]   a run again, with other options where they are given\n"
-        "  hrsi completion bash|zsh|fish      what a shell needs to complete all this\n"
-        "  hrsi --version                     the version, and those of the libraries\n\n"
-        "IMAGE is an image with RPC, an RPC file alone, a folder or archive as delivered, a pattern ('*.tif'),\n"
-        "or @list.txt with one a line."
-    )
+    return read_template("hrsi.txt").format(listing=listing)
+
+
+def read_template(name: str) -> str:
+    """Return a text that lies beside this file."""
+    return Path(__file__).with_name("templates").joinpath(name).read_text(encoding="utf-8")
 
 
 def value_name(param: Param) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
-from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, value_name
+from .command_parser import COMMANDS, LINE_PARAMS, OUTPUT_PARAMS, option_help, read_template, value_name
 from .declare import POSITIONAL_KINDS, READ_KINDS, Algorithm, Kind, Param
 from .options import suggestion
 
@@ -65,49 +65,6 @@ def _short_help(param: Param, params: tuple[Param, ...]) -> str:
 
 # ---- bash ------------------------------------------------------------------------------------------------------------
 
-_BASH = """\
-# Completion of hrsi for bash. For now:  source <(hrsi completion bash)
-# For good:  hrsi completion bash > ~/.local/share/bash-completion/completions/hrsi
-_hrsi_options() {{
-  case $1 in
-{options}
-  esac
-}}
-_hrsi_values() {{
-  case "$1 $2" in
-{values}
-  esac
-}}
-_hrsi() {{
-  local cur=${{COMP_WORDS[COMP_CWORD]}} prev=${{COMP_WORDS[COMP_CWORD-1]}} command=${{COMP_WORDS[1]}}
-  local offer=FILES word words=
-  COMPREPLY=()
-  if [ "$cur" = "=" ]; then cur=
-  elif [ "$prev" = "=" ]; then prev=${{COMP_WORDS[COMP_CWORD-2]}}; fi
-  if [ "$COMP_CWORD" -eq 1 ]; then offer="{commands} --help --version"
-  elif [ "$command" = help ]; then offer="{algorithms}"
-  elif [ "$command" = completion ]; then offer="{shells}"
-  else
-    case $prev in --*) offer=$(_hrsi_values "$command" "$prev"); offer=${{offer:-FILES}} ;; esac
-    case $offer,$cur in FILES,-*) offer=$(_hrsi_options "$command") ;; esac
-  fi
-  for word in $offer; do
-    case $word in
-      FILES) compopt -o filenames 2> /dev/null
-        case $cur in
-          @*) mapfile -t COMPREPLY < <(compgen -P @ -f -- "${{cur#@}}") ;;
-          *) mapfile -t COMPREPLY < <(compgen -f -- "$cur") ;;
-        esac ;;
-      FOLDERS) compopt -o filenames 2> /dev/null; mapfile -t COMPREPLY < <(compgen -d -- "$cur") ;;
-      NOTHING) ;;
-      *) words+=" $word" ;;
-    esac
-  done
-  COMPREPLY+=($(compgen -W "$words" -- "$cur"))
-}}
-complete -F _hrsi hrsi
-"""
-
 
 def _bash_script(registry: Mapping[str, Algorithm]) -> str:
     options, values = [], []
@@ -119,38 +76,13 @@ def _bash_script(registry: Mapping[str, Algorithm]) -> str:
                 offer = offer_of(param)
                 given = " ".join([*offer.words, *["FILES"] * offer.files, *["FOLDERS"] * offer.folders]) or "NOTHING"
                 values.append(f'    "{name} --{param.name}") echo {shlex.quote(given)} ;;')
-    return _BASH.format(
+    return read_template("hrsi.bash").format(
         options="\n".join(options), values="\n".join(values), commands=" ".join([*registry, *COMMANDS]),
         algorithms=" ".join(registry), shells=" ".join(SHELLS),
     )  # fmt: skip
 
 
 # ---- zsh -------------------------------------------------------------------------------------------------------------
-
-_ZSH = """\
-#compdef hrsi
-# Completion of hrsi for zsh. For now:  source <(hrsi completion zsh)
-# For good:  hrsi completion zsh > "${{fpath[1]}}/_hrsi"
-_hrsi_words_or_files() {{ _alternative "words:word:($*)" "files:file:_files" }}
-_hrsi() {{
-  local -a commands=(
-{commands}
-  )
-  if (( CURRENT == 2 )); then
-    _describe -t commands 'algorithm' commands
-    return
-  fi
-  local command=$words[2]
-  shift words
-  (( CURRENT-- ))
-  case $command in
-    help) _arguments '1:algorithm:({algorithms})' ;;
-    completion) _arguments '1:shell:({shells})' ;;
-{cases}
-  esac
-}}
-if [ "$funcstack[1]" = _hrsi ]; then _hrsi "$@"; else compdef _hrsi hrsi; fi
-"""
 
 
 def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
@@ -169,7 +101,7 @@ def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
         specs.append("*:file:_files")
         listed = " \\\n      ".join(map(shlex.quote, specs))
         cases.append(f"    {name}) _arguments \\\n      {listed} ;;")
-    return _ZSH.format(
+    return read_template("hrsi.zsh").format(
         commands="\n".join(commands), cases="\n".join(cases), algorithms=" ".join(registry), shells=" ".join(SHELLS)
     )
 
@@ -179,13 +111,6 @@ def _zsh_text(text: str) -> str:
 
 
 # ---- fish ------------------------------------------------------------------------------------------------------------
-
-_FISH = """\
-# Completion of hrsi for fish. For now:  hrsi completion fish | source
-# For good:  hrsi completion fish > ~/.config/fish/completions/hrsi.fish
-complete -c hrsi -f
-{lines}
-"""
 
 
 def _fish_script(registry: Mapping[str, Algorithm]) -> str:
@@ -204,7 +129,7 @@ def _fish_script(registry: Mapping[str, Algorithm]) -> str:
                 value = f"-a {_fish_text(' '.join(offer.words))} "
             value = "" if param.kind is Kind.FLAG else ("-r -F " if offer.files else "-x ") + value
             lines += [f"{behind} -l {word.removeprefix('--')} {value}-d {text}" for word in _option_words(param)]
-    return _FISH.format(lines="\n".join(lines))
+    return read_template("hrsi.fish").format(lines="\n".join(lines))
 
 
 def _fish_behind(command: str) -> str:

@@ -7,8 +7,7 @@ count from the file's folder.
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.opening.budgets import require_size
@@ -32,17 +31,13 @@ SHARED = (
 SKIP = "skip"  #: a step with this set is left out
 
 
-@dataclass(frozen=True)
-class Project:
-    """What a project file holds, its paths as seen from here.
-
-    texts : of the report, by name; shared : inputs by option key; steps : options of each step that is not left out
-    """
+class Project(NamedTuple):
+    """Texts for the report, inputs by option key, and options of each step that is not left out; paths as seen here."""
 
     path: str
     texts: Mapping[str, str]
     shared: Mapping[str, Any]
-    steps: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    steps: Mapping[str, Mapping[str, Any]]
 
     def options_of(self, step: str, algorithm: str) -> dict[str, Any]:
         """Return the options of a step, done by an algorithm: its own, and the shared ones that it takes."""
@@ -57,8 +52,8 @@ def read_project(path: str) -> Project:
         with open(path, "rb") as file:
             content = tomllib.load(file)
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read as a project file ({error}): hrsi init writes one") from None
-    known = [*TEXTS, *SHARED, *FOLDERS, SINGLE]
+        raise InputError(f"{path}: cannot be read as a project file ({error}): correct it") from None
+    known = [*TEXTS, *SHARED, *FOLDERS]
     for key in content:
         if key not in known:
             raise InputError(f"{path}: has no place for {key!r}{suggestion(key, known)}: it has {', '.join(known)}")
@@ -70,16 +65,10 @@ def read_project(path: str) -> Project:
         texts["output_dir"] = os.path.join(folder, texts["output_dir"])
     shared = _place_options(path, "triangulate", {key: content[key] for key in SHARED if key in content})
     tables = {name: content.get(name, {}) for name in FOLDERS}
-    if SINGLE in content:
-        tables["triangulate"] = {**tables["triangulate"], **content[SINGLE]} if len(shared["images"]) == 1 else {}
-    wrong = next((name for name, table in tables.items() if not isinstance(table, dict)), None)
-    if wrong is not None:
-        raise InputError(f"{path}: {wrong} is no table: write [{wrong}] above its options")
-    steps = {
-        name: _place_options(path, name, {key: value for key, value in table.items() if key != SKIP})
-        for name, table in tables.items()
-        if not table.get(SKIP)
-    }
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: {name} is no table: write [{name}] above its options")
+    steps = {name: _place_options(path, name, table) for name, table in tables.items() if not table.pop(SKIP, False)}
     return Project(path, texts, shared, steps)
 
 
@@ -90,9 +79,7 @@ def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, 
     for name, value in table.items():
         key = name.replace("-", "_")
         if key not in params:
-            raise InputError(
-                f"{path}: [{step}] has no option {name}{suggestion(key, params)}; hrsi help {step} lists them"
-            )
+            raise InputError(f"{path}: [{step}] has no option {name}{suggestion(key, params)}; see hrsi help {step}")
         found[key] = _place_value(os.path.dirname(path), params[key], value)
     return found
 
@@ -100,8 +87,7 @@ def _place_options(path: str, step: str, table: Mapping[str, Any]) -> dict[str, 
 def _place_value(folder: str, param: Param, value: Any) -> Any:
     """Return an option's value with the files that it names as seen from here."""
     if param.kind is Kind.IMAGES:
-        listed = [value] if isinstance(value, str) else value
-        return [_place_file(folder, str(one)) for one in listed]
+        return [_place_file(folder, str(one)) for one in ([value] if isinstance(value, str) else value)]
     if not isinstance(value, str) or value in param.words or value in param.choices:
         return value
     if param.kind in READ_KINDS:
@@ -111,32 +97,4 @@ def _place_value(folder: str, param: Param, value: Any) -> Any:
 
 
 def _place_file(folder: str, name: str) -> str:
-    sign = "@" if name.startswith("@") else ""
-    return name if name.startswith("/vsi") else sign + os.path.join(folder, name.removeprefix(sign))
-
-
-def project_schema() -> dict[str, Any]:
-    """Return the JSON Schema of project files, with which editors complete and check them."""
-    tables = {name: {"type": "object", "additionalProperties": False, "properties": {
-        SKIP: {"type": "boolean", "description": "Leave this step out"},
-        **{param.key: _describe_param(param) for param in REGISTRY[name].params},
-    }} for name in (*FOLDERS, SINGLE)}  # fmt: skip
-    shared = {param.key: _describe_param(param) for param in REGISTRY["triangulate"].params if param.key in SHARED}
-    texts = {key: {"type": "string", "description": text} for key, text in TEXTS.items()}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "HRSI project", "type": "object",
-        "required": ["images"], "additionalProperties": False, "properties": {**texts, **shared, **tables},
-    }  # fmt: skip
-
-
-#: JSON types by kind; all other kinds are texts.
-_TYPES = {Kind.FLAG: "boolean", Kind.INTEGER: "integer", Kind.NUMBER: "number"}
-_LISTS = (Kind.IMAGES, Kind.IDS, Kind.FOLDERS, Kind.GROUPS)
-
-
-def _describe_param(param: Param) -> dict[str, Any]:
-    kind = {"type": ["array", "string"]} if param.kind in _LISTS else {"type": _TYPES.get(param.kind, "string")}
-    facts = {"enum": list(param.choices), "minimum": param.minimum, "maximum": param.maximum}
-    given = {key: value for key, value in facts.items() if value not in (None, [])}
-    unit = f" ({param.unit})" if param.unit else ""
-    return {**kind, **given, "description": param.help.replace("`", "") + unit}
+    return name if name.startswith(("/vsi", "@")) else os.path.join(folder, name)

@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +21,22 @@ from osgeo import gdal
 
 import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.cli import main
-from hrsi.processing_algorithms.projects.project_file import FOLDERS, project_schema, read_project
+from hrsi.processing_algorithms.projects.project_file import FOLDERS, read_project
 
+PROJECT = """\
+title = "Valley <1>"
+images = "images"
+gcps = "points.txt|columns=id,lat,lon,height"
+image_points = "measured.txt"
+dem = "dem.tif"
+[orthorectify]
+fill_gaps = 8
+[evaluate]
+tracks = "none"
+"""
+ROOT = Path(__file__).resolve().parents[2]
 HOLES, HOLE = 40, (3, 4)  #: gaps of the DEM, each of so many rows and columns
 
 
@@ -67,18 +79,10 @@ def hrsi_command(folder: Path, *words: str) -> tuple[list[str], str]:
 def test_twelve_steps_from_a_folder_to_the_document(survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     work = survey.parent
     shutil.rmtree(survey / "result", ignore_errors=True)
-    # 1 and 2: what is there? 3: the project file
-    assert "hrsi init FOLDER" in "\n".join(hrsi_command(work, "--help")[0])
+    # 1 to 6: what is there? the project file, and a look before the run
     assert "PROJECT" in "\n".join(hrsi_command(work, "run", "--help")[0])
-    made, told = hrsi_command(work, "init", "survey", "--overwrite")
-    assert [os.path.basename(path) for path in made] == ["project.toml", "project.schema.json"]
-    # 4: how the folder was understood
-    assert "18 ground points; read as the columns id, lat, lon, height" in told
-    assert "18 of 18 ground points are measured on images" in told and "the DEM has gaps inside" in told
-    # 5: the title; 6: a look before the run
     file = survey / "project.toml"
-    assert tomllib.loads(file.read_text())["orthorectify"]["fill_gaps"] >= max(HOLE)
-    file.write_text(file.read_text().replace('title = "survey"', 'title = "Valley <1>"').replace('"auto" ', '"none" '))
+    file.write_text(PROJECT)
     assert "nothing wrong was found" in "\n".join(hrsi_command(work, "run", "survey/project.toml", "--dry-run")[0])
     assert not (survey / "result").exists()
     # 7: the run; 8: its outputs
@@ -94,7 +98,7 @@ def test_twelve_steps_from_a_folder_to_the_document(survey: Path, tmp_path: Path
     # 9: again, and nothing is done; 10: another resolution, and only what depends on it is
     _, told = hrsi_command(work, "run", "survey/project.toml")
     assert told.count("nothing has changed, kept") == 4
-    file.write_text(file.read_text().replace("# resolution = 0.5 ", "resolution = 1.0 "))
+    file.write_text(file.read_text().replace("fill_gaps", "resolution = 1.0\nfill_gaps"))
     os.remove(survey / "result" / "evaluation" / "report.html")
     _, told = hrsi_command(work, "run", "survey/project.toml")
     kept = re.findall(r"^(\S+): nothing has changed", told, re.MULTILINE)
@@ -119,9 +123,7 @@ def test_one_image_is_refined_by_itself(survey: Path, tmp_path: Path):
     shutil.copytree(survey, folder, ignore=shutil.ignore_patterns("result", "image_2*", "image_3*", "*.toml"))
     measured = (folder / "measured.txt").read_text().splitlines(keepends=True)
     (folder / "measured.txt").write_text("".join(line for line in measured if " image_1 " in line))
-    assert main(["init", str(folder)]) == 0
-    text = (folder / "project.toml").read_text().replace('tracks = "auto"', 'tracks = "none"')
-    (folder / "project.toml").write_text(text)
+    (folder / "project.toml").write_text(PROJECT)
     result = hrsi.run(folder / "project.toml", report=False)
     assert result.report["steps"]["triangulate"]["algorithm"] == "refine-rpc"
     assert result.report["steps"]["ortho-check"]["told"] == "1 orthoimages: two are needed"
@@ -131,7 +133,7 @@ def test_one_image_is_refined_by_itself(survey: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
-        ("images = [", ["cannot be read as a project file", "hrsi init"]),
+        ("images = [", ["cannot be read as a project file", "correct it"]),
         ("title = 'a'", ["names no images"]),
         ("imges = ['a']", ["'imges'", "did you mean images"]),
         ("images = ['a']\n[triangulate]\nmodle = 'affine'", ["[triangulate]", "did you mean model"]),
@@ -156,6 +158,9 @@ def test_paths_count_from_the_project_file_and_the_schema_has_every_key(tmp_path
     assert project.shared["gcps"] == f"{tmp_path / 'p.txt'}|columns=id,x,y"
     assert (project.shared["height_datum"], project.shared["dem_datum"]) == ("egm96", str(tmp_path / "geoid.tif"))
     assert "evaluate" not in project.steps
-    known = project_schema()["properties"]
-    assert {"images", "gcps", "dem", "title"} <= known.keys()
+    known = json.loads((ROOT / "docs" / "project.schema.json").read_text())["properties"]
+    assert {"images", "gcps", "dem", "title"} <= known.keys() and set(FOLDERS) <= known.keys()
+    for step in FOLDERS:
+        declared = {param.key for param in REGISTRY[step].params}
+        assert declared == known[step]["properties"].keys() - {"skip"}, "run scripts/make_schema.py"
     assert known["orthorectify"]["properties"]["fill_gaps"]["type"] == "integer"
