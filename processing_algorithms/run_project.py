@@ -28,7 +28,7 @@ from .interface.declare import Context, Report, is_unusable
 from .interface.options import check_options
 from .projects.project_file import FOLDERS, SINGLE, Project, read_project
 
-KEPT, DONE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: what became of a step
+KEPT, MADE, FAILED, LEFT_OUT = "kept", "done", "failed", "left out"  #: what became of a step
 LEVELS = [level.label for level in sorted(Level)]
 
 
@@ -110,7 +110,7 @@ def _do_step(
         return
     files = [path for path in sorted(Path(folder).iterdir()) if path.is_file() and not path.name.startswith(".")]
     entries[step] = {
-        "status": DONE, "algorithm": algorithm, "digest": mark, "told": _tell_result(made),
+        "status": MADE, "algorithm": algorithm, "digest": mark, "told": _tell_result(made),
         "verdict": made.get("verdict"), "files": {str(path): path.stat().st_size for path in files},
     }  # fmt: skip
 

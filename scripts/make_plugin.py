@@ -26,7 +26,24 @@ PARTS = ("plugin", "processing_algorithms", "hrsi_engine")
 PUBLISHER_FIELDS = ("email", "homepage", "repository", "tracker")
 REQUIRED = ("name", "description", "about", "version", "qgisMinimumVersion", "author", "icon")
 #: Kinds of files that the plugin consists of; what a build, an editor or a system leaves beside them is none of it.
-KINDS = {".py", ".pyi", ".html", ".css", ".js", ".j2", ".qml", ".svg", ".png", ".model3", ".qm", ".ts"}
+KINDS = {
+    ".py",
+    ".txt",
+    ".bash",
+    ".zsh",
+    ".fish",
+    ".pyi",
+    ".html",
+    ".css",
+    ".js",
+    ".j2",
+    ".qml",
+    ".svg",
+    ".png",
+    ".model3",
+    ".qm",
+    ".ts",
+}
 LEFT_BEHIND = {".pyc", ".pyo", ".nbi", ".nbc"}
 LARGEST_BYTES = 20 * 1024**2  # the plugin repository's limit
 OLDEST = (1980, 1, 1, 0, 0, 0)  # one time for all files: the same sources give the same zip
