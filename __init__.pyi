@@ -2189,6 +2189,55 @@ def ortho_check(
     """
     ...
 
+def run(
+    project: Path,
+    *,
+    steps: str | Iterable[str] | None = None,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    report: bool = True,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """All steps of a project: triangulate, orthorectify, check and evaluate, with one report.
+
+    Reads images, points, DEM and the options of each step from a project file and runs the steps in
+    order: refined RPCs, orthoimages, their misregistration, evaluation of the RPCs. Each step has a
+    folder in the output directory and a chapter of the report. One image is refined from its GCPs
+    alone.
+
+    A stopped run continues. After a finished run only steps with other inputs (by SHA-256) or options
+    are repeated.
+
+    Parameters
+    ----------
+    project : path
+        Project file (TOML).
+    steps : sequence of str, optional
+        Only these steps, of triangulate, orthorectify, ortho-check, evaluate.
+    output_dir : path, optional
+        Directory for the results, instead of the one that the project names.
+    overwrite : bool, optional
+        Do all steps again, and replace what else is in the output directory (default no).
+    report : bool, optional
+        Write report.html, with a chapter for each step (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
 def simulate(
     *,
     sensor: Literal["ikonos", "quickbird", "worldview-2", "pleiades", "spot5", "wide-field"] = "pleiades",
