@@ -100,7 +100,7 @@ def test_wrong_gcp_position_is_named_and_left_out():
         with_gcp_error(block, wrong, [25.0, -10.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0)
     )
     assert [(finding.id, finding.what, finding.left_out) for finding in result.findings] == [("P0002", "ground", True)]
-    assert any("P0002" in text and "ground position" in text for text in result.warnings)
+    assert any("P0002" in text and "position has an error" in text for text in result.warnings)
     assert np.all(check_rmse(block, truth, result) < 1.2 * clean)
 
 
