@@ -106,6 +106,6 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
         source = ndimage.gaussian_filter(source, 0.45 * np.sqrt(finer**2 - 1.0))
     pixels = ndimage.map_coordinates(source, at, order=3, mode="nearest")
     usable = ndimage.map_coordinates(valid.astype(np.float64), at, order=1, mode="constant", cval=0.0) > 0.999
-    if not usable[half, half] or float(np.std(pixels[usable])) < TRANSFER.texture:
+    if not usable.any() or float(np.std(pixels[usable])) < TRANSFER.texture:
         return None
     return MatchImage(pixels.astype(np.float32), usable, TRANSFER.smoothing_px)
