@@ -22,6 +22,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from .hrsi_engine.foundation.lazy_names import lazy_names
+from .hrsi_engine.foundation.version import VERSION
 
 if f"{__name__}.processing_algorithms.interface.cli" in getattr(sys, "orig_argv", ()):
     from .hrsi_engine.foundation.interruption import quit_on_signals
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from .plugin.plugin import HrsiPlugin
 
 OLDEST_PYTHON = (3, 11)
+__version__ = VERSION
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {

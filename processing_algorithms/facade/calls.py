@@ -80,6 +80,8 @@ def open(source: Any, rpc: Any = None, id: str | None = None) -> Any:
 
 def _camera_of(given: Any) -> RPC | None:
     """Return the RPC that is given as such, or within something read: an image, or what `read_rpc` returns."""
+    if hasattr(given, "line_num_coeff") and hasattr(given, "samp_off"):  # rasterio's: ``dataset.rpcs``
+        return RPC.from_rasterio(given)
     inner = given if isinstance(given, RPC) else getattr(given, "rpc", None)
     return inner if isinstance(inner, RPC) else None
 
@@ -106,6 +108,7 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
     """
     options = {key: value for key, value in given.items() if value is not None}
     kinds = {param.key: param.kind for param in algorithm.params}
+    options = {key: _convert_results(value, kinds.get(key)) for key, value in options.items()}
     if isinstance(block := options.get("images"), Block):
         # Its known points and all its measurements, by the options that take them
         known, rows = block.points.select(block.known), block.measurements
@@ -119,6 +122,16 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
         key: TAKEN[kinds[key]](value) if key in kinds and kinds[key] in TAKEN else value
         for key, value in options.items()
     }
+
+
+def _convert_results(given: Any, kind: Kind | None) -> Any:
+    """Return a value in which results stand for their folders, and for the images that they wrote."""
+    if isinstance(given, Mapping) and kind is Kind.FOLDERS:
+        return {name: _convert_results(one, kind) for name, one in given.items()}
+    if not isinstance(given, Result):
+        return given
+    written = [entry.get("output") for entry in given.report.get("images", {}).values()] if kind is Kind.IMAGES else []
+    return list(filter(None, written)) or str(given.folder)
 
 
 #: Algorithms whose results are files for later work: those need a folder of the caller's.

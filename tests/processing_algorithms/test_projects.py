@@ -37,6 +37,7 @@ fill_gaps = 8
 tracks = "none"
 """
 ROOT = Path(__file__).resolve().parents[2]
+GCPS = "points.txt|columns=id,lat,lon,height"
 HOLES, HOLE = 40, (3, 4)  #: gaps of the DEM, each of so many rows and columns
 
 
@@ -164,3 +165,19 @@ def test_paths_count_from_the_project_file_and_the_schema_has_every_key(tmp_path
         declared = {param.key for param in REGISTRY[step].params}
         assert declared == known[step]["properties"].keys() - {"skip"}, "run scripts/make_schema.py"
     assert known["orthorectify"]["properties"]["fill_gaps"]["type"] == "integer"
+
+
+def test_results_stand_for_their_files(survey: Path, tmp_path: Path):
+    """A result goes where its images, its folder of RPCs or its layers go."""
+    assert hrsi.__version__
+    folder = tmp_path / "project"
+    path = survey / "project.toml"
+    path.write_text(PROJECT)
+    hrsi.run(path, steps=["triangulate"], output_dir=folder, report=False)
+    result = hrsi.read_result(folder / "triangulated")
+    made = hrsi.orthorectify(result, terrain_points=result, output_dir=tmp_path / "ortho", report=False)
+    assert set(made.report["images"]) == {"image_1", "image_2", "image_3"}
+    images = sorted((survey / "images").glob("*.tif"))
+    found = hrsi.evaluate(images, rpcs={"r": result}, tracks="none", gcps=str(survey / GCPS),
+                          image_points=survey / "measured.txt")  # fmt: skip
+    assert found.report["sets"]["r"]["check"]["points"] or found.report["sets"]["r"]["control"]["points"]
