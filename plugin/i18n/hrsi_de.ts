@@ -108,6 +108,10 @@
       <translation>Alle Bilder</translation>
     </message>
     <message>
+      <source>All steps of a project: triangulate, orthorectify, check and evaluate, with one report</source>
+      <translation>Alle Schritte eines Projekts: triangulieren, orthorektifizieren, prüfen und bewerten, mit einem Bericht</translation>
+    </message>
+    <message>
       <source>Along</source>
       <translation>Längs zum Flug</translation>
     </message>
@@ -876,6 +880,10 @@
       <translation>Voriger</translation>
     </message>
     <message>
+      <source>Project</source>
+      <translation>Projekt</translation>
+    </message>
+    <message>
       <source>Project ground points</source>
       <translation>Bodenpunkte ins Bild rechnen</translation>
     </message>
@@ -1022,6 +1030,10 @@
     <message>
       <source>Role</source>
       <translation>Rolle</translation>
+    </message>
+    <message>
+      <source>Run project</source>
+      <translation>Projekt ausführen</translation>
     </message>
     <message>
       <source>STAC items</source>
@@ -1174,6 +1186,10 @@
     <message>
       <source>Smallest</source>
       <translation>Kleinster</translation>
+    </message>
+    <message>
+      <source>Steps</source>
+      <translation>Schritte</translation>
     </message>
     <message>
       <source>Stop the adjustment</source>
