@@ -9,7 +9,7 @@ from qgis.PyQt.QtCore import QUrl
 
 from ..hrsi_engine.foundation.version import VERSION
 from ..processing_algorithms.interface.declare import Algorithm, Param, spell_arguments
-from .dependencies import absence_note
+from .dependencies import absence_note, speed_note
 from .parameters import label_of, qgis_name
 from .translation import tr
 
@@ -19,8 +19,8 @@ def short_help(declaration: Algorithm) -> str:
     # The arguments that a text names, as the dialog labels them
     spell = partial(spell_arguments, params=declaration.params, spelling=label_of)
     paragraphs = [part for part in spell(declaration.help).split("\n\n") if part.strip()] or [declaration.summary]
-    note = absence_note()
-    parts = [f"<p>{_text(part)}</p>" for part in ([note] if note else []) + paragraphs]
+    notes = [note for note in (absence_note(), *paragraphs, speed_note()) if note]
+    parts = [f"<p>{_text(part)}</p>" for part in notes]
     parts.append(f"<h2>{tr('Parameters')}</h2>")
     # QGIS writes <b> in dark grey, which nobody reads with its dark theme
     parts += [

@@ -37,6 +37,7 @@ if hasattr(Qgis, "ProcessingParameterFlag"):
     DOUBLE = Qgis.ProcessingNumberParameterType.Double
     RASTER = Qgis.ProcessingSourceType.Raster
     VECTOR = Qgis.ProcessingSourceType.Vector
+    NO_THREADING = Qgis.ProcessingAlgorithmFlag.NoThreading
 else:
     ADVANCED = QgsProcessingParameterDefinition.Flag.FlagAdvanced
     OPTIONAL = QgsProcessingParameterDefinition.Flag.FlagOptional
@@ -44,6 +45,7 @@ else:
     DOUBLE = QgsProcessingParameterNumber.Type.Double
     RASTER = QgsProcessing.SourceType.TypeRaster
     VECTOR = QgsProcessing.SourceType.TypeVector
+    NO_THREADING = QgsProcessingAlgorithm.Flag.FlagNoThreading
 
 
 SHORT_DIALOG = 12  # fields that a person sees at one glance
@@ -67,6 +69,10 @@ class ImagesParameter(_AnyFile, QgsProcessingParameterMultipleLayers):
     """Raster layers of the project, image files and RPC files without pixels."""
 
     widget = f"{__package__}.dialog_fields.ImagesWidget"  #: imported by the dialogs, there is no GUI in qgis_process
+
+    def valueAsPythonString(self, value: Any, context: QgsProcessingContext) -> str:
+        """Return the value for QGIS's history, which would leave out what is no raster layer: RPC files."""
+        return repr(raster_sources(value, context))
 
     def createFileFilter(self) -> str:
         return "All files (*.*);;RPC files (*_RPC.TXT *_rpc.txt *.RPB *.XML *.xml *.geom)"

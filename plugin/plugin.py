@@ -32,6 +32,7 @@ class HrsiPlugin:
         """Register the provider; ``qgis_process`` calls only this."""
         self.provider = HrsiProvider()
         QgsApplication.processingRegistry().addProvider(self.provider)
+        self.provider.refreshAlgorithms()  # models find their steps, and so their outputs, once these are registered
 
     def initGui(self) -> None:
         """Register the provider in the desktop, and the panel, hidden at first."""

@@ -18,6 +18,7 @@ from qgis.core import (
     QgsProcessingException,
     QgsProcessingFeedback,
     QgsProcessingModelAlgorithm,
+    QgsProcessingOutputMultipleLayers,
     QgsProcessingProvider,
 )
 from qgis.PyQt.QtGui import QIcon
@@ -29,7 +30,7 @@ from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
 from .help import help_url, short_help
 from .icons import icon_path
-from .parameters import Reading, definition, label_of, option_value
+from .parameters import NO_THREADING, OPTIONAL, SHORT_DIALOG, Reading, definition, label_of, option_value
 from .results import (
     collect_results,
     drop_unlistable_outputs,
@@ -83,6 +84,12 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
 
     def svgIconPath(self) -> str:
         return str(icon_path(self.declaration.name))
+
+    def createCustomParametersWidget(self, parent: Any = None) -> Any:
+        """Return the dialog of an algorithm that has a long one; None: QGIS's own."""
+        from .dialog import GroupedDialog  # there is no GUI in qgis_process
+
+        return GroupedDialog(self, parent=parent) if len(self.declaration.params) > SHORT_DIALOG else None
 
     def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
         for param in self.declaration.params:
@@ -163,17 +170,43 @@ def title_of(path: Path) -> str:
 
 
 class PackageModel(QgsProcessingModelAlgorithm):
-    """A model with a title for people; its own name is its id."""
+    """A model with a title, and its orthoimages as outputs; QGIS runs it: Python's hold would freeze the window."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__()
-        self._title = title
+        self._path = path
+        self.is_valid = bool(self.fromFile(str(path)))
+
+    def createInstance(self) -> PackageModel:
+        return PackageModel(self._path)
 
     def displayName(self) -> str:
-        return tr(self._title)
+        return tr(title_of(self._path))
+
+    def flags(self) -> Any:
+        """Let it run in the background: all of its steps may, so the window stays alive."""
+        return super().flags() & ~NO_THREADING
 
     def icon(self) -> QIcon:
         return QIcon(str(icon_path()))
+
+    def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
+        super().initAlgorithm(configuration or {})
+        for param in self.destinationParameterDefinitions():  # who names no folder gets a temporary one
+            param.setFlags(param.flags() | OPTIONAL)
+        self.addOutput(QgsProcessingOutputMultipleLayers("ORTHOIMAGES", tr("Orthoimages")))
+
+    def prepareAlgorithm(
+        self, parameters: dict[str, Any], context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        self._folders = {name: str(value) for name, value in parameters.items() if name.endswith(":FOLDER")}
+        return True
+
+    def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
+        """Return the results with the orthoimages, where their folder was named; empty: those of the model."""
+        folder = self._folders.get("orthorectify:FOLDER", "")
+        made = [str(path.resolve()) for path in sorted(Path(folder).glob("*_ortho.tif"))] if folder else []
+        return self._folders | {"ORTHOIMAGES": made} if made else {}
 
 
 class HrsiProvider(QgsProcessingProvider):
@@ -212,6 +245,6 @@ class HrsiProvider(QgsProcessingProvider):
             self.addAlgorithm(PluginAlgorithm(declaration))
         if self._declarations is None:
             for path in sorted(CHAINS.glob("*.model3")):
-                model = PackageModel(title_of(path))
-                if model.fromFile(str(path)):
+                model = PackageModel(path)
+                if model.is_valid:
                     self.addAlgorithm(model)

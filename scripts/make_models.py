@@ -33,6 +33,7 @@ HELP = (
     "Triangulates a block, makes orthoimages with the refined RPCs and the DEM, and measures how well these fit one "
     "another. Open it in the model designer to see and change the chain."
 )
+FOLDER = "FOLDER"  # of each step, as qgis_process names it: --triangulate:FOLDER=DIR
 DATUMS = ["layer", "ellipsoidal", "egm96", "egm2008"]
 Source = QgsProcessingModelChildParameterSource
 
@@ -40,7 +41,7 @@ Source = QgsProcessingModelChildParameterSource
 def triangulate_to_orthoimages() -> QgsProcessingModelAlgorithm:
     """Return the chain from images to checked orthoimages."""
     model = QgsProcessingModelAlgorithm("Triangulate, orthorectify, check", "Models")
-    model.setName("triangulatetoorthoimages")
+    model.setName("triangulatetoorthoimages")  # the id; the plugin has a title for people
     inputs: list[QgsProcessingParameterDefinition] = [
         QgsProcessingParameterMultipleLayers("IMAGES", "Images with RPC", QgsProcessing.TypeRaster),
         QgsProcessingParameterFeatureSource("GCPS", "Ground points", [QgsProcessing.TypeVector], optional=True),
@@ -57,27 +58,28 @@ def triangulate_to_orthoimages() -> QgsProcessingModelAlgorithm:
     model.setParameterOrder([param.name() for param in inputs])
     asked = {name: Source.fromModelParameter(name) for name in ("IMAGES", "GCPS", "IMAGE_POINTS", "DEM", "DEM_DATUM")}
     terrain = {"DEM": asked["DEM"], "DEM_DATUM": asked["DEM_DATUM"]}
-    _add_step(model, "triangulate", asked, "Triangulation")
+    _add_step(model, "triangulate", asked, "Folder of the triangulation")
     refined = Source.fromChildOutput("triangulate", "IMAGES_MADE")
-    _add_step(model, "orthorectify", {"IMAGES": refined, **terrain}, "Orthoimages")
+    _add_step(model, "orthorectify", {"IMAGES": refined, **terrain}, "Folder of the orthoimages")
     made = Source.fromChildOutput("orthorectify", "IMAGES_MADE")
-    _add_step(model, "orthocheck", {"IMAGES": made}, "Check of the orthoimages")
+    _add_step(model, "orthocheck", {"IMAGES": made}, "Folder of the check of the orthoimages")
     model.setHelpContent({"ALG_DESC": HELP})
     return model
 
 
-def _add_step(model: QgsProcessingModelAlgorithm, name: str, sources: dict[str, Source], folder: str) -> None:
-    """Add an algorithm of HRSI as a step; its output folder becomes one of the model's outputs."""
+def _add_step(model: QgsProcessingModelAlgorithm, name: str, sources: dict[str, Source], title: str) -> None:
+    """Add an algorithm of HRSI as a step; its output folder, by default a temporary one, is one of the model's."""
     step = QgsProcessingModelChildAlgorithm(f"hrsi:{name}")
     step.setChildId(name)
-    step.setDescription(folder)
+    step.setDescription(title)
     step.setPosition(QPointF(420.0 + 220.0 * len(model.childAlgorithms()), 160.0 + 60.0 * len(model.childAlgorithms())))
     for key, source in sources.items():
         step.addParameterSources(key, [source])
-    output = QgsProcessingModelOutput(folder)
+    output = QgsProcessingModelOutput(FOLDER, title)
     output.setChildId(name)
     output.setChildOutputName("OUTPUT_DIR")
-    step.setModelOutputs({folder: output})
+    output.setDefaultValue(QgsProcessing.TEMPORARY_OUTPUT)
+    step.setModelOutputs({FOLDER: output})
     model.addChildAlgorithm(step)
 
 

@@ -49,6 +49,7 @@ def declared_texts() -> list[str]:
     for declaration in REGISTRY.values():
         found += [declaration.title, declaration.group, declaration.summary, declaration.images_made or ""]
         found += [parameters.words_of(param) for param in declaration.params]
+        found += [param.group for param in declaration.params]
     return [text for text in found if text]
 
 

@@ -64,6 +64,7 @@ def test_plugin_metadata(repository: Path, metadata: configparser.SectionProxy):
     assert (metadata["qgisMinimumVersion"], metadata["qgisMaximumVersion"]) == ("3.22", "4.99")
     assert (repository / metadata["icon"]).is_file()
     assert metadata["experimental"] == "False"
+    assert metadata["changelog"].startswith(f"{VERSION}: ")
     assert "supportsQt6" not in metadata  # qgisMaximumVersion says it since QGIS 4
 
 

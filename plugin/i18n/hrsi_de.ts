@@ -36,12 +36,32 @@
       <translation>4. Residuen ansehen: Der Block wird gespeichert, und die Karte zeigt Residuenpfeile, rot, wo ein Punkt nicht passt.</translation>
     </message>
     <message>
+      <source>A DEM of the ground</source>
+      <translation>Ein DHM des Geländes</translation>
+    </message>
+    <message>
+      <source>A DEM that has to be named</source>
+      <translation>Ein DHM, das angegeben werden muss</translation>
+    </message>
+    <message>
       <source>A click shows the residuals of the points concerned, the worst first</source>
       <translation>Ein Klick zeigt die Residuen der betroffenen Punkte, die schlechtesten zuerst</translation>
     </message>
     <message>
       <source>A project folder for another program from an adjusted block, ready to run</source>
       <translation>Lauffertiger Projektordner für ein anderes Programm aus einem ausgeglichenen Block</translation>
+    </message>
+    <message>
+      <source>A reference orthoimage that has to be named</source>
+      <translation>Ein Referenz-Orthobild, das angegeben werden muss</translation>
+    </message>
+    <message>
+      <source>A reference orthoimage, and how it is read, trusted and matched</source>
+      <translation>Ein Referenz-Orthobild, und wie es gelesen, gewichtet und zugeordnet wird</translation>
+    </message>
+    <message>
+      <source>A surface that holds a block in plan and height, its datum and accuracy</source>
+      <translation>Eine Oberfläche, die einen Block in Lage und Höhe hält, ihr Datum und ihre Genauigkeit</translation>
     </message>
     <message>
       <source>A synthetic block with images, DEM, GCPs, noise and full truth</source>
@@ -344,6 +364,14 @@
       <translation>Fehler</translation>
     </message>
     <message>
+      <source>Errors of the measurements</source>
+      <translation>Fehler der Messungen</translation>
+    </message>
+    <message>
+      <source>Errors of the vendor's orientation that are not random</source>
+      <translation>Nicht zufällige Fehler der Orientierung des Anbieters</translation>
+    </message>
+    <message>
       <source>Evaluate RPCs</source>
       <translation>RPCs beurteilen</translation>
     </message>
@@ -354,6 +382,14 @@
     <message>
       <source>Factor</source>
       <translation>Faktor</translation>
+    </message>
+    <message>
+      <source>File of laser points and its height datum</source>
+      <translation>Datei mit Laserpunkten und ihr Höhenbezug</translation>
+    </message>
+    <message>
+      <source>Files of ground and image points, and which points are control</source>
+      <translation>Dateien mit Boden- und Bildpunkten, und welche Punkte Passpunkte sind</translation>
     </message>
     <message>
       <source>Fill gaps</source>
@@ -538,6 +574,50 @@
     <message>
       <source>Hold out</source>
       <translation>Zurückhalten</translation>
+    </message>
+    <message>
+      <source>How corners are found, on the strength of the normalised image</source>
+      <translation>Wie Ecken gefunden werden, nach der Stärke im normierten Bild</translation>
+    </message>
+    <message>
+      <source>How gravity centres are found</source>
+      <translation>Wie Schwerpunkte gefunden werden</translation>
+    </message>
+    <message>
+      <source>How high the ground is</source>
+      <translation>Wie hoch das Gelände ist</translation>
+    </message>
+    <message>
+      <source>How many points a block gets</source>
+      <translation>Wie viele Punkte ein Block bekommt</translation>
+    </message>
+    <message>
+      <source>How places are found</source>
+      <translation>Wie Orte gefunden werden</translation>
+    </message>
+    <message>
+      <source>How to adjust</source>
+      <translation>Ausgleichung</translation>
+    </message>
+    <message>
+      <source>How to find tie points</source>
+      <translation>Suche nach Verknüpfungspunkten: Einstellungen</translation>
+    </message>
+    <message>
+      <source>How to refine an image from its GCPs</source>
+      <translation>Wie ein Bild aus seinen Passpunkten verbessert wird</translation>
+    </message>
+    <message>
+      <source>How two images are registered</source>
+      <translation>Wie zwei Bilder einander angepasst werden</translation>
+    </message>
+    <message>
+      <source>How two windows are matched</source>
+      <translation>Wie zwei Fenster einander zugeordnet werden</translation>
+    </message>
+    <message>
+      <source>How windows are matched</source>
+      <translation>Wie Fenster einander zugeordnet werden</translation>
     </message>
     <message>
       <source>Id</source>
@@ -969,7 +1049,7 @@
     </message>
     <message>
       <source>Registration of two images from matched points, by kind of point</source>
-      <translation>Registrierung zweier Bilder aus zugeordneten Punkten, nach Punktart</translation>
+      <translation>Registrierung zweier Bilder aus zugeordneten Punkten, nach Art der Punkte</translation>
     </message>
     <message>
       <source>Reject</source>
@@ -1088,6 +1168,10 @@
       <translation>Suchweite</translation>
     </message>
     <message>
+      <source>Search for tie points</source>
+      <translation>Suche nach Verknüpfungspunkten</translation>
+    </message>
+    <message>
       <source>Search margin</source>
       <translation>Suchrand</translation>
     </message>
@@ -1188,6 +1272,10 @@
       <translation>Kleinster</translation>
     </message>
     <message>
+      <source>Standard deviations for points and measurements whose file gives none</source>
+      <translation>Standardabweichungen für Punkte und Messungen, deren Datei keine nennt</translation>
+    </message>
+    <message>
       <source>Steps</source>
       <translation>Schritte</translation>
     </message>
@@ -1262,6 +1350,10 @@
     <message>
       <source>The band that is shown; targets are measured on the first</source>
       <translation>Der gezeigte Kanal; Zielmarken werden im ersten gemessen</translation>
+    </message>
+    <message>
+      <source>The block that was adjusted before and that the images join</source>
+      <translation>Der früher ausgeglichene Block, zu dem die Bilder kommen</translation>
     </message>
     <message>
       <source>The next point that is not measured on all images that show it</source>
@@ -1376,8 +1468,60 @@
       <translation>Urteil: gut, zweifelhaft oder unbrauchbar</translation>
     </message>
     <message>
+      <source>What a free DEM of a scene is like</source>
+      <translation>Wie ein freies DHM einer Szene ist</translation>
+    </message>
+    <message>
+      <source>What a free orthoimage of a scene is like</source>
+      <translation>Wie ein freies Orthobild einer Szene ist</translation>
+    </message>
+    <message>
+      <source>What a scene should be like</source>
+      <translation>Wie eine Szene sein soll</translation>
+    </message>
+    <message>
+      <source>What every algorithm takes</source>
+      <translation>Was jeder Algorithmus annimmt</translation>
+    </message>
+    <message>
       <source>What is clicked: a round or closed object, two straight edges, or only this position</source>
       <translation>Was angeklickt wird: ein rundes oder geschlossenes Objekt, zwei gerade Kanten oder nur diese Position</translation>
+    </message>
+    <message>
+      <source>What is written of an adjusted block, and where</source>
+      <translation>Was von einem ausgeglichenen Block geschrieben wird, und wohin</translation>
+    </message>
+    <message>
+      <source>What the cover of a report says besides its figures</source>
+      <translation>Was das Deckblatt eines Berichts außer den Zahlen sagt</translation>
+    </message>
+    <message>
+      <source>What to look for, and how much of it</source>
+      <translation>Wonach gesucht wird, und wie viel davon</translation>
+    </message>
+    <message>
+      <source>Where a target may be, and how large</source>
+      <translation>Wo ein Ziel sein darf, und wie groß</translation>
+    </message>
+    <message>
+      <source>Where results go</source>
+      <translation>Wohin Ergebnisse kommen</translation>
+    </message>
+    <message>
+      <source>Where results go, if anywhere</source>
+      <translation>Wohin Ergebnisse kommen, wenn überhaupt</translation>
+    </message>
+    <message>
+      <source>Which laser points a scene gets</source>
+      <translation>Welche Laserpunkte eine Szene bekommt</translation>
+    </message>
+    <message>
+      <source>Which sensor looks from where</source>
+      <translation>Welcher Sensor von wo aus aufnimmt</translation>
+    </message>
+    <message>
+      <source>Who finds tie points or makes orthoimages</source>
+      <translation>Wer Verknüpfungspunkte sucht oder Orthobilder macht</translation>
     </message>
     <message>
       <source>Whole</source>

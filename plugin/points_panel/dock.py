@@ -11,7 +11,7 @@ from functools import partial, wraps
 from typing import Any
 
 from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
-from qgis.PyQt.QtCore import QEvent, QModelIndex, QObject, Qt, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QCoreApplication, QEvent, QModelIndex, QObject, Qt, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
 from ...hrsi_engine.foundation.errors import HrsiError
@@ -131,7 +131,7 @@ class PointsDock(QDockWidget):
         if event.type() == QEvent.Type.ShortcutOverride and (action := self.ui.action_of(event)) is not None:
             event.accept()  # no shortcut then, but a pressed key, for the widget with the focus
             self._due = action
-            QgsApplication.instance().installEventFilter(self)
+            QCoreApplication.instance().installEventFilter(self)
             return True
         return bool(super().event(event))
 
@@ -139,7 +139,7 @@ class PointsDock(QDockWidget):
         """Take the pressed key that `event` has claimed: the next one."""
         if self._due is None or event.type() != QEvent.Type.KeyPress:
             return False
-        QgsApplication.instance().removeEventFilter(self)
+        QCoreApplication.instance().removeEventFilter(self)
         action, self._due = self._due, None
         action.trigger()
         return True

@@ -33,8 +33,7 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
 class RecoveryOffer:
     """Offers, above the map, what was measured in sessions that ended without saving.
 
-    It holds what its buttons call: a function that only a widget of the bar holds, and that holds this widget, is
-    a cycle that Python's collector clears before somebody presses the button.
+    It holds what its buttons call: what only they held, Python's collector would clear before one is pressed.
     """
 
     def __init__(self, dock: PointsDock, bar: QgsMessageBar) -> None:

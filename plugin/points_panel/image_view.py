@@ -318,8 +318,8 @@ class ImageView(QWidget):
 
     def _leave_project(self, document: QDomDocument) -> None:
         """Take the view out of a project that is written: QGIS would keep all its canvases there."""
-        canvases = document.elementsByTagName("mapcanvas")
-        for canvas in [canvases.at(index).toElement() for index in range(canvases.length())]:
+        found = document.elementsByTagName("mapcanvas")
+        for canvas in [found.at(index).toElement() for index in range(found.length())]:
             if canvas.attribute("name") == CANVAS_NAME:
                 canvas.parentNode().removeChild(canvas)
 

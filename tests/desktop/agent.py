@@ -8,9 +8,11 @@ shows its user as a Python error.
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import json
 import os
+import signal
 import sys
 import traceback
 from typing import Any
@@ -18,7 +20,7 @@ from typing import Any
 from qgis.core import QgsPointXY
 from qgis.PyQt.QtCore import QPoint, QTimer
 from qgis.PyQt.QtNetwork import QLocalServer
-from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QTextBrowser, QToolBar, QWidget
+from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QLabel, QTextBrowser, QToolBar, QWidget  # noqa: F401
 from qgis.utils import iface, plugins
 
 SOCKET_VARIABLE = "HRSI_DESKTOP_SOCKET"
@@ -166,4 +168,5 @@ def watch_exceptions() -> None:
 if SOCKET_VARIABLE in os.environ:
     iface.mainWindow().setGeometry(0, 0, *map(int, os.environ["HRSI_DESKTOP_SIZE"].split("x")))
     watch_exceptions()
+    faulthandler.register(signal.SIGUSR1, all_threads=True)  # what every thread does, into the log
     AGENT = Agent(os.environ[SOCKET_VARIABLE])

@@ -30,7 +30,7 @@ from hrsi.tests.desktop.screen import Screen
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = "qgis.bin"
-START_S, ANSWER_S = 120.0, 60.0
+START_S, ANSWER_S = 240.0, 90.0
 SYSTEM_PATH = "/usr/local/bin:/usr/bin:/bin"  # no virtual environment: its Python would be QGIS's
 #: Questions and hints that QGIS has for a new user only, and those of the plugin.
 SETTINGS = """[PythonPlugins]
@@ -139,7 +139,12 @@ class Desktop:
     def ask(self, code: str) -> Any:
         """Return an expression's value in QGIS, or the ``result`` that statements leave."""
         self._socket.sendall(json.dumps({"code": code}).encode() + b"\n")
-        answer = json.loads(self._answers.readline() or '{"error": "QGIS is gone", "uncaught": []}')
+        try:
+            answer = json.loads(self._answers.readline() or '{"error": "QGIS is gone", "uncaught": []}')
+        except TimeoutError:
+            self.process.send_signal(signal.SIGUSR1)
+            time.sleep(1.0)
+            raise DesktopError(f"no answer: {(self.work / 'qgis.log').read_text()[-6000:]}") from None
         failures = [*answer["uncaught"], answer["error"]]
         if any(failures):
             raise DesktopError("\n".join(filter(None, failures)))

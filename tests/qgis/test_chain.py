@@ -41,8 +41,7 @@ def test_model_runs_in_qgis_process(block: Path, tmp_path: Path) -> None:
     given = inputs(block)
     images = [f"--IMAGES={image}" for image in given.pop("IMAGES")]
     folders = {name: tmp_path / name for name in ("triangulate", "orthorectify", "orthocheck")}
-    titles = ("Triangulation", "Orthoimages", "Check of the orthoimages")
-    outputs = [f"--{step}:{title}={path}" for (step, path), title in zip(folders.items(), titles, strict=True)]
+    outputs = [f"--{step}:FOLDER={path}" for step, path in folders.items()]
     options = [f"--{name}={value}" for name, value in given.items()]
     finished = qgis_process(tmp_path / "profile", "run", MODEL, *images, *options, *outputs)
     assert finished.returncode == 0, finished.stdout + finished.stderr

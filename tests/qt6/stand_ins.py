@@ -15,7 +15,7 @@ from unittest.mock import MagicMock
 
 from PyQt6 import QtCore, QtGui, QtWidgets, sip
 
-PARTS = ("QtCore", "QtGui", "QtWidgets", "QtSvg", "QtTest")
+PARTS = ("QtCore", "QtGui", "QtWidgets", "QtSvg", "QtTest", "QtXml")
 
 
 class AnyEnumeration(type):
@@ -65,6 +65,9 @@ class QgsPointXY:
 class QgsRectangle:
     def __init__(self, *sides: float) -> None:
         self.sides = sides
+
+    def toString(self, _digits: int) -> str:
+        return str(self.sides)
 
     def center(self) -> QgsPointXY:
         west, south, east, north = self.sides
@@ -173,7 +176,7 @@ class QgsApplication(Anything):
 
 
 class QgsProject(QtCore.QObject):
-    readProject, cleared = QtCore.pyqtSignal(object), QtCore.pyqtSignal()
+    readProject, cleared, writeProject = QtCore.pyqtSignal(object), QtCore.pyqtSignal(), QtCore.pyqtSignal(object)
     ONLY: Any = None
 
     @classmethod
@@ -277,6 +280,11 @@ class QgsRasterLayer(Anything):
     def source(self) -> str:
         return self._source
 
+    def dataProvider(self) -> MagicMock:
+        provider = MagicMock()
+        provider.cumulativeCut.return_value = 0.0, 255.0
+        return provider
+
     def bandCount(self) -> int:
         return 1
 
@@ -301,6 +309,8 @@ def install(settings: str) -> None:
         module = sys.modules[f"qgis.{name}"] = Stand(f"qgis.{name}")
         for made in classes:
             setattr(module, made.__name__, made)
+    for name in ("processing", "processing.gui", "processing.gui.AlgorithmDialog"):
+        sys.modules[name] = Stand(name)
     sys.modules["qgis.core"].NULL = None
     sys.modules["qgis.utils"].iface = None
     pyqt = sys.modules["qgis.PyQt"] = ModuleType("qgis.PyQt")
