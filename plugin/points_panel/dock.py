@@ -123,11 +123,7 @@ class PointsDock(QDockWidget):
         project.cleared.connect(self._on_project)
 
     def event(self, event: QEvent) -> bool:
-        """Claim the keys of the panel's actions before QGIS's own shortcuts, wherever in the panel the focus is.
-
-        Qt asks the widget with the focus first, so that letters typed into a cell stay text. Two shortcuts with the
-        same keys do nothing in Qt: of F5, Ctrl+S and Ctrl+Z QGIS has its own.
-        """
+        """Claim the keys of the panel's actions before QGIS's own shortcuts; letters typed into a cell stay text."""
         if event.type() == QEvent.Type.ShortcutOverride and (action := self.ui.action_of(event)) is not None:
             event.accept()  # no shortcut then, but a pressed key, for the widget with the focus
             self._due = action

@@ -31,10 +31,7 @@ class ExitGuard(QgsApplicationExitBlockerInterface):
 
 
 class RecoveryOffer:
-    """Offers, above the map, what was measured in sessions that ended without saving.
-
-    It holds what its buttons call: what only they held, Python's collector would clear before one is pressed.
-    """
+    """Offers, above the map, what sessions left unsaved; it holds what its buttons call, which gc would clear else."""
 
     def __init__(self, dock: PointsDock, bar: QgsMessageBar) -> None:
         self._dock, self._bar = dock, bar
