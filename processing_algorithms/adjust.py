@@ -6,15 +6,8 @@ from ..hrsi_engine.block.exposures import join_exposures
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
+from .block_steps import laser_points, plausibility
 from .block_steps import outputs as block_outputs
-from .block_steps import plausibility
-from .block_steps.laser_points import (
-    describe_laser,
-    name_operations,
-    read_laser_points,
-    with_free_control,
-    with_surface,
-)
 from .block_steps.plausibility import ground_reasons
 from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
@@ -37,21 +30,21 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     block = hold_out_ties(block, options.hold_out)
     clock.lap("read")
     how = earlier.adjust_options(options.adjustment)
-    how, block, of_surface = with_surface(how, options.surface, options.points, block)
+    how, block, of_surface = laser_points.with_surface(how, options.surface, options.points, block)
     of_rpcs = how.sigma_shift_px, how.sigma_drift
     reasons = plausibility.input_reasons(block, options.points, options.dem, *of_rpcs, how.dem)
     clock.lap("check")
-    laser = read_laser_points(images, options.laser, options.points, context)
-    block, told = name_operations(block, laser, options.points.strict_datum)
+    laser = laser_points.read_laser_points(images, options.laser, options.points, context)
+    block, told = laser_points.name_operations(block, laser, options.points.strict_datum)
     warnings += [*told, *of_surface]
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
-        how = with_free_control(how, options.dem, options.points, laser)
+        how = laser_points.with_free_control(how, options.dem, options.points, laser)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
-    of_laser, few = describe_laser(result, options.laser)
+    of_laser, few = laser_points.describe_laser(result, options.laser)
     warnings += [*choice_warnings(result.choice), *few]
     entries = choice_entries(how.model, result.choice) | of_laser
     surface = how.dem or dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)

@@ -353,7 +353,15 @@ def _set_entry(
                 "points": len(across), "bias_px": bias, "nmad_px": float(robust_sigma(across - bias)),
                 "rmse_px": rmse(across),
             })  # fmt: skip
-    return entry | _surface_entry(one, kept, control, options)
+    # How far the tracks under a set of RPCs lie off a surface in plan and height, where one is named.
+    # displacement_m lays them on the surface: the RPCs put everything as far off in the other direction
+    if control is not None:
+        found = SurfacePlan.match_points(
+            one.block.images, control[0], np.flatnonzero(kept), one.fit.ground, control[1], options.surface_kind,
+            options.surface_search_m,
+        )  # fmt: skip
+        entry["surface"] = None if found is None else describe_surface(found.summarise(np.arange(len(kept))))
+    return entry
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
@@ -369,22 +377,6 @@ def _survey_entry(one: RpcSet, role: Role) -> Report:
         **errors_90(east, north, height),
         "rmse_sample_px": rmse(one.known_px[rows, 0]), "rmse_line_px": rmse(one.known_px[rows, 1]),
     }  # fmt: skip
-
-
-def _surface_entry(
-    one: RpcSet, kept: np.ndarray, control: tuple[GridSurface, float] | None, options: EvaluateOptions
-) -> Report:
-    """Return how far the tracks under a set of RPCs lie off a surface in plan and height, where one is named.
-
-    ``displacement_m`` lays them on the surface: the RPCs put everything as far off in the other direction.
-    """
-    if control is None:
-        return {}
-    found = SurfacePlan.match_points(
-        one.block.images, control[0], np.flatnonzero(kept), one.fit.ground, control[1], options.surface_kind,
-        options.surface_search_m,
-    )  # fmt: skip
-    return {"surface": None if found is None else describe_surface(found.summarise(np.arange(len(kept))))}
 
 
 def _rank_sets(sets: Mapping[str, Report], independent: bool) -> Report:

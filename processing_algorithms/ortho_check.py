@@ -25,16 +25,7 @@ from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.output_dir import check_output_dir
 from ..hrsi_engine.io.pages.report import explain_codes, read_picture
 from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, regrid
-from ..hrsi_engine.ortho.misregistration import (
-    MisregistrationOptions,
-    Read,
-    WindowOutcome,
-    WindowShifts,
-    find_common_shift,
-    measure_shifts,
-    shift_statistics,
-    window_centres,
-)
+from ..hrsi_engine.ortho import misregistration
 from ..hrsi_engine.results.verdict import Verdict
 from .declarations.orthoimages import SHIFTS_FILE, SHIFTS_LAYERS, OrthoCheckOptions
 from .files.result_folder import LENGTH, plan_folder, tell, write_folder
@@ -54,7 +45,9 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     found = match_pairs(pairs, how, thread_count(options.common.threads), part)
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     pooled = {
-        state: shift_statistics(np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m)
+        state: misregistration.shift_statistics(
+            np.concatenate([f.matches[state].shift_px[f.good] for f in found]), pixel_m
+        )
         for state in found[0].matches
     }
     warnings += [
@@ -105,7 +98,9 @@ class PlacedOrtho(NamedTuple):
     ortho: OrthoRaster
     offset: tuple[int, int]
 
-    def reader(self, area: tuple[int, int, int, int], shift: Sequence[int] | np.ndarray = (0, 0)) -> Read:
+    def reader(
+        self, area: tuple[int, int, int, int], shift: Sequence[int] | np.ndarray = (0, 0)
+    ) -> misregistration.Read:
         """Return a function that reads windows, moved by a shift, counted from the corner of an area."""
         column, row = (np.subtract(area[:2], self.offset) + shift).tolist()
         return lambda x, y, columns, rows: self.ortho.raster.read(x + column, y + row, columns, rows)
@@ -126,7 +121,7 @@ class PairMatches:
     """A pair with its windows by state, and the shift around which they were searched."""
 
     pair: Pair
-    matches: Mapping[str, WindowShifts]
+    matches: Mapping[str, misregistration.WindowShifts]
     common_px: Mapping[str, np.ndarray]
 
     @property
@@ -183,29 +178,29 @@ def _on_base(path: str, base: OrthoRaster, warnings: list[str]) -> PlacedOrtho:
 
 
 def match_pairs(
-    pairs: Sequence[Pair], options: MisregistrationOptions, threads: int, context: Context
+    pairs: Sequence[Pair], options: misregistration.MisregistrationOptions, threads: int, context: Context
 ) -> list[PairMatches]:
     """Match the windows of all pairs, in every state at the same places, around the shift that most of them share."""
     found = []
     for number, pair in enumerate(pairs):
         part = stage(context.progress, number / len(pairs), (number + 1) / len(pairs))
-        centres = window_centres(pair.area[2], pair.area[3], options)
+        centres = misregistration.window_centres(pair.area[2], pair.area[3], options)
         matches, common_px = {}, {}
         for k, (state, both) in enumerate(pair.states.items()):
             here = stage(part, k / len(pair.states), (k + 1) / len(pair.states))
             first, second = both[0].reader(pair.area), both[1].reader(pair.area)
             progress = partial(advance, here, message=" - ".join(pair.names))
             progress(0.0)
-            common = find_common_shift(first, second, *pair.area[2:])
+            common = misregistration.find_common_shift(first, second, *pair.area[2:])
             moved = both[1].reader(pair.area, common)
-            found_here = measure_shifts(first, moved, centres, options, progress, threads)
+            found_here = misregistration.measure_shifts(first, moved, centres, options, progress, threads)
             matches[state], common_px[state] = found_here._replace(shift_px=found_here.shift_px + common), common
         found.append(PairMatches(pair, matches, common_px))
     if not any(pair.good.any() for pair in found):
         files = " and ".join(one.ortho.path for one in pairs[0].states[AFTER])
         others = f", nor in the other pairs ({len(pairs)} in all)" if len(pairs) > 1 else ""
         outcomes = np.concatenate([matches.outcome for one in found for matches in one.matches.values()])
-        holes = int((outcomes == WindowOutcome.NODATA).sum())
+        holes = int((outcomes == misregistration.WindowOutcome.NODATA).sum())
         raise SolveError(
             f"{files}: no window could be matched{others}: " + (
                 f"{holes} of {len(outcomes)} windows contain nodata pixels, for example at gaps of the DEM; make the "
@@ -225,10 +220,10 @@ def _pair_entry(found: PairMatches) -> Report:
     pixel_m = float(np.mean(found.pair.base.pixel_m()))
     entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
     for state, matches in found.matches.items():
-        entry[state] = shift_statistics(matches.shift_px[found.good], pixel_m) | {
+        entry[state] = misregistration.shift_statistics(matches.shift_px[found.good], pixel_m) | {
             "tried": len(matches.centre), "matched": int(matches.good.sum()),
             "searched_around_px": found.common_px[state].tolist(),
-            "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in WindowOutcome},
+            "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in misregistration.WindowOutcome},
         }  # fmt: skip
     return entry
 
@@ -249,7 +244,8 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
             count, shift = len(matches.centre), matches.shift_px
             part = MisregistrationRows(
                 first=np.full(count, pair.pair.names[0]), second=np.full(count, pair.pair.names[1]),
-                state=np.full(count, state), outcome=np.array([WindowOutcome(o).label for o in matches.outcome]),
+                state=np.full(count, state),
+                outcome=np.array([misregistration.WindowOutcome(o).label for o in matches.outcome]),
                 dx_px=shift[:, 0], dy_px=shift[:, 1], shift_px=np.hypot(*shift.T),
                 east_m=shift[:, 0] * pixel_m[0], north_m=-shift[:, 1] * pixel_m[1],
                 correlation=matches.correlation, sigma_px=matches.sigma_px,

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ..hrsi_engine.block.block import GroundPoints, Image
+from ..hrsi_engine.block.block import GroundPoints
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
@@ -48,7 +48,16 @@ def run(options: ProjectOptions, context: Context) -> Report:
     if context.dry_run:
         counts = {"images": len(images), "ground points": len(ids)}
         return plan_folder(options.folder, POINTS_FILE, counts, warnings, context)
-    columns = _project_points(images, ids, ground)
+    # One row for each point and image
+    parts = [image.rpc.project(ground) for image in images]
+    xy = np.concatenate(parts)
+    inside = np.concatenate([is_on_image(image, part) for image, part in zip(images, parts, strict=True)])
+    repeated = np.tile(ground, (len(images), 1))
+    columns = {
+        "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
+        "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
+        "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
+    }  # fmt: skip
     if options.points:
         seen = set(columns["image"][columns["inside"]].tolist())
         bare = [image.id for image in images if image.id not in seen]
@@ -65,19 +74,6 @@ def run(options: ProjectOptions, context: Context) -> Report:
     layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
     write_folder(options.folder, report, POINTS_FILE, [layer], context)
     return report
-
-
-def _project_points(images: list[Image], ids: np.ndarray, ground: np.ndarray) -> dict[str, np.ndarray]:
-    """Return one row for each point and image."""
-    parts = [image.rpc.project(ground) for image in images]
-    xy = np.concatenate(parts)
-    inside = np.concatenate([is_on_image(image, part) for image, part in zip(images, parts, strict=True)])
-    repeated = np.tile(ground, (len(images), 1))
-    return {
-        "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
-        "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
-        "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
-    }  # fmt: skip
 
 
 def summarise(report: Report) -> str:

@@ -58,7 +58,18 @@ def run(options: RunOptions, context: Context) -> Report:
             part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
             _do_step(step, project, images, results, report, options, part)
             write_report_json(os.path.join(folder, REPORT_FILE), report)  # a run that is killed goes on from here
-        report["verdict"], report["seconds"] = _judge_steps(report["steps"]), {"total": time.monotonic() - begun}
+        # The worst verdict of the steps with all their reasons; a step that failed is doubtful
+        steps = report["steps"]
+        judged = [entry["verdict"] for entry in steps.values() if entry.get("verdict")]
+        failed = [f"{name} failed" for name, entry in steps.items() if entry["status"] == FAILED]
+        levels = [*(verdict["level"] for verdict in judged), *[Level.DOUBTFUL.label] * len(failed)]
+        told = [*(verdict["sentence"] for verdict in judged), *failed]
+        verdict = {
+            "level": max(levels, key=LEVELS.index, default=Level.OK.label),
+            "sentence": "; ".join(told) or "nothing was judged",
+            "reasons": [reason for verdict in judged for reason in verdict["reasons"]],
+        }  # fmt: skip
+        report["verdict"], report["seconds"] = verdict, {"total": time.monotonic() - begun}
         report["outputs"] = {"report": os.path.join(folder, REPORT_FILE)}
         if options.report:
             report["outputs"]["html"] = os.path.join(folder, PAGE_FILE)
@@ -148,19 +159,6 @@ def _tell_result(report: Report) -> str:
         after = report["all"]["after"]
         return f"misregistration: median {after['median_px']:.2f} px, 90 % within {after['p90_px']:.2f} px"
     return REGISTRY[report["algorithm"]].summarise(report).strip().splitlines()[-1]
-
-
-def _judge_steps(steps: Mapping[str, Report]) -> Report:
-    """Return the worst verdict of the steps with all their reasons; a step that failed is doubtful."""
-    judged = [entry["verdict"] for entry in steps.values() if entry.get("verdict")]
-    failed = [f"{name} failed" for name, entry in steps.items() if entry["status"] == FAILED]
-    levels = [*(verdict["level"] for verdict in judged), *[Level.DOUBTFUL.label] * len(failed)]
-    told = [*(verdict["sentence"] for verdict in judged), *failed]
-    return {
-        "level": max(levels, key=LEVELS.index, default=Level.OK.label),
-        "sentence": "; ".join(told) or "nothing was judged",
-        "reasons": [reason for verdict in judged for reason in verdict["reasons"]],
-    }  # fmt: skip
 
 
 def _read_chapters(report: Report) -> list[Report]:

@@ -9,17 +9,9 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
+from .block_steps import laser_points, plausibility
 from .block_steps import outputs as block_outputs
-from .block_steps import plausibility
 from .block_steps.inputs import EarlierBlock
-from .block_steps.laser_points import (
-    adjust_at_laser_points,
-    describe_laser,
-    name_operations,
-    read_laser_points,
-    with_free_control,
-    with_surface,
-)
 from .block_steps.reference_control import read_reference_block, reference_reasons
 from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
@@ -70,22 +62,22 @@ def run(options: TriangulateOptions, context: Context) -> Report:
         block, more = block_inputs.read_block(images, points, dem, file, ties, earlier.known)
     block = hold_out_ties(block, options.hold_out)
     how = earlier.adjust_options(options.adjustment)
-    how, block, of_surface = with_surface(how, options.surface, points, block)
+    how, block, of_surface = laser_points.with_surface(how, options.surface, points, block)
     reasons = plausibility.input_reasons(block, points, dem, how.sigma_shift_px, how.sigma_drift, how.dem)
     reasons += reference_reasons(entries)
     clock.lap("check")
     with plausibility.explain_failures(reasons):
-        laser = read_laser_points(images, options.laser, options.points, context)
-        block, told = name_operations(block, laser, options.points.strict_datum)
-        how = with_free_control(how, options.dem, options.points, laser, places)
+        laser = laser_points.read_laser_points(images, options.laser, options.points, context)
+        block, told = laser_points.name_operations(block, laser, options.points.strict_datum)
+        how = laser_points.with_free_control(how, options.dem, options.points, laser, places)
         part = context.stage(read_at, adjusted_at)
-        result, few = adjust_at_laser_points(block, how, options.search.threads, part)
+        result, few = laser_points.adjust_at_laser_points(block, how, options.search.threads, part)
     clock.lap("adjust")
     rest = context.stage(adjusted_at, 1.0)
     surface = how.dem or dem_surface(dem, points.height_datum, points.gcp_epoch)
     offset = plausibility.offset_warning(result, surface, how.sigma_dem_m)
     reasons += plausibility.ground_reasons(result, surface, how.sigma_dem_m)
-    of_laser, useless = describe_laser(result, options.laser)
+    of_laser, useless = laser_points.describe_laser(result, options.laser)
     warnings += [*more, *told, *of_surface, *few, *choice_warnings(result.choice), *useless, *offset]
     entries |= choice_entries(how.model, result.choice) | held | of_laser
     with plausibility.explain_failures(reasons):
@@ -95,7 +87,7 @@ def run(options: TriangulateOptions, context: Context) -> Report:
 
 def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: TriangulateOptions, context: Context) -> Report:
     """Return what would be done: the pairs are counted, not matched, and checks look at the points that files hold."""
-    laser = read_laser_points(images, options.laser, options.points, context)
+    laser = laser_points.read_laser_points(images, options.laser, options.points, context)
     points, how, pairs = options.points, options.adjustment, None
     file = None if options.tie_points == AUTOMATIC_TIES else options.tie_points
     if options.tie_points == AUTOMATIC_TIES:
@@ -104,8 +96,8 @@ def _plan_run(images: Sequence[Image], earlier: EarlierBlock, options: Triangula
     if pairs and not points.gcps and not points.image_points and not earlier.ties:
         return block_outputs.plan_results(options.output, images, None, [], [], context, pairs)
     block, warnings = block_inputs.read_block(images, points, options.dem, file, earlier.ties, earlier.known)
-    block, told = name_operations(block, laser, points.strict_datum)
-    how, block, of_surface = with_surface(how, options.surface, points, block)
+    block, told = laser_points.name_operations(block, laser, points.strict_datum)
+    how, block, of_surface = laser_points.with_surface(how, options.surface, points, block)
     block = hold_out_ties(block, options.hold_out)
     reasons = plausibility.input_reasons(block, points, options.dem, how.sigma_shift_px, how.sigma_drift, how.dem)
     warnings += [*told, *of_surface]

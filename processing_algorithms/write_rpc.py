@@ -9,21 +9,9 @@ from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
+from ..hrsi_engine.io import rpc_files as rpc_formats
 from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.rasters.images import image_id
-from ..hrsi_engine.io.rpc_files import (
-    KEEPS_NONE,
-    FoundRpc,
-    prepare_restoring,
-    prepare_sidecar,
-    read_back_px,
-    read_rpc,
-    read_rpc_or_none,
-    require_in_place,
-    rpc_for_image,
-    rpc_in_folder,
-    rpc_reader_of,
-)
 from ..hrsi_engine.io.safety.transactions import Transaction
 from .declarations.rpcs import OUTPUT_ENDINGS, WriteRpcOptions
 from .files.result_folder import plan
@@ -52,29 +40,34 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         notices: dict[str, tuple[str, ...]] = {}
         for path, part in zip(options.images, parts, strict=True) if options.restore else ():
             advance(part, 0.0)
-            notices[path] = prepare_restoring(path, changes, part)
+            notices[path] = rpc_formats.prepare_restoring(path, changes, part)
         without = [path for path, told in notices.items() if not told]
         if without and len(without) < len(notices):
-            raise InputError(f"{list_ids(without)}: {KEEPS_NONE}: leave it out; nothing was changed")
-        report["warnings"] += [*itertools.chain(*notices.values()), *(f"{path}: {KEEPS_NONE}" for path in without)]
+            raise InputError(f"{list_ids(without)}: {rpc_formats.KEEPS_NONE}: leave it out; nothing was changed")
+        report["warnings"] += [
+            *itertools.chain(*notices.values()),
+            *(f"{path}: {rpc_formats.KEEPS_NONE}" for path in without),
+        ]
         for job, part in zip(jobs, parts, strict=False):
             advance(part, 0.0)
             if job.how in SIDECAR_KINDS:
-                report["warnings"] += prepare_sidecar(job.output, job.found.rpc, changes, SIDECAR_KINDS[job.how])
+                report["warnings"] += rpc_formats.prepare_sidecar(
+                    job.output, job.found.rpc, changes, SIDECAR_KINDS[job.how]
+                )
             else:
                 report["warnings"] += WRITERS[job.how](job.path, job.output, job.found.rpc, changes, part)
         changes.commit()
     for path in options.images if options.restore else ():
-        found = read_rpc_or_none(path)
+        found = rpc_formats.read_rpc_or_none(path)
         report["images"][image_id(path)] = {
             "path": path, "output": path, "source": found.source if found else None, "max_difference_px": None
         }  # fmt: skip
     for job in jobs:
         if job.how in WRITERS:
-            require_in_place(job.output, job.found.rpc)
+            rpc_formats.require_in_place(job.output, job.found.rpc)
         report["images"][image_id(job.path)] = {
             "path": job.path, "output": job.output, "source": job.found.source, "ignored": list(job.found.ignored),
-            "max_difference_px": read_back_px(job.output, job.found.rpc),
+            "max_difference_px": rpc_formats.read_back_px(job.output, job.found.rpc),
         }  # fmt: skip
     for notice in report["warnings"]:
         context.log(notice)
@@ -88,7 +81,7 @@ class WriteJob(NamedTuple):
     path: str
     output: str
     how: str
-    found: FoundRpc
+    found: rpc_formats.FoundRpc
 
 
 def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob]:
@@ -98,7 +91,11 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
     jobs = []
     for path in options.images:
         # An RPC file alone has no pixels to copy and becomes a sidecar
-        how = "sidecar" if options.write in _NEEDS_FOLDER and rpc_reader_of(path) is not None else options.write
+        how = (
+            "sidecar"
+            if options.write in _NEEDS_FOLDER and rpc_formats.rpc_reader_of(path) is not None
+            else options.write
+        )
         suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
         output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
         # The RPC to be written: that of `rpc`, else the image's own
@@ -107,8 +104,10 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
             raise InputError(
                 f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
             )
-        file = rpc_in_folder(given, path) if given and os.path.isdir(given) else given
-        jobs.append(WriteJob(path, output, how, rpc_for_image(file, path) if file else read_rpc(path)))
+        file = rpc_formats.rpc_in_folder(given, path) if given and os.path.isdir(given) else given
+        jobs.append(
+            WriteJob(path, output, how, rpc_formats.rpc_for_image(file, path) if file else rpc_formats.read_rpc(path))
+        )
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:
             raise InputError(f"{job.output} exists already: add `overwrite`, or choose another `output_dir`")

@@ -17,7 +17,6 @@ from scipy.spatial import KDTree
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, metres_per_degree
-from ..ground.operation_uses import OperationUse
 from ..surface.grid_surface import GridSurface
 from .laser_files import HDF5_HEAD, read_laser
 from .opening.datasets import open_dataset
@@ -63,11 +62,8 @@ def open_surface(
         return open_dem(path, height_datum, epoch)
     points = read_laser(spec, height_datum, ground_crs, epoch)
     usable = points.doubt == ""
-    return _surface_of_positions(points.ground[usable], points.operations, spec)
-
-
-def _surface_of_positions(ground: np.ndarray, operations: tuple[OperationUse, ...], spec: str) -> GridSurface:
-    """Return the surface of positions ``(n, 3)``: lon, lat in degrees, ellipsoidal height in metres."""
+    # The surface of positions (n, 3): lon, lat in degrees, ellipsoidal height in metres
+    ground = points.ground[usable]
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     xy = ground[:, :2] * scale
@@ -78,7 +74,7 @@ def _surface_of_positions(ground: np.ndarray, operations: tuple[OperationUse, ..
     west, north = (grid.corner + 0.5 * grid.cell * np.array([1.0, -1.0])) / scale
     step = grid.cell / scale
     surface = GridSurface.from_array(grid.means, (west, north), (step[0], -step[1]))
-    surface.operations = operations
+    surface.operations = points.operations
     return fill_gaps(surface, CLOUD.gap)
 
 

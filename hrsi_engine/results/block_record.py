@@ -34,6 +34,16 @@ def make_record(result: Adjustment) -> dict[str, Any]:
     p = len(result.model.parameters)
     covariance = result.cameras.covariance[:, :p, :p]
     known = np.isfinite(covariance).all(axis=(1, 2))
+    # Pairs of images with the number of points that were measured on both and kept
+    rows, block = result.block.measurements, result.block
+    kept = result.weight > 0.0
+    seen = sparse.csr_matrix(
+        (np.ones(int(kept.sum()), dtype=np.int32), (rows.point[kept], rows.image[kept])),
+        shape=(len(block.points), len(block.images)),
+    )
+    shared = sparse.triu(seen.T @ seen, 1).tocoo()
+    names = [image.id for image in block.images]
+    pairs = [[names[a], names[b], int(n)] for a, b, n in zip(shared.row, shared.col, shared.data, strict=True)]
     return {
         "schema": 1, "model": result.model.name, "sigma0": result.sigma0, "parameters": list(result.model.parameters),
         "images": [
@@ -45,7 +55,7 @@ def make_record(result: Adjustment) -> dict[str, Any]:
             }
             for k, (image, values, own) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
         ],
-        "pairs": _count_common_points(result), "layers": POINT_LAYERS,
+        "pairs": pairs, "layers": POINT_LAYERS,
     }  # fmt: skip
 
 
@@ -76,16 +86,3 @@ def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCam
 
 def _plain_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _count_common_points(result: Adjustment) -> list[list[Any]]:
-    """Return pairs of images with the number of points that were measured on both and kept."""
-    rows, block = result.block.measurements, result.block
-    kept = result.weight > 0.0
-    seen = sparse.csr_matrix(
-        (np.ones(int(kept.sum()), dtype=np.int32), (rows.point[kept], rows.image[kept])),
-        shape=(len(block.points), len(block.images)),
-    )
-    shared = sparse.triu(seen.T @ seen, 1).tocoo()
-    names = [image.id for image in block.images]
-    return [[names[a], names[b], int(n)] for a, b, n in zip(shared.row, shared.col, shared.data, strict=True)]

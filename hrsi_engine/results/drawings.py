@@ -315,21 +315,18 @@ def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | N
         image, point, xy = block.images[rows.image[row]], rows.point[row], rows.xy[row]
         residual = shown.residual_px[row]
         curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()
+        # The pixels around a measurement, wide enough for its outline and for the computed position if near
+        reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
+        half = int(np.clip(max(reach), REPORT_PAGE.chip_half_px, REPORT_PAGE.largest_chip_px))
+        low = np.round(xy).astype(int) - half
+        grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
+        nothing = np.empty((0, 2))
+        chip = TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), curves, xy, xy - residual)
         chips.append(
             PointChip(
                 id=str(block.points.ids[point]), image=image.id, role=Role(role[row]).label,
                 point=int(shown.number[point]), residual_px=residual, outlier=bool(outlier[row]),
-                chip=_make_chip(image, xy, residual, curves),
+                chip=chip,
             )
         )  # fmt: skip
     return chips
-
-
-def _make_chip(image: Image, xy: np.ndarray, residual: np.ndarray, curves: tuple[np.ndarray, ...]) -> TargetChip:
-    """Return the pixels around a measurement, wide enough for its outline and for the computed position if near."""
-    reach = [1.5 * float(np.abs(residual).max()), *(float(np.abs(curve - xy).max()) + 3.0 for curve in curves)]
-    half = int(np.clip(max(reach), REPORT_PAGE.chip_half_px, REPORT_PAGE.largest_chip_px))
-    low = np.round(xy).astype(int) - half
-    grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
-    nothing = np.empty((0, 2))
-    return TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), curves, xy, xy - residual)

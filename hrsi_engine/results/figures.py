@@ -8,7 +8,7 @@ import numpy as np
 
 from ..adjustment.result import Adjustment, DatumPart, Decision
 from ..adjustment.statistics.precision import errors_90, predict_accuracy
-from ..block.block import GroundPoints, Role
+from ..block.block import Role
 from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
@@ -141,7 +141,13 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     dict
         ``control`` and ``check``, in metres and pixels as their keys say.
     """
-    return {"control": _survey_entry(result, left, Role.GCP), "check": _check_entry(result, left)}
+    check = _survey_entry(result, left, Role.CHECK)
+    points = result.block.points.role == Role.CHECK
+    check |= errors_90(check["rmse_east_m"], check["rmse_north_m"], check["rmse_height_m"])
+    check["predicted"] = predict_accuracy(
+        result.covariance_to_surveys_m2(np.flatnonzero(points)), result.survey_covariance_m2(np.flatnonzero(points))
+    )
+    return {"control": _survey_entry(result, left, Role.GCP), "check": check}
 
 
 def _image_entry(
@@ -166,7 +172,8 @@ def _survey_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, 
     points = result.block.points.role == role
     rows = points[result.block.measurements.point]
     east, north, height = (rmse(left.ground_m[points, axis]) for axis in range(3))
-    sigma = survey_sigma_m(result.block.points, np.flatnonzero(points))
+    # The standard deviations of surveyed east, north and height (k, 3); infinite where not surveyed
+    sigma = np.sqrt(result.block.points.survey_covariance_m2(np.flatnonzero(points)).diagonal(axis1=1, axis2=2))
     return {
         "points": int(points.sum()),
         **{f"sigma_survey_{axis}_m": rmse(sigma[:, k]) for k, axis in enumerate(("east", "north", "height"))},
@@ -176,21 +183,6 @@ def _survey_entry(result: Adjustment, left: Residuals, role: Role) -> dict[str, 
         "rmse_sample_px": rmse(left.at_known_px[rows, 0]),
         "rmse_line_px": rmse(left.at_known_px[rows, 1]),
     }
-
-
-def survey_sigma_m(points: GroundPoints, rows: np.ndarray) -> np.ndarray:
-    """Return the standard deviations of surveyed east, north and height ``(k, 3)``; infinite where not surveyed."""
-    return np.sqrt(points.survey_covariance_m2(rows).diagonal(axis1=1, axis2=2))
-
-
-def _check_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:
-    entry = _survey_entry(result, left, Role.CHECK)
-    points = result.block.points.role == Role.CHECK
-    entry |= errors_90(entry["rmse_east_m"], entry["rmse_north_m"], entry["rmse_height_m"])
-    entry["predicted"] = predict_accuracy(
-        result.covariance_to_surveys_m2(np.flatnonzero(points)), result.survey_covariance_m2(np.flatnonzero(points))
-    )
-    return entry
 
 
 def _tie_entry(result: Adjustment, left: Residuals) -> dict[str, Any]:

@@ -49,11 +49,25 @@ def add_image_facts(
     ties = dict(by_image(result.block, _tie_rows(result)))
     for index, (image, view) in enumerate(zip(images, views, strict=True)):
         here = ties.get(index, np.zeros(0, dtype=np.int64))
+        # Mean and root mean square of the correction, in the image (px) and on the ground (m); None without
+        # any
+        height_m = heights[index]
+        grid = image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid)
+        after, before = refined[index].rpc.localize(grid, height_m).ground, image.rpc.localize(grid, height_m).ground
+        finite = finite_rows(after) & finite_rows(before)
+        pixels = grid[finite] - image.rpc.project(after[finite])
+        metres = ground_difference_m(after[finite], before[finite])[:, :2]
+        told = {"mean_sample_px": pixels[:, 0], "mean_line_px": pixels[:, 1],
+                "mean_east_m": metres[:, 0], "mean_north_m": metres[:, 1]}  # fmt: skip
+        correction = {
+            **{name: float(np.mean(values)) if finite.any() else None for name, values in told.items()},
+            "rms_px": radial_rmse(pixels), "rms_m": radial_rmse(metres),
+        }  # fmt: skip
         report["images"][image.id] |= {
             **describe_acquisition(image), **_describe_view(view),
             "tie_points": len(here), "tie_before_rmse_px": radial_rmse(left.tie_before_px[here]),
             "tie_rmse_px": radial_rmse(result.residual_px[here]),
-            "correction": describe_correction(image, refined[index], heights[index]),
+            "correction": correction,
         }  # fmt: skip
     return report | {
         "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if known else None},
@@ -81,21 +95,6 @@ def _describe_view(view: ViewDirection) -> dict[str, Any]:
     except SolveError:  # a damaged RPC: the verdict tells
         return dict.fromkeys(names)
     return {name: getattr(geometry, name) for name in names}
-
-
-def describe_correction(image: Image, refined: RefitRPC, height_m: float) -> dict[str, float | None]:
-    """Return mean and root mean square of the correction, in the image (px) and on the ground (m); None without any."""
-    grid = image.grid_px(IMAGE_FACTS.grid, IMAGE_FACTS.grid)
-    after, before = refined.rpc.localize(grid, height_m).ground, image.rpc.localize(grid, height_m).ground
-    here = finite_rows(after) & finite_rows(before)
-    pixels = grid[here] - image.rpc.project(after[here])
-    metres = ground_difference_m(after[here], before[here])[:, :2]
-    told = {"mean_sample_px": pixels[:, 0], "mean_line_px": pixels[:, 1],
-            "mean_east_m": metres[:, 0], "mean_north_m": metres[:, 1]}  # fmt: skip
-    return {
-        **{name: float(np.mean(values)) if here.any() else None for name, values in told.items()},
-        "rms_px": radial_rmse(pixels), "rms_m": radial_rmse(metres),
-    }  # fmt: skip
 
 
 def _tie_rows(result: Adjustment) -> np.ndarray:

@@ -74,7 +74,10 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
 
     Known points on several images are intersected with the refined cameras; nothing else of a point is estimated.
     """
-    model = _common_model(refinements)
+    names = {found.model.name for found in refinements}
+    model = (
+        refinements[0].model if len(names) == 1 else PerImage({found.image.id: found.model for found in refinements})
+    )
     values = _pad_rows([found.estimate.values for found in refinements], len(model.parameters))
     sigmas = _pad_rows([found.estimate.sigmas for found in refinements], len(model.parameters))
     residual, weight = _control_residuals(block, refinements)
@@ -82,10 +85,23 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     redundancy = sum(found.estimate.redundancy for found in refinements)
     squares = sum(found.estimate.sigma0**2 * found.estimate.redundancy for found in refinements)
     converged = all(found.estimate.converged for found in refinements)
+    # Positions of the known points measured on several images, NaN for others
+    ground = np.full((len(block.points), 3), np.nan)
+    several = block.known & (block.rays_per_point() >= 2)
+    if several.any():
+        observations = select_points(block, several)
+        ground[observations.points] = intersect_points(
+            observations, model, values, block.points.ground[observations.points]
+        )
+    # The shifts of `Adjustment` where each image rests on GCPs alone: the mean of theirs, at every point
+    of_gcps = block.points.operation_shifts_m(np.flatnonzero(block.points.role == Role.GCP))
+    shifts_m = (
+        None if not of_gcps.any() else np.broadcast_to(of_gcps.mean(axis=0), (len(block.points), *of_gcps.shape[1:]))
+    )
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
         cameras=CameraEstimates(model, values, _pad_covariances(refinements, values.shape[1])),
-        ground=_intersect_points(block, model, values),
+        ground=ground,
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
         residual_px=residual, weight=weight,
@@ -100,23 +116,8 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
         status="converged" if converged else "stopped at the iteration limit",
         history=(), solves=0, findings=(), variance_components=(), parts=(), cross_validation=None,
         warnings=tuple(warning for found in refinements for warning in found.warnings),
-        shared_shifts_m=_operation_shifts(block),
+        shared_shifts_m=shifts_m,
     )  # fmt: skip
-
-
-def _operation_shifts(block: Block) -> np.ndarray | None:
-    """Return the shifts of `Adjustment` where each image rests on GCPs alone: the mean of theirs, at every point."""
-    of_gcps = block.points.operation_shifts_m(np.flatnonzero(block.points.role == Role.GCP))
-    if not of_gcps.any():
-        return None
-    return np.broadcast_to(of_gcps.mean(axis=0), (len(block.points), *of_gcps.shape[1:]))
-
-
-def _common_model(refinements: Sequence[Refinement]) -> RefinementModel:
-    names = {found.model.name for found in refinements}
-    if len(names) == 1:
-        return refinements[0].model
-    return PerImage({found.image.id: found.model for found in refinements})
 
 
 def _pad_rows(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
@@ -142,15 +143,3 @@ def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple
         residual[here[same]] = found.estimate.residual_px[row[same]]
         weight[here[same]] = 1.0
     return residual, weight
-
-
-def _intersect_points(block: Block, model: RefinementModel, values: np.ndarray) -> np.ndarray:
-    """Return positions of the known points measured on several images, NaN for others."""
-    ground = np.full((len(block.points), 3), np.nan)
-    several = block.known & (block.rays_per_point() >= 2)
-    if several.any():
-        observations = select_points(block, several)
-        ground[observations.points] = intersect_points(
-            observations, model, values, block.points.ground[observations.points]
-        )
-    return ground

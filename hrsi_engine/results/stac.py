@@ -76,14 +76,39 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
     links = [] if source is None else [
         {"rel": "derived_from", "href": href_of(source.source, files.folder), "type": "application/geo+json"}
     ]  # fmt: skip
+    # When an image was taken; at some time before the run's date where that is not known
+    times = (
+        {"datetime": entry["acquired"]}
+        if entry["acquired"] is not None
+        else {"datetime": None, "start_datetime": EARLIEST, "end_datetime": report["date"]}
+    )
+    # Where the satellite and the sun stood, seen from the middle of the image
+    view = {}
+    if entry["incidence_deg"] is not None:  # the azimuth of a view is that of its way down, to the scene
+        view = {"view:incidence_angle": entry["incidence_deg"], "view:azimuth": (entry["azimuth_deg"] + 180.0) % 360.0}
+    sun = read_sun(image.path, image.rpc) if image.path else None
+    if sun is not None:
+        view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
+    angles = {key: round(value, 4) for key, value in view.items()}
+    # What the adjustment predicts for the image, and what check points (else it) say of the block
+    told: dict[str, Any] = {}
+    rpc = refined.rpc
+    if rpc.err_bias is not None and rpc.err_rand is not None:
+        each = float(np.hypot(rpc.err_bias, rpc.err_rand))
+        told = {"accuracy:geometric_x_stddev": each, "accuracy:geometric_y_stddev": each,
+                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * each}  # fmt: skip
+    told = {key: round(value, 4) for key, value in told.items() if np.isfinite(value)}
+    block, accuracy_from = block_accuracy(report)
+    known = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
+    accuracy = told | known | ({"hrsi:accuracy_from": accuracy_from} if known else {})
     return {
         "type": "Feature", "stac_version": STAC_VERSION, "stac_extensions": list(STAC_EXTENSIONS.values()),
         "id": image.id,
         "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
         "properties": {
-            **_time_properties(entry, report["date"]), "created": report["date"],
-            **_platform_properties(image), **_view_properties(image, entry),
-            **_processing_properties(image, report), **_accuracy_properties(refined, report),
+            **times, "created": report["date"],
+            **_platform_properties(image), **angles,
+            **_processing_properties(image, report), **accuracy,
             **json_members(refined.rpc, STAC_NAMES),
         },
         "links": links, "assets": assets,
@@ -100,28 +125,10 @@ def has_time(item: Mapping[str, Any]) -> bool:
     return item["properties"]["datetime"] is not None
 
 
-def _time_properties(entry: Mapping[str, Any], date: str) -> dict[str, Any]:
-    """Return when an image was taken; at some time before the run's ``date`` where that is not known."""
-    if entry["acquired"] is not None:
-        return {"datetime": entry["acquired"]}
-    return {"datetime": None, "start_datetime": EARLIEST, "end_datetime": date}
-
-
 def _platform_properties(image: Image) -> dict[str, Any]:
     source = item_of(image.path)
     kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
     return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept}
-
-
-def _view_properties(image: Image, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return where the satellite and the sun stood, seen from the middle of the image."""
-    view = {}
-    if entry["incidence_deg"] is not None:  # the azimuth of a view is that of its way down, to the scene
-        view = {"view:incidence_angle": entry["incidence_deg"], "view:azimuth": (entry["azimuth_deg"] + 180.0) % 360.0}
-    sun = read_sun(image.path, image.rpc) if image.path else None
-    if sun is not None:
-        view |= {"view:sun_azimuth": sun.angles.azimuth_deg % 360.0, "view:sun_elevation": sun.angles.elevation_deg}
-    return {key: round(value, 4) for key, value in view.items()}
 
 
 def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:
@@ -136,20 +143,6 @@ def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str,
         "hrsi:verdict": report["verdict"]["level"],
         "hrsi:block": list(report["images"]),
     }
-
-
-def _accuracy_properties(refined: RefitRPC, report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the adjustment predicts for the image, and what check points (else it) say of the block."""
-    told: dict[str, Any] = {}
-    rpc = refined.rpc
-    if rpc.err_bias is not None and rpc.err_rand is not None:
-        each = float(np.hypot(rpc.err_bias, rpc.err_rand))
-        told = {"accuracy:geometric_x_stddev": each, "accuracy:geometric_y_stddev": each,
-                "accuracy:geometric_rmse": float(np.sqrt(2.0)) * each}  # fmt: skip
-    told = {key: round(value, 4) for key, value in told.items() if np.isfinite(value)}
-    block, source = block_accuracy(report)
-    known = {f"hrsi:{name.lower()}_m": round(value, 4) for name, value in block.items() if value is not None}
-    return told | known | ({"hrsi:accuracy_from": source} if known else {})
 
 
 def _make_asset(path: str, files: DeliveryFiles, *roles: str) -> dict[str, Any]:

@@ -13,15 +13,7 @@ from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.operation_uses import OperationUse, largest_sigma_m
 from ...hrsi_engine.io.rasters.ortho_rasters import open_reference
-from ...hrsi_engine.measurement.reference.checks import (
-    ImageGcps,
-    ReferenceAccuracy,
-    compute_reference_shift,
-    contradiction,
-    describe_far_shifts,
-    describe_shifts,
-    drop_wrong_parts,
-)
+from ...hrsi_engine.measurement.reference import checks
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
 from ..files.opening import dem_surface
@@ -57,7 +49,7 @@ class FromReference(NamedTuple):
 
     images: Sequence[Image]
     control: ReferenceControl
-    accuracy: ReferenceAccuracy
+    accuracy: checks.ReferenceAccuracy
     entries: Report
     warnings: list[str]
     excessive: bool = False
@@ -95,20 +87,20 @@ def find_reference_control(
     sigma_xy_m = options.reference_sigma or min(REFERENCE_SIGMA.pixels * reference.gsd_m, satellite_m)
     # The errors of the coordinate operations that made the places count, too
     shared_m = largest_sigma_m(reference.operations)[0], largest_sigma_m(of_dem)[1]
-    accuracy = ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())
-    control, wrong_parts = drop_wrong_parts(with_pixels, control, accuracy)
+    accuracy = checks.ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())
+    control, wrong_parts = checks.drop_wrong_parts(with_pixels, control, accuracy)
     shifts = [
-        compute_reference_shift(image, found, control.ground, accuracy)
+        checks.compute_reference_shift(image, found, control.ground, accuracy)
         for image, found in zip(with_pixels, control.images, strict=True)
     ]
     warnings = [f"{found.image_id}: {found.refusal}" for found in control.images if found.refusal]
     warnings += [f"{path}: {part.message}" for part in wrong_parts]
     known = [shift for shift in shifts if shift is not None]
-    warnings += describe_shifts(known)
+    warnings += checks.describe_shifts(known)
     entries: Report = {
         "path": path, "gsd_m": reference.gsd_m, "places": len(control.ground),
         "sigma_xy_m": accuracy.sigma_xy_m, "sigma_h_m": accuracy.sigma_h_m, "used": True,
-        "wrong_parts": [part._asdict() for part in wrong_parts], "far": describe_far_shifts(known),
+        "wrong_parts": [part._asdict() for part in wrong_parts], "far": checks.describe_far_shifts(known),
         "images": {
             found.image_id: _image_entry(found, shift) for found, shift in zip(control.images, shifts, strict=True)
         },
@@ -196,8 +188,10 @@ def read_reference_block(
         here = surveyed & (rows.image == index)
         point = rows.point[here]
         if here.any():
-            gcps.append(ImageGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here]))
-    differ = contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
+            gcps.append(
+                checks.ImageGcps(image.id, block.points.ground[point], block.points.sigma_m[point], rows.xy[here])
+            )
+    differ = checks.contradiction(found.images, found.control, gcps, found.accuracy) if gcps else None
     if differ is not None:
         found.entries["surveyed_gcps"] = {
             "measurements": differ.points, "east_m": differ.east_m, "north_m": differ.north_m,

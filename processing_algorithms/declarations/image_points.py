@@ -6,23 +6,8 @@ from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
 from ...hrsi_engine.measurement.targets.options import TargetOptions
+from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
-from ..interface.option_groups import (
-    POINTS,
-    Common,
-    MandatoryDem,
-    MandatoryReference,
-    ResultFolder,
-    SearchOptions,
-    TerrainOptions,
-    band_option,
-    ground_crs_option,
-    height_datum_option,
-    images_option,
-    report_option,
-    strict_datum_option,
-    window_option,
-)
 
 TIES_FILE, TIES_LAYER = "block.gpkg", "tie_points"
 
@@ -31,17 +16,17 @@ TIES_FILE, TIES_LAYER = "block.gpkg", "tie_points"
 class TiePointsOptions:
     """What `tie-points` takes."""
 
-    images: tuple[str, ...] = images_option("Images with RPC")
+    images: tuple[str, ...] = groups.images_option("Images with RPC")
     add_to: str | None = option(
         None,
         "Output directory of an earlier search, to which the images are added: its tie points are kept, and only "
         "pairs with new images are matched",
         metavar="DIR",
     )
-    terrain: TerrainOptions = nest_options(TerrainOptions)
-    search: SearchOptions = nest_options(SearchOptions)
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
+    search: groups.SearchOptions = nest_options(groups.SearchOptions)
     csv: bool = option(False, "Also write the measurements as CSV")
-    folder: ResultFolder = nest_options(ResultFolder)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
 
 
 TIE_POINTS = Algorithm(
@@ -71,16 +56,16 @@ GCPS_FILE, GCPS_LAYER = "gcps.gpkg", "gcps"
 class GcpsFromReferenceOptions:
     """What `gcps-from-reference` takes."""
 
-    images: tuple[str, ...] = images_option("Images with RPC and pixels")
-    reference: MandatoryReference = nest_options(MandatoryReference)
-    dem: MandatoryDem = nest_options(MandatoryDem)
-    height_datum: str = height_datum_option()
-    strict_datum: bool = strict_datum_option()
+    images: tuple[str, ...] = groups.images_option("Images with RPC and pixels")
+    reference: groups.MandatoryReference = nest_options(groups.MandatoryReference)
+    dem: groups.MandatoryDem = nest_options(groups.MandatoryDem)
+    height_datum: str = groups.height_datum_option()
+    strict_datum: bool = groups.strict_datum_option()
     sigma_dem: float | None = option(
         None, "Standard deviation of the heights of the DEM; by default from its cell size", minimum=1e-6, unit="m",
         metavar="M",
     )  # fmt: skip
-    folder: ResultFolder = nest_options(ResultFolder)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
 
 
 GCPS_FROM_REFERENCE = Algorithm(
@@ -112,18 +97,18 @@ INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER = "interest_points.gpkg", "interest_
 class InterestPointsOptions:
     """What `interest-points` takes."""
 
-    images: tuple[str, ...] = images_option("Images, with or without RPC")
+    images: tuple[str, ...] = groups.images_option("Images, with or without RPC")
     detector: str = option("all", "Kind of interest points", choices=tuple(DETECTOR_SETS))
-    window: str | None = window_option("Only this window of the image")
-    band: int = band_option()
+    window: str | None = groups.window_option("Only this window of the image")
+    band: int = groups.band_option()
     sun_azimuth: float | None = option(
         None,
         "Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it nor the "
         "time; used to flag dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
     )  # fmt: skip
     detection: DetectionOptions = nest_options(DetectionOptions)
-    terrain: TerrainOptions = nest_options(TerrainOptions)
-    folder: ResultFolder = nest_options(ResultFolder)
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
 
 
 INTEREST_POINTS = Algorithm(
@@ -161,14 +146,14 @@ MATCH_FILE, MATCH_LAYER = "match.gpkg", "correspondences"
 class MatchAlgorithmOptions:
     """What `match` takes."""
 
-    images: tuple[str, ...] = images_option("Images, with or without RPC")
-    window_1: str | None = window_option("Only this window of the first image")
-    window_2: str | None = window_option("Only this window of the second image")
-    band: int = band_option("Band of the images")
+    images: tuple[str, ...] = groups.images_option("Images, with or without RPC")
+    window_1: str | None = groups.window_option("Only this window of the first image")
+    window_2: str | None = groups.window_option("Only this window of the second image")
+    band: int = groups.band_option("Band of the images")
     matching: ControlNetworkOptions = nest_options(ControlNetworkOptions)
-    terrain: TerrainOptions = nest_options(TerrainOptions)
-    folder: ResultFolder = nest_options(ResultFolder)
-    report: bool = report_option("Write report.html with a picture of both windows")
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    report: bool = groups.report_option("Write report.html with a picture of both windows")
 
 
 MATCH = Algorithm(
@@ -204,7 +189,7 @@ class MeasureTargetsOptions:
 
     images: tuple[str, ...] = option((), "Images; not needed with `edges`", kind=Kind.IMAGES, metavar="IMAGE")
     points: str | None = option(
-        None, "Approximate positions, on images or on the ground", kind=Kind.POINTS, metavar=POINTS
+        None, "Approximate positions, on images or on the ground", kind=Kind.POINTS, metavar=groups.POINTS
     )
     edges: str | None = option(
         None, "Edge points measured by hand; those of one target have one id", kind=Kind.POINTS, metavar="FILE"
@@ -215,11 +200,11 @@ class MeasureTargetsOptions:
         choices=(AUTOMATIC_KIND, "center", "corner"),
     )
     target: TargetOptions = nest_options(TargetOptions)
-    ground_crs: str | None = ground_crs_option()
-    height_datum: str = height_datum_option()
-    folder: ResultFolder = nest_options(ResultFolder)
-    report: bool = report_option("Write report.html with a chip of every target")
-    common: Common = nest_options(Common)
+    ground_crs: str | None = groups.ground_crs_option()
+    height_datum: str = groups.height_datum_option()
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    report: bool = groups.report_option("Write report.html with a chip of every target")
+    common: groups.Common = nest_options(groups.Common)
 
 
 MEASURE_TARGETS = Algorithm(

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.ortho.options import MisregistrationOptions
+from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
-from ..interface.option_groups import (
-    POINTS,
-    Common,
-    ResultFolder,
-    TerrainOptions,
-    WorkerOptions,
-    compression_option,
-    ground_crs_option,
-    images_option,
-    report_option,
-)
 
 #: GDAL's kernels (`io.rasters.ortho_warp.RESAMPLING`).
 RESAMPLING_NAMES = (
@@ -29,15 +19,15 @@ FORMAT_NAMES = ("cog", "gtiff")
 class OrthorectifyOptions:
     """What `orthorectify` takes."""
 
-    images: tuple[str, ...] = images_option("Images with RPC")
-    terrain: TerrainOptions = nest_options(TerrainOptions)
+    images: tuple[str, ...] = groups.images_option("Images with RPC")
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     terrain_points: str | None = option(
         None,
         "Points from whose heights the terrain is interpolated, instead of a DEM: the layer ground_points of a "
         "triangulation",
-        kind=Kind.POINTS, metavar=POINTS,
+        kind=Kind.POINTS, metavar=groups.POINTS,
     )  # fmt: skip
-    ground_crs: str | None = ground_crs_option()
+    ground_crs: str | None = groups.ground_crs_option()
     fill_gaps: int = option(
         0, "Largest width of gaps of the DEM that are interpolated; 0 leaves them nodata", minimum=0, maximum=1000,
         unit="cells", advanced=True, metavar="N",
@@ -73,11 +63,11 @@ class OrthorectifyOptions:
     format: str = option(
         "cog", "Cloud-optimised GeoTIFF with overviews, or a plain tiled GeoTIFF", choices=FORMAT_NAMES
     )
-    compression: str = compression_option()
-    workers: WorkerOptions = nest_options(WorkerOptions)
-    folder: ResultFolder = nest_options(ResultFolder)
-    report: bool = report_option()
-    common: Common = nest_options(Common)
+    compression: str = groups.compression_option()
+    workers: groups.WorkerOptions = nest_options(groups.WorkerOptions)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    report: bool = groups.report_option()
+    common: groups.Common = nest_options(groups.Common)
 
 
 ORTHORECTIFY = Algorithm(
@@ -117,9 +107,9 @@ class OrthoCheckOptions:
         None, "Folder with orthoimages of the same names, from the original RPCs", metavar="DIR"
     )
     matching: MisregistrationOptions = nest_options(MisregistrationOptions)
-    folder: ResultFolder = nest_options(ResultFolder)
-    report: bool = report_option()
-    common: Common = nest_options(Common)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    report: bool = groups.report_option()
+    common: groups.Common = nest_options(groups.Common)
 
 
 ORTHO_CHECK = Algorithm(

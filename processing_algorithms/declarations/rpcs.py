@@ -4,25 +4,8 @@ from __future__ import annotations
 
 from ...hrsi_engine.adjustment.options import surface_kind_option, surface_search_option
 from ...hrsi_engine.foundation.options import nest_options, option, options
+from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
-from ..interface.option_groups import (
-    POINTS,
-    Common,
-    DemOptions,
-    OptionalFolder,
-    PointFiles,
-    ResultFolder,
-    SearchOptions,
-    SurfaceFile,
-    TerrainOptions,
-    compression_option,
-    ground_crs_option,
-    height_datum_option,
-    images_option,
-    report_option,
-    strict_datum_option,
-    window_option,
-)
 
 AUTOMATIC_TRACKS, NO_TRACKS = "auto", "none"
 OWN = "own"  #: name of the set of the images' own RPCs
@@ -33,7 +16,7 @@ EVALUATION_FILE = "evaluation.gpkg"
 class EvaluateOptions:
     """What `evaluate` takes."""
 
-    images: tuple[str, ...] = images_option()
+    images: tuple[str, ...] = groups.images_option()
     rpcs: tuple[str, ...] = option(
         (),
         "A further set of RPCs: its name, and the directory with an RPC or an image with RPC for each image, under "
@@ -62,14 +45,14 @@ class EvaluateOptions:
         "rejects none",
         minimum=0.0, unit="sigma", advanced=True, metavar="SIGMAS",
     )  # fmt: skip
-    points: PointFiles = nest_options(PointFiles)
-    dem: DemOptions = nest_options(DemOptions)
-    surface: SurfaceFile = nest_options(SurfaceFile)
+    points: groups.PointFiles = nest_options(groups.PointFiles)
+    dem: groups.DemOptions = nest_options(groups.DemOptions)
+    surface: groups.SurfaceFile = nest_options(groups.SurfaceFile)
     surface_search_m: float = surface_search_option()
     surface_kind: str = surface_kind_option()
-    search: SearchOptions = nest_options(SearchOptions)
-    folder: ResultFolder = nest_options(ResultFolder)
-    report: bool = report_option()
+    search: groups.SearchOptions = nest_options(groups.SearchOptions)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    report: bool = groups.report_option()
 
 
 EVALUATE = Algorithm(
@@ -107,7 +90,7 @@ OUTPUT_ENDINGS: dict[str, str | None] = {
 class WriteRpcOptions:
     """What `write-rpc` takes."""
 
-    images: tuple[str, ...] = images_option("Images, or RPC files alone (then `write` cannot be copy or vrt)")
+    images: tuple[str, ...] = groups.images_option("Images, or RPC files alone (then `write` cannot be copy or vrt)")
     rpc: str | None = option(
         None,
         "File with the RPC to write, or a folder of RPC files with the names of the images; default: the RPC of the "
@@ -121,7 +104,7 @@ class WriteRpcOptions:
         None, "Directory for copies, VRTs and sidecars; created if missing", kind=Kind.OUTPUT_DIR, metavar="DIR"
     )
     overwrite: bool = option(False, "Replace files of an earlier run")
-    common: Common = nest_options(Common)
+    common: groups.Common = nest_options(groups.Common)
 
 
 WRITE_RPC = Algorithm(
@@ -157,8 +140,8 @@ FORMAT_ENDINGS = {"gtiff": ".tif", "cog": ".tif", "vrt": ".vrt"}
 class CropOptions:
     """What `crop` takes."""
 
-    images: tuple[str, ...] = images_option()
-    window: str | None = window_option("Window to cut; the first pixel is 0, 0")
+    images: tuple[str, ...] = groups.images_option()
+    window: str | None = groups.window_option("Window to cut; the first pixel is 0, 0")
     extent: str | None = option(
         None,
         "Box on the ground, in degrees or in the CRS in brackets after it: the smallest window that contains it is "
@@ -170,15 +153,15 @@ class CropOptions:
         "rounded to whole pixels, and the RPC is scaled accordingly", minimum=1e-3, maximum=64.0,
     )  # fmt: skip
     resampling: str = option("cubic", "GDAL's resampling kernel; only with `factor`", choices=KERNELS)
-    terrain: TerrainOptions = nest_options(TerrainOptions)
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     format: str = option(
         "gtiff",
         "A tiled GeoTIFF, a cloud-optimised one with overviews, or a virtual image that reads the original",
         choices=tuple(FORMAT_ENDINGS),
     )
-    compression: str = compression_option()
-    folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
+    compression: str = groups.compression_option()
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 CROP = Algorithm(
@@ -205,7 +188,7 @@ CROP = Algorithm(
 class StripOptions:
     """What `strip` takes."""
 
-    images: tuple[str, ...] = images_option(
+    images: tuple[str, ...] = groups.images_option(
         "Parts of one strip, or tiles of one scene; RPC files alone give the RPC only"
     )
     id: str | None = option(
@@ -216,9 +199,9 @@ class StripOptions:
         "A virtual image that reads the parts, a tiled GeoTIFF, or a cloud-optimised one with overviews",
         choices=tuple(FORMAT_ENDINGS),
     )
-    compression: str = compression_option()
-    folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
+    compression: str = groups.compression_option()
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 JOIN_STRIP = Algorithm(
@@ -247,15 +230,15 @@ RPC_INFO_FILE = "rpc_info.gpkg"
 class RpcInfoOptions:
     """What `rpc-info` takes."""
 
-    images: tuple[str, ...] = images_option()
-    terrain: TerrainOptions = nest_options(TerrainOptions)
+    images: tuple[str, ...] = groups.images_option()
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
     crs: str | None = option(
         None,
         "List the coordinate operations between this CRS and WGS84 in the area of the images: the one that is used, "
         "and those whose grid is missing (EPSG:code or WKT)", kind=Kind.CRS, metavar="CRS",
     )  # fmt: skip
-    folder: OptionalFolder = nest_options(OptionalFolder)
-    common: Common = nest_options(Common)
+    folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 RPC_INFO = Algorithm(
@@ -285,15 +268,15 @@ POINTS_FILE = "points.gpkg"
 class ProjectOptions:
     """What `project` takes."""
 
-    images: tuple[str, ...] = images_option("Images with RPC, or RPC files alone")
+    images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
         None, "Ground points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
-        metavar=POINTS,
+        metavar=groups.POINTS,
     )  # fmt: skip
-    ground_crs: str | None = ground_crs_option()
-    terrain: TerrainOptions = nest_options(TerrainOptions)
-    folder: OptionalFolder = nest_options(OptionalFolder)
-    common: Common = nest_options(Common)
+    ground_crs: str | None = groups.ground_crs_option()
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
+    folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 PROJECT = Algorithm(
@@ -318,14 +301,14 @@ PROJECT = Algorithm(
 class LocalizeOptions:
     """What `localize` takes."""
 
-    images: tuple[str, ...] = images_option("Images with RPC, or RPC files alone")
+    images: tuple[str, ...] = groups.images_option("Images with RPC, or RPC files alone")
     points: str | None = option(
         None, "Image points: a vector layer or CSV; by default lines on standard input", kind=Kind.POINTS, piped=True,
-        metavar=POINTS,
+        metavar=groups.POINTS,
     )  # fmt: skip
-    terrain: TerrainOptions = nest_options(TerrainOptions)
-    folder: OptionalFolder = nest_options(OptionalFolder)
-    common: Common = nest_options(Common)
+    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
+    folder: groups.OptionalFolder = nest_options(groups.OptionalFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 LOCALIZE = Algorithm(
@@ -353,11 +336,11 @@ class FitRpcOptions:
 
     points: str = option(
         help="Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and "
-        "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner", kind=Kind.POINTS, metavar=POINTS,
+        "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner", kind=Kind.POINTS, metavar=groups.POINTS,
     )  # fmt: skip
-    ground_crs: str | None = ground_crs_option()
-    height_datum: str = height_datum_option()
-    strict_datum: bool = strict_datum_option()
+    ground_crs: str | None = groups.ground_crs_option()
+    height_datum: str = groups.height_datum_option()
+    strict_datum: bool = groups.strict_datum_option()
     id: str | None = option(None, "Id of the image, used as file name; by default the name of the table", metavar="ID")
     common_denominator: bool = option(
         False, "One denominator for sample and line (less accurate, easier to correct later)"
@@ -371,8 +354,8 @@ class FitRpcOptions:
         unit="m",
         metavar="M",
     )
-    folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 FIT_RPC = Algorithm(
@@ -413,15 +396,15 @@ class HandOverOptions:
         "Region of interest: a box on the ground, in degrees or in the CRS in brackets after it; by default the "
         "common area of the chosen pairs", kind=Kind.EXTENT, metavar="W,S,E,N [CRS]",
     )  # fmt: skip
-    dem: DemOptions = nest_options(DemOptions)
-    height_datum: str = height_datum_option()
+    dem: groups.DemOptions = nest_options(groups.DemOptions)
+    height_datum: str = groups.height_datum_option()
     most_pairs: int = option(8, "Largest number of stereo pairs; the best ones are chosen", minimum=1)
     factor: float = option(
         1.0, "Size of the crops for colmap and nerf relative to the images", minimum=1e-3, maximum=64.0, advanced=True
     )
     link: bool = option(False, "Write VRTs that refer to the images instead of copies")
-    folder: ResultFolder = nest_options(ResultFolder)
-    common: Common = nest_options(Common)
+    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
+    common: groups.Common = nest_options(groups.Common)
 
 
 HAND_OVER = Algorithm(

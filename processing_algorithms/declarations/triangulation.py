@@ -5,21 +5,8 @@ from __future__ import annotations
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.foundation.options import nest_options, option, options
 from ...hrsi_engine.refinement.model_table import RefineOptions
+from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
-from ..interface.option_groups import (
-    AUTOMATIC_TIES,
-    NO_TIES,
-    BlockGrowthOptions,
-    BlockOutput,
-    DemOptions,
-    LaserFile,
-    PointFiles,
-    ReferenceImage,
-    SearchOptions,
-    SurfaceFile,
-    hold_out_option,
-    images_option,
-)
 
 #: What a map should show of an adjusted block.
 BLOCK_LAYERS = tuple(f"block.gpkg|layername={name}" for name in ("images", "ground_points", "residuals_utm"))
@@ -29,24 +16,24 @@ BLOCK_LAYERS = tuple(f"block.gpkg|layername={name}" for name in ("images", "grou
 class TriangulateOptions:
     """What `triangulate` takes."""
 
-    images: tuple[str, ...] = images_option()
-    points: PointFiles = nest_options(PointFiles)
+    images: tuple[str, ...] = groups.images_option()
+    points: groups.PointFiles = nest_options(groups.PointFiles)
     tie_points: str = option(
-        AUTOMATIC_TIES,
-        f"Tie points: {AUTOMATIC_TIES} finds them in the images, {NO_TIES} uses none, FILE or the folder of a result "
-        "contains them",
+        groups.AUTOMATIC_TIES,
+        f"Tie points: {groups.AUTOMATIC_TIES} finds them in the images, {groups.NO_TIES} uses none, FILE or the folder "
+        "of a result contains them",
         kind=Kind.POINTS,
-        metavar=f"{AUTOMATIC_TIES}|{NO_TIES}|FILE",
+        metavar=f"{groups.AUTOMATIC_TIES}|{groups.NO_TIES}|FILE",
     )
-    dem: DemOptions = nest_options(DemOptions)
-    surface: SurfaceFile = nest_options(SurfaceFile)
-    laser: LaserFile = nest_options(LaserFile)
-    reference: ReferenceImage = nest_options(ReferenceImage)
-    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
-    search: SearchOptions = nest_options(SearchOptions)
+    dem: groups.DemOptions = nest_options(groups.DemOptions)
+    surface: groups.SurfaceFile = nest_options(groups.SurfaceFile)
+    laser: groups.LaserFile = nest_options(groups.LaserFile)
+    reference: groups.ReferenceImage = nest_options(groups.ReferenceImage)
+    growth: groups.BlockGrowthOptions = nest_options(groups.BlockGrowthOptions)
+    search: groups.SearchOptions = nest_options(groups.SearchOptions)
     adjustment: AdjustOptions = nest_options(AdjustOptions)
-    hold_out: float = hold_out_option()
-    output: BlockOutput = nest_options(BlockOutput)
+    hold_out: float = groups.hold_out_option()
+    output: groups.BlockOutput = nest_options(groups.BlockOutput)
 
 
 TRIANGULATE = Algorithm(
@@ -75,21 +62,22 @@ TRIANGULATE = Algorithm(
 class AdjustAlgorithmOptions:
     """What `adjust` takes."""
 
-    images: tuple[str, ...] = images_option()
-    points: PointFiles = nest_options(PointFiles)
+    images: tuple[str, ...] = groups.images_option()
+    points: groups.PointFiles = nest_options(groups.PointFiles)
     tie_points: str = option(
-        NO_TIES,
-        f"Tie points: FILE with points measured in two or more images, or folder of a result; {NO_TIES} uses none",
+        groups.NO_TIES,
+        "Tie points: FILE with points measured in two or more images, or folder of a result; "
+        f"{groups.NO_TIES} uses none",
         kind=Kind.POINTS,
-        metavar=f"{NO_TIES}|FILE",
+        metavar=f"{groups.NO_TIES}|FILE",
     )
-    dem: DemOptions = nest_options(DemOptions)
-    surface: SurfaceFile = nest_options(SurfaceFile)
-    laser: LaserFile = nest_options(LaserFile)
-    growth: BlockGrowthOptions = nest_options(BlockGrowthOptions)
+    dem: groups.DemOptions = nest_options(groups.DemOptions)
+    surface: groups.SurfaceFile = nest_options(groups.SurfaceFile)
+    laser: groups.LaserFile = nest_options(groups.LaserFile)
+    growth: groups.BlockGrowthOptions = nest_options(groups.BlockGrowthOptions)
     adjustment: AdjustOptions = nest_options(AdjustOptions)
-    hold_out: float = hold_out_option()
-    output: BlockOutput = nest_options(BlockOutput)
+    hold_out: float = groups.hold_out_option()
+    output: groups.BlockOutput = nest_options(groups.BlockOutput)
 
 
 ADJUST = Algorithm(
@@ -116,11 +104,11 @@ ADJUST = Algorithm(
 class RefineAlgorithmOptions:
     """What `refine-rpc` takes."""
 
-    images: tuple[str, ...] = images_option()
-    points: PointFiles = nest_options(PointFiles)
+    images: tuple[str, ...] = groups.images_option()
+    points: groups.PointFiles = nest_options(groups.PointFiles)
     refinement: RefineOptions = nest_options(RefineOptions)
     compare: bool = option(False, "Add a table of all models with the same GCPs and check points")
-    output: BlockOutput = nest_options(BlockOutput)
+    output: groups.BlockOutput = nest_options(groups.BlockOutput)
 
 
 REFINE_RPC = Algorithm(

@@ -26,17 +26,10 @@ from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_wa
 from ...hrsi_engine.io.catalogue.lineage import versions
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
+from ...hrsi_engine.io.rasters import orthoimages
 from ...hrsi_engine.io.rasters.dems import fill_gaps
 from ...hrsi_engine.io.rasters.images import path_elsewhere
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.io.rasters.orthoimages import (
-    OrthoChunk,
-    OrthoFormat,
-    chunk_windows,
-    file_state,
-    fingerprint,
-    make_chunk,
-)
 from ...hrsi_engine.ortho.grid import (
     GridWindow,
     MapGrid,
@@ -112,7 +105,7 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
         if left_out:
             warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
-        return Terrain(of_points, [*file_state(split_spec(spec)[0]), spec, datum], warnings)
+        return Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
     surface = open_terrain(options.terrain)
     if surface is None:
         raise InputError(
@@ -121,7 +114,7 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         )
     if isinstance(surface, GridSurface):
         cells, dem = options.fill_gaps, options.terrain.dem
-        identity = [*file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
+        identity = [*orthoimages.file_state(str(dem.dem)), dem.dem_datum or options.terrain.height_datum, cells]
         if not cells:
             return Terrain(surface, identity)
         return Terrain(fill_gaps(surface, cells), identity, [f"gaps of the DEM up to {cells} cells were interpolated"])
@@ -265,7 +258,7 @@ class OrthoJob:
     source: OrthoSource
     mapping: OrthoMapping
     warp: Warp
-    form: OrthoFormat
+    form: orthoimages.OrthoFormat
     made_from: Mapping[str, Any]
 
     @property
@@ -275,12 +268,12 @@ class OrthoJob:
     @cached_property
     def key(self) -> str:
         """The fingerprint that its file will carry."""
-        return fingerprint(self.made_from)
+        return orthoimages.fingerprint(self.made_from)
 
 
 def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     """Return the orthoimages of a plan."""
-    form, used = OrthoFormat(options.format, options.compression), versions()
+    form, used = orthoimages.OrthoFormat(options.format, options.compression), versions()
     jobs = []
     for image in plan.images:
         source = OrthoSource(image.path)
@@ -292,7 +285,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         # Everything on which the pixels and the file depend
         coefficients = {name: np.asarray(value).tolist() for name, value in vars(image.rpc).items() if name[0] != "_"}
         made_from = {
-            "image": file_state(image.path), "terrain": plan.terrain.identity, "crs": grid.crs,
+            "image": orthoimages.file_state(image.path), "terrain": plan.terrain.identity, "crs": grid.crs,
             "rpc": hashlib.sha256(json_text(coefficients, sort_keys=True).encode()).hexdigest(),
             "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows], "resampling": warp.resampling,
             "nodata": str(warp.nodata), "error_px": options.error_px, "format": form.name,
@@ -332,12 +325,12 @@ class OrthoRecipe:
     versions: Mapping[str, str] = field(compare=False)
 
 
-def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Calls) -> Iterator[OrthoChunk]:
+def chunks_of(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, calls: Calls) -> Iterator[orthoimages.OrthoChunk]:
     """Yield the chunks of all orthoimages, in the order in which they are written."""
-    windows = ((job, window) for job in jobs for window in chunk_windows(job.grid, job.warp))
+    windows = ((job, window) for job in jobs for window in orthoimages.chunk_windows(job.grid, job.warp))
     if not calls.elsewhere:
         parts = ((job.source, job.mapping.chunk, job.warp, window) for job, window in windows)
-        yield from calls.answers(lambda part: make_chunk(*part), parts)
+        yield from calls.answers(lambda part: orthoimages.make_chunk(*part), parts)
         return
     recipes = {job.key: recipe_of(job, options) for job in jobs}
     yield from calls.answers(_chunk_elsewhere, ((recipes[job.key], window) for job, window in windows))
@@ -364,7 +357,7 @@ def _elsewhere(path: str | None) -> str | None:
     return None if path is None else path_elsewhere(path)
 
 
-def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> OrthoChunk:
+def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> orthoimages.OrthoChunk:
     recipe, window = part
     used = versions()
     for name, version in recipe.versions.items():
@@ -374,7 +367,7 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> OrthoChunk:
                 "the same version everywhere"
             )
     source, mapping = _open_recipe(recipe)
-    return make_chunk(source, mapping.chunk, recipe.warp, window)
+    return orthoimages.make_chunk(source, mapping.chunk, recipe.warp, window)
 
 
 @lru_cache(maxsize=8)

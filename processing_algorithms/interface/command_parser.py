@@ -81,7 +81,16 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
     prog = f"hrsi {algorithm.name}"
     words = [(value_name(param), param.kind) for param in algorithm.params if param.kind in POSITIONAL_KINDS]
     images = "".join(f" {word}{'...' if kind is Kind.IMAGES else ''}" for word, kind in words)
-    paragraphs = [algorithm.summary, _format_examples(algorithm)]
+    # The examples as a shell takes them, lines broken before options
+    lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
+    for example in algorithm.examples:
+        lines.append("  ")
+        for part in re.split(r" (?=--)", example):
+            if len(lines[-1]) + len(part) > _help_width() - 3 and lines[-1].strip():
+                lines[-1] += "\\"
+                lines.append("    ")
+            lines[-1] += f"{part} "
+    paragraphs = [algorithm.summary, "\n".join(line.rstrip() for line in lines)]
     for text in spell_arguments(algorithm.help, algorithm.params).split("\n\n"):
         paragraphs.append(textwrap.fill(" ".join(text.split()), _help_width()))
     parser = CommandParser(
@@ -189,19 +198,6 @@ def read_template(name: str) -> str:
 def value_name(param: Param) -> str:
     """Return the placeholder of an option's value in the help: ``PX``."""
     return param.metavar or KINDS[param.kind].metavar
-
-
-def _format_examples(algorithm: Algorithm) -> str:
-    """Return the examples as a shell takes them, lines broken before options."""
-    lines = [f"example{'s' * (len(algorithm.examples) > 1)}:"] if algorithm.examples else []
-    for example in algorithm.examples:
-        lines.append("  ")
-        for part in re.split(r" (?=--)", example):
-            if len(lines[-1]) + len(part) > _help_width() - 3 and lines[-1].strip():
-                lines[-1] += "\\"
-                lines.append("    ")
-            lines[-1] += f"{part} "
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def sections(params: Iterable[Param]) -> dict[str, list[Param]]:

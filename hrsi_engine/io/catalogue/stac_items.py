@@ -115,7 +115,20 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
         return href_path(href, base)
 
     place = file if file.startswith("/vsi") else os.path.abspath(file)
-    image = _image_asset(where, assets, wanted)
+    # The name of the asset that is the image; None where there is no image
+    if wanted is not None:
+        if wanted not in assets:
+            raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
+        image = wanted
+    else:
+        images = [key for key, asset in assets.items() if _is_image(asset)]
+        data = [key for key in images if "data" in _roles_of(assets[key])]
+        found = data or images
+        if len(found) > 1:
+            raise InputError(
+                f'{where}: has several images ({list_ids(found)}): name one, as STACIT:"FILE":asset={found[0]}'
+            )
+        image = found[0] if found else None
     rpc_files = tuple(path_of(key) for key in _rpc_assets(assets, image))
     if image is None:
         if not rpc_files:
@@ -125,22 +138,6 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
     fields |= {key: assets[image][key] for key in STAC_NAMES.values() if key in assets[image]}
     named = f'STACIT:"{place}":asset={image}'
     return ItemImage(path_of(image), StacItem(name, file, named, properties, fields, rpc_files))
-
-
-def _image_asset(where: str, assets: Mapping[str, Mapping[str, Any]], wanted: str | None) -> str | None:
-    """Return the name of the asset that is the image; None where there is no image."""
-    if wanted is not None:
-        if wanted not in assets:
-            raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
-        return wanted
-    images = [key for key, asset in assets.items() if _is_image(asset)]
-    data = [key for key in images if "data" in _roles_of(assets[key])]
-    found = data or images
-    if len(found) > 1:
-        raise InputError(
-            f'{where}: has several images ({list_ids(found)}): name one, as STACIT:"FILE":asset={found[0]}'
-        )
-    return found[0] if found else None
 
 
 def _is_image(asset: Mapping[str, Any]) -> bool:

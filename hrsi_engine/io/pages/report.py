@@ -254,15 +254,14 @@ def read_picture(raster: GdalRaster, image: str, number: int, side_px: int) -> P
     if not valid.any():
         return None
     size, covers = (int(grey.shape[1]), int(grey.shape[0])), (raster.size[0] / step, raster.size[1] / step)
-    return Picture(f"picture-{number}", image, size, covers, picture_uri(grey, valid))
-
-
-def picture_uri(grey: np.ndarray, valid: np.ndarray) -> str:
-    """Return grey values of any type, where valid, as a ``data:`` URI: JPEG, and PNG where this GDAL has no JPEG."""
+    # Grey values of any type, where valid, as a data: URI: JPEG, and PNG where this GDAL has no JPEG
     content = _encode_jpeg(np.where(valid, stretch_grey(grey, valid), np.uint8(PAGE_NUMBERS.fill_grey)))
-    if content is None:
-        return f"data:image/png;base64,{encode_grey_png(grey, valid)}"
-    return f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+    uri = (
+        f"data:image/png;base64,{encode_grey_png(grey, valid)}"
+        if content is None
+        else f"data:image/jpeg;base64,{base64.b64encode(content).decode('ascii')}"
+    )
+    return Picture(f"picture-{number}", image, size, covers, uri)
 
 
 def _encode_jpeg(grey: np.ndarray) -> bytes | None:

@@ -161,11 +161,7 @@ def _parse_options(spec: str) -> dict[str, str]:
 def read_table(spec: str) -> PointTable:
     """Return the rows of a point file as its reader brings them, unchecked."""
     path, layer = split_spec(spec)
-    return point_reader_of(path).read(path, layer)
-
-
-def point_reader_of(path: str) -> PointReader:
-    """Return the reader of a file; raise `InputError` where there is no such file or no format fits."""
+    # The reader of a file; raise `InputError` where there is no such file or no format fits
     require_plain_around(path)
     head = b""
     if not path or not (path.startswith("/vsi") or os.path.exists(path)):
@@ -182,7 +178,7 @@ def point_reader_of(path: str) -> PointReader:
         titles = ", ".join(reader.title for reader in POINT_READERS.values())
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
-    return reader
+    return reader.read(path, layer)
 
 
 class ImagePositions(NamedTuple):

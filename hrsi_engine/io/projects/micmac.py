@@ -9,7 +9,6 @@ itself, so there is no initial DEM. Source: ``RPC::ReadXML`` in ``src/SateLib/CP
 import numpy as np
 from osgeo import osr
 
-from ...block.block import Image
 from ..rpc_files.xml_formats import isd_text
 from .project import BlockProject, PlannedProject, plan_images
 
@@ -24,7 +23,17 @@ def plan_micmac_project(project: BlockProject) -> PlannedProject:
     """Return the images of the chosen pairs, their XML, and the system of coordinates."""
     _, files = plan_images(project, project.paired, copy=True)
     for image in project.paired:
-        files[f"{image.id}.xml"] = isd_text(image.rpc).replace("</isd>", f"{_make_imd(image)}</isd>")
+        # The part of the XML with the image's size and its corners on the ground
+        samples, lines = image.known_size
+        last = np.array([samples - 1.0, lines - 1.0])
+        ground = image.rpc.localize(np.array([[x, y] for _, x, y in _CORNERS]) * last, image.middle_height_m).ground
+        corners = "".join(
+            f"   <{name}LON>{lon!r}</{name}LON>\n   <{name}LAT>{lat!r}</{name}LAT>\n"
+            for (name, _, _), (lon, lat, _) in zip(_CORNERS, ground.tolist(), strict=True)
+        )
+        size = f"  <NUMROWS>{lines}</NUMROWS>\n  <NUMCOLUMNS>{samples}</NUMCOLUMNS>\n"
+        imd = f" <IMD>\n{size}  <BAND_P>\n{corners}  </BAND_P>\n </IMD>\n"
+        files[f"{image.id}.xml"] = isd_text(image.rpc).replace("</isd>", f"{imd}</isd>")
     crs = osr.SpatialReference()
     crs.ImportFromEPSG(project.epsg)
     files["WGS84toUTM.xml"] = _SYSTEM.format(proj=crs.ExportToProj4().strip())
@@ -37,16 +46,3 @@ def plan_micmac_project(project: BlockProject) -> PlannedProject:
         "MEC-Malt",
         () if project.copy else ("MicMac reads no VRTs: the images are copied",),
     )
-
-
-def _make_imd(image: Image) -> str:
-    """Return the part of the XML with the image's size and its corners on the ground."""
-    samples, lines = image.known_size
-    last = np.array([samples - 1.0, lines - 1.0])
-    ground = image.rpc.localize(np.array([[x, y] for _, x, y in _CORNERS]) * last, image.middle_height_m).ground
-    corners = "".join(
-        f"   <{name}LON>{lon!r}</{name}LON>\n   <{name}LAT>{lat!r}</{name}LAT>\n"
-        for (name, _, _), (lon, lat, _) in zip(_CORNERS, ground.tolist(), strict=True)
-    )
-    size = f"  <NUMROWS>{lines}</NUMROWS>\n  <NUMCOLUMNS>{samples}</NUMCOLUMNS>\n"
-    return f" <IMD>\n{size}  <BAND_P>\n{corners}  </BAND_P>\n </IMD>\n"

@@ -17,7 +17,7 @@ import numpy as np
 from ...block.block import Role
 from ...ground.map_crs import project_to_map
 from .las import write_las
-from .project import BlockProject, FileContent, PlannedProject
+from .project import BlockProject, PlannedProject
 
 _PLY_HEAD = (
     "ply\nformat binary_little_endian 1.0\ncomment east north height: EPSG:{epsg}, ellipsoidal\n"
@@ -32,23 +32,7 @@ def plan_points_project(project: BlockProject) -> PlannedProject:
     """Return the points of the block as clouds, and its GCPs and check points."""
     clouds = {f"tie_points.{suffix}": partial(_write_cloud, project, write)
               for suffix, write in (("ply", _write_ply), ("las", write_las))}  # fmt: skip
-    return PlannedProject(clouds | _gcp_texts(project), (), "tie_points.las")
-
-
-def _write_cloud(project: BlockProject, write: Callable[..., None], path: str) -> None:
-    points, count = project.points, Counter(project.measured.ids.tolist())
-    xyz = np.column_stack([project_to_map(points.ground, project.epsg), points.ground[:, 2]])
-    write(path, xyz, points.sigma_m, np.array([count[name] for name in points.ids.tolist()]), project.epsg)
-
-
-def _write_ply(path: str, xyz: np.ndarray, sigma_m: np.ndarray, rays: np.ndarray, epsg: int) -> None:
-    rows = np.zeros(len(xyz), dtype=_ROW)
-    rows["xyz"], rows["sigma"], rows["rays"] = xyz, sigma_m, rays
-    Path(path).write_bytes(_PLY_HEAD.format(epsg=epsg, count=len(rows)).encode("ascii") + rows.tobytes())
-
-
-def _gcp_texts(project: BlockProject) -> dict[str, FileContent]:
-    """Return the files of GCPs and check points by their names."""
+    # The files of GCPs and check points by their names
     surveyed, measured = project.surveyed, project.measured
     place = {image.id: Path(image.path).name for image in project.images}
     rows_of: dict[str, list[int]] = {}
@@ -67,4 +51,17 @@ def _gcp_texts(project: BlockProject) -> dict[str, FileContent]:
         if len(words) > 2:
             texts.setdefault("gcps.gcp", ["# WKT: EPSG:4326"]).append(" ".join(words))
     heads = {name: ["mapX,mapY,pixelX,pixelY,enable"] for name in texts if name.endswith(".points")}
-    return {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
+    gcp_texts = {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
+    return PlannedProject(clouds | gcp_texts, (), "tie_points.las")
+
+
+def _write_cloud(project: BlockProject, write: Callable[..., None], path: str) -> None:
+    points, count = project.points, Counter(project.measured.ids.tolist())
+    xyz = np.column_stack([project_to_map(points.ground, project.epsg), points.ground[:, 2]])
+    write(path, xyz, points.sigma_m, np.array([count[name] for name in points.ids.tolist()]), project.epsg)
+
+
+def _write_ply(path: str, xyz: np.ndarray, sigma_m: np.ndarray, rays: np.ndarray, epsg: int) -> None:
+    rows = np.zeros(len(xyz), dtype=_ROW)
+    rows["xyz"], rows["sigma"], rows["rays"] = xyz, sigma_m, rays
+    Path(path).write_bytes(_PLY_HEAD.format(epsg=epsg, count=len(rows)).encode("ascii") + rows.tobytes())

@@ -104,20 +104,18 @@ def _read_texts(path: str) -> Iterator[tuple[str, str]]:
                 where = f"{domain or 'default'} metadata of {os.path.basename(path)}"
                 yield where, "\n".join(f"{name}={value}" for name, value in told.items())
     files = siblings(path)
-    for name in _side_names(os.path.splitext(os.path.basename(path))[0].lower()):
-        if name in files:
-            with suppress(InputError):  # too large, not to be read: what is told of the sun is not worth an error
-                yield os.path.basename(files[name]), read_text(files[name])
-
-
-def _side_names(stem: str) -> tuple[str, ...]:
-    """Return the names, in lower case, of the files that may tell the sun over the image of a stem."""
+    # The names, in lower case, of the files that may tell the sun over the image of a stem
+    stem = os.path.splitext(os.path.basename(path))[0].lower()
     product = re.sub(r"_r\d{1,3}c\d{1,3}$", "", re.sub("^(?:img|rpc|dim)_", "", stem))
-    return (
+    names = (
         f"{stem}.imd", f"{stem}.xml", f"dim_{product}.xml", f"{stem}_metadata.txt",
         re.sub(r"_(?:pan|red|grn|blu|nir|rgb|bgrn)_\d+.*$", "", stem) + "_metadata.txt", f"{stem}_metadata.json",
         f"{stem}.json", f"{stem}.geom",
     )  # fmt: skip
+    for name in names:
+        if name in files:
+            with suppress(InputError):  # too large, not to be read: what is told of the sun is not worth an error
+                yield os.path.basename(files[name]), read_text(files[name])
 
 
 def _read_angles(text: str) -> SunAngles | None:

@@ -294,22 +294,19 @@ def _sources_inside(path: str, dataset: gdal.Dataset) -> list[Source]:
         title, tags = f"{driver} {name}", metadata_of(dataset) if driver == "NITF" else {}
         extensions = metadata_of(dataset, "TRE") if driver == "NITF" else {}
         for tre in extensions.keys() & {"RPC00A", "RPC00B"}:
-            _require_whole_numbers(path, tre, extensions[tre])
+            # Raise `InputError` for a field that is no number as a whole: GDAL takes what it begins with,
+            # of 43,5 43. Fields of RPC00A and RPC00B (STDI-0002, appendix E): success, errors, offsets
+            # and scales, 4 x 20 coefficients
+            end = 0
+            for number, width in enumerate((1, 7, 7, 6, 5, 8, 9, 5, 6, 5, 8, 9, 5, *(12,) * 80)):
+                field, end = extensions[tre][end : end + width], end + width
+                unknown_error = number in (1, 2) and not field.strip()
+                if parse_finite(field) is None and not unknown_error:
+                    raise InputError(
+                        f"{path}: field {number + 1} of its {tre} is {field!r}, no number: obtain the file again"
+                    )
         found.append((title, partial(_read_metadata, path, metadata, title, tags)))
     return found
-
-
-def _require_whole_numbers(path: str, tre: str, text: str) -> None:
-    """Raise `InputError` for a field that is no number as a whole: GDAL takes what it begins with, of ``43,5`` 43.
-
-    Fields of RPC00A and RPC00B (STDI-0002, appendix E): success, errors, offsets and scales, 4 x 20 coefficients.
-    """
-    end = 0
-    for number, width in enumerate((1, 7, 7, 6, 5, 8, 9, 5, 6, 5, 8, 9, 5, *(12,) * 80)):
-        field, end = text[end : end + width], end + width
-        unknown_error = number in (1, 2) and not field.strip()
-        if parse_finite(field) is None and not unknown_error:
-            raise InputError(f"{path}: field {number + 1} of its {tre} is {field!r}, no number: obtain the file again")
 
 
 def _read_tag(path: str, title: str) -> FoundRpc:

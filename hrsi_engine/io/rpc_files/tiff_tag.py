@@ -99,31 +99,29 @@ def read_directory(path: str) -> Directory | None:
         return None
     try:
         with open(path, "rb") as file:
-            return _parse_directory(path, file)
+            head = file.read(16)
+            order = {b"II": "<", b"MM": ">"}.get(head[:2])
+            if order is None or len(head) < 8:
+                return None
+            version = struct.unpack(f"{order}H", head[2:4])[0]
+            if version not in (42, 43):
+                return None
+            big = version == 43
+            offset = struct.unpack(order + ("Q" if big else "I"), head[8:16] if big else head[4:8])[0]
+            count_code, word, word_bytes = order + ("Q" if big else "H"), "Q" if big else "I", 8 if big else 4
+            file.seek(offset)
+            (count,) = struct.unpack(count_code, file.read(struct.calcsize(count_code)))
+            if count > FILE_BUDGETS.tiff_tags:
+                raise InputError(
+                    f"{path}: the TIFF directory claims {count} entries: the file is damaged, obtain it again"
+                )
+            code = f"{order}HH{word}{word_bytes}s"
+            size = struct.calcsize(code)
+            table = file.read(size * count + word_bytes)
+            entries = tuple(TagEntry(*struct.unpack_from(code, table, start)) for start in range(0, size * count, size))
+            return Directory(order, big, offset, entries, struct.unpack_from(order + word, table, size * count)[0])
     except (struct.error, OSError, OverflowError, ValueError):  # the last: an offset of 2^63 or more
         raise InputError(f"{path}: the TIFF directory is cut short or damaged: obtain the file again") from None
-
-
-def _parse_directory(path: str, file: BinaryIO) -> Directory | None:
-    head = file.read(16)
-    order = {b"II": "<", b"MM": ">"}.get(head[:2])
-    if order is None or len(head) < 8:
-        return None
-    version = struct.unpack(f"{order}H", head[2:4])[0]
-    if version not in (42, 43):
-        return None
-    big = version == 43
-    offset = struct.unpack(order + ("Q" if big else "I"), head[8:16] if big else head[4:8])[0]
-    count_code, word, word_bytes = order + ("Q" if big else "H"), "Q" if big else "I", 8 if big else 4
-    file.seek(offset)
-    (count,) = struct.unpack(count_code, file.read(struct.calcsize(count_code)))
-    if count > FILE_BUDGETS.tiff_tags:
-        raise InputError(f"{path}: the TIFF directory claims {count} entries: the file is damaged, obtain it again")
-    code = f"{order}HH{word}{word_bytes}s"
-    size = struct.calcsize(code)
-    table = file.read(size * count + word_bytes)
-    entries = tuple(TagEntry(*struct.unpack_from(code, table, start)) for start in range(0, size * count, size))
-    return Directory(order, big, offset, entries, struct.unpack_from(order + word, table, size * count)[0])
 
 
 def read_value(path: str, directory: Directory, tag: int) -> bytes | None:
