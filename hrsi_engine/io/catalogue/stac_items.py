@@ -115,11 +115,10 @@ def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | N
         return href_path(href, base)
 
     place = file if file.startswith("/vsi") else os.path.abspath(file)
-    # The name of the asset that is the image; None where there is no image
+    image = wanted  # the name of the asset that is the image; None where there is no image
     if wanted is not None:
         if wanted not in assets:
             raise InputError(f"{where}: has no asset {wanted!r} (assets: {list_ids(assets)}): name one of these")
-        image = wanted
     else:
         images = [key for key, asset in assets.items() if _is_image(asset)]
         data = [key for key in images if "data" in _roles_of(assets[key])]

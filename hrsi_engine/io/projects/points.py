@@ -17,7 +17,7 @@ import numpy as np
 from ...block.block import Role
 from ...ground.map_crs import project_to_map
 from .las import write_las
-from .project import BlockProject, PlannedProject
+from .project import BlockProject, FileContent, PlannedProject
 
 _PLY_HEAD = (
     "ply\nformat binary_little_endian 1.0\ncomment east north height: EPSG:{epsg}, ellipsoidal\n"
@@ -51,7 +51,7 @@ def plan_points_project(project: BlockProject) -> PlannedProject:
         if len(words) > 2:
             texts.setdefault("gcps.gcp", ["# WKT: EPSG:4326"]).append(" ".join(words))
     heads = {name: ["mapX,mapY,pixelX,pixelY,enable"] for name in texts if name.endswith(".points")}
-    gcp_texts = {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
+    gcp_texts: dict[str, FileContent] = {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
     return PlannedProject(clouds | gcp_texts, (), "tie_points.las")
 
 
