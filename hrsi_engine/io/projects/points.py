@@ -30,8 +30,10 @@ _ROW = np.dtype([("xyz", "<f8", 3), ("sigma", "<f4", 2), ("rays", "<i4")])
 
 def plan_points_project(project: BlockProject) -> PlannedProject:
     """Return the points of the block as clouds, and its GCPs and check points."""
-    clouds = {f"tie_points.{suffix}": partial(_write_cloud, project, write)
-              for suffix, write in (("ply", _write_ply), ("las", write_las))}  # fmt: skip
+    files: dict[str, FileContent] = {
+        f"tie_points.{suffix}": partial(_write_cloud, project, write)
+        for suffix, write in (("ply", _write_ply), ("las", write_las))
+    }
     # The files of GCPs and check points by their names
     surveyed, measured = project.surveyed, project.measured
     place = {image.id: Path(image.path).name for image in project.images}
@@ -51,8 +53,8 @@ def plan_points_project(project: BlockProject) -> PlannedProject:
         if len(words) > 2:
             texts.setdefault("gcps.gcp", ["# WKT: EPSG:4326"]).append(" ".join(words))
     heads = {name: ["mapX,mapY,pixelX,pixelY,enable"] for name in texts if name.endswith(".points")}
-    gcp_texts: dict[str, FileContent] = {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
-    return PlannedProject(clouds | gcp_texts, (), "tie_points.las")
+    files |= {name: "\n".join([*heads.get(name, []), *lines]) + "\n" for name, lines in texts.items()}
+    return PlannedProject(files, (), "tie_points.las")
 
 
 def _write_cloud(project: BlockProject, write: Callable[..., None], path: str) -> None:
