@@ -12,7 +12,6 @@ from ..block.block import Role
 from ..block.pointing import estimate_pointing
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefitRPC
-from .coordinate_operations import find_untested_accuracy, operation_entries
 from .held_out import summarise_held_out
 from .outliers import OUTLIER, name_measurement, outlier_entries
 from .residuals import Residuals, by_image, radial_rmse, rmse
@@ -75,8 +74,8 @@ def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC
         "heights": [asdict(source) for source in result.heights],
         "plan": None if result.plan is None else asdict(result.plan),
         "surface": [describe_surface(one) for one in result.surfaces],
-        "crs_operations": operation_entries(result.block.all_operations),
-        "untested_by_check_points": find_untested_accuracy(result),
+        "crs_operations": [use.entry() for use in result.block.all_operations],
+        "untested_by_check_points": _find_untested_accuracy(result),
         "rpcs_alone_m": None if result.rpcs_alone_m is None else list(result.rpcs_alone_m),
     }
 
@@ -234,3 +233,18 @@ def rejection_warnings(result: Adjustment) -> list[str]:
         f"{out.sum()} image points ({100.0 * out.mean():.2g} %) are outliers and are not used, {gross} of them by more "
         f"than {WARNING.gross_sigmas:g} sigma: {', '.join(worst)}{more}"
     ]
+
+
+def _find_untested_accuracy(result: Adjustment) -> dict[str, float | None] | None:
+    """Return what check points cannot test: ``ce90_m`` and ``le90_m`` of the operations that they share with the GCPs.
+
+    None without check points or such errors.
+    """
+    check = np.flatnonzero(result.block.points.role == Role.CHECK)
+    if result.shared_shifts_m is None or not len(check):
+        return None
+    own_m = result.block.points.operation_shifts_m(check)
+    shifts_m = result.shared_shifts_m[check][:, :, : own_m.shape[2]]
+    hidden = np.sum(shifts_m**2 - (shifts_m - own_m) ** 2, axis=2)
+    east, north, height = np.sqrt(np.maximum(np.nanmean(hidden, axis=0), 0.0)).tolist()
+    return errors_90(east, north, height) if max(east, north, height) > 0.0 else None

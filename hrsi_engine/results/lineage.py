@@ -24,7 +24,6 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.map_crs import middle_position
 from ..refinement.model import RefitRPC
 from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
-from .coordinate_operations import add_untested_error
 from .tables import choose_positions
 
 
@@ -140,3 +139,13 @@ def block_accuracy(report: Mapping[str, Any]) -> tuple[dict[str, float | None], 
     return {
         name: max(values) if values and None not in values else None for name, values in found.items()
     }, FROM_PREDICTION
+
+
+def add_untested_error(measured: float | None, untested: Mapping[str, float | None] | None, key: str) -> float | None:
+    """Return a figure of check points (``ce90_m`` or ``le90_m``, the key) with what they cannot test.
+
+    None where it was not measured.
+    """
+    if measured is None or untested is None:
+        return measured
+    return float(np.hypot(measured, untested[key] or 0.0))

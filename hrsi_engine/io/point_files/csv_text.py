@@ -1,6 +1,9 @@
 """CSV and plain text: columns between commas, semicolons, tabs or blanks; UTF-8 (BOM or not), UTF-16 or Latin-1.
 
-The first line names the columns. Where none does, they are told by their contents (`plain_text`).
+The first line names the columns. Where none does, or does so between blanks, they are told by their contents where only
+one meaning is possible: an id and an image beside two numbers are a measurement; an id and three numbers a ground
+point, in degrees where one column goes beyond 90 (a longitude) or in metres where both are large. Everything else needs
+names: ``FILE|columns=id,lat,lon,height``.
 
 Decimal commas are understood where the separator is not the comma. The file is read in chunks of rows, and only
 the fields that are known are kept, so that millions of image points need little more memory than their columns. NumPy's
@@ -23,16 +26,20 @@ import numpy as np
 from ...block.points import ImagePoints
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
+from ..opening.numbers import parse_finite
 from ..rpc_files.content import read_head
 from ..safety.replacing import replacing
-from .plain_text import NAMED_COLUMNS, read_plain_text
-from .table import MAY_BE_INFINITE, NUMBER_FIELDS, PointReader, PointTable, match_fields, parse_numbers, strip_texts
+from . import table
 
+NAMED_COLUMNS = "columns="  #: begins the names of the columns of a file
+ADVICE = (
+    "add a header line, or name the columns: FILE|columns=id,lon,lat,height (or id,x,y,height; id,image,sample,line)"
+)
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
 _NUMPY_ROWS = 50_000  # at once by NumPy's reader
 
 
-def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -> PointTable:
+def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -> table.PointTable:
     """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
 
     ``layer`` may name the columns (``columns=id,lon,lat,height``); ``renamed`` are fields (lower case) that a program
@@ -48,10 +55,10 @@ def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTable:
+def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> table.PointTable:
     rows = _read_rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
-    found = match_fields([renamed.get(name.lower(), name) for name in names])
+    found = table.match_fields([renamed.get(name.lower(), name) for name in names])
     if not found:
         with _open_text(path, encoding) as file:
             return read_plain_text(path, file)
@@ -59,29 +66,29 @@ def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> PointTa
     separator = _find_separator(path, encoding)
     plain = _columns_by_numpy(path, encoding, separator, len(names), found)
     if plain is not None:
-        return PointTable(path, plain, tuple(names), row_name)
+        return table.PointTable(path, plain, tuple(names), row_name)
     decimal_comma = separator != ","
     parts: dict[str, list[np.ndarray]] = {field: [] for field in found}
     done = 0
     while chunk := list(islice(rows, _CHUNK_ROWS)):
         texts = _transpose(path, chunk, len(names), row_name, done)
         for field, column in found.items():
-            if field in NUMBER_FIELDS:
+            if field in table.NUMBER_FIELDS:
                 where = partial(_name_field, path, field, row_name, done)
-                values = parse_numbers(texts[column], where, decimal_comma, field in MAY_BE_INFINITE)
+                values = table.parse_numbers(texts[column], where, decimal_comma, field in table.MAY_BE_INFINITE)
             else:
-                values = strip_texts(texts[column], path, field)
+                values = table.strip_texts(texts[column], path, field)
             parts[field].append(values)
         done += len(chunk)
     columns = {field: _join_parts(path, field, parts.pop(field)) if done else np.empty(0) for field in found}
-    return PointTable(path, columns, tuple(names), row_name)
+    return table.PointTable(path, columns, tuple(names), row_name)
 
 
 def _columns_by_numpy(
     path: str, encoding: str, separator: str, width: int, found: Mapping[str, int]
 ) -> dict[str, np.ndarray] | None:
     """Return the columns of a file without quotes whose numbers are all there; None for any other, or a wrong one."""
-    kinds = {column: "f8" if field in NUMBER_FIELDS else "O" for field, column in found.items()}
+    kinds = {column: "f8" if field in table.NUMBER_FIELDS else "O" for field, column in found.items()}
     if "f8" not in kinds.values():  # empty rows would not show
         return None
     layout = [(str(column), kinds.get(column, "U1")) for column in range(width)]
@@ -102,8 +109,8 @@ def _columns_by_numpy(
                 return None
             for field, column in found.items():
                 values = rows[str(column)]
-                if field not in NUMBER_FIELDS:
-                    values = strip_texts(values.tolist(), path, field)
+                if field not in table.NUMBER_FIELDS:
+                    values = table.strip_texts(values.tolist(), path, field)
                 elif not np.isfinite(values).all():
                     return None
                 parts[field].append(np.ascontiguousarray(values))
@@ -205,7 +212,7 @@ def _find_encoding(path: str) -> str:
     return marked or ("utf-8" if is_utf8 else "latin-1")
 
 
-READER = PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read)
+READER = table.PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read)
 
 
 def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -240,3 +247,61 @@ def write_measurements(path: str, points: ImagePoints) -> None:
     if np.isfinite(points.quality).any():
         columns["quality"] = points.quality
     write_csv(path, list(columns), zip(*(column.tolist() for column in columns.values()), strict=True))
+
+
+def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) -> table.PointTable:
+    """Return the known fields of a text with a point a line, its columns named, or told by what they hold.
+
+    Raises `InputError` naming the line where it is damaged, or the columns where they cannot be told.
+    """
+    require_size(path, "points")
+    most = FILE_BUDGETS.gcp_rows
+    numbered = [(number, line) for number, line in enumerate(islice(lines, most), 1) if line.strip() and line[0] != "#"]
+    if len(numbered) == most:
+        raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
+    separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
+    rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
+    if rows and not names and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):
+        names, rows, numbered = rows[0], rows[1:], numbered[1:]
+        if not table.match_fields(names):
+            raise InputError(
+                f"{path}: its columns are called {', '.join(names)}, which are no fields of points: call them id, lon, "
+                f"lat, height (or x, y), image, sample, line, or {ADVICE[23:]}"
+            )
+    width = len(names) or (len(rows[0]) if rows else 0)
+    wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
+    if wrong is not None:
+        raise InputError(f"{path}, line {wrong}: has not the {width} columns of the others: correct it")
+    names = [name.strip() for name in names] or _tell_columns(path, rows)
+    found = table.match_fields(names)
+    if not found:
+        raise InputError(f"{path}: {', '.join(names)} are no fields of points ({', '.join(list(table.FIELDS)[:12])} …)")
+    columns: dict[str, np.ndarray] = {}
+    for field, column in found.items():
+        texts = [row[column] for row in rows]
+        where = partial(lambda field, index: f"{path}, field {field!r}, line {numbered[index][0]}", field)
+        columns[field] = (
+            table.parse_numbers(texts, where, separator != ",", field in table.MAY_BE_INFINITE)
+            if field in table.NUMBER_FIELDS
+            else table.strip_texts(texts, path, field)
+        )
+    notes = (f"{path}: read as the columns {', '.join(names)}",)
+    return table.PointTable(path, columns, tuple(names), lambda row: f"line {numbered[row][0]}", notes=notes)
+
+
+def _tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return what columns without names hold; raise `InputError` where more than one meaning is possible."""
+    texts = list(zip(*rows, strict=True))
+    numbers = [[parse_finite(text.replace(",", ".")) for text in column] for column in texts]
+    is_number = [None not in column for column in numbers]
+    if len(texts) == 4 and is_number[1:] == [False, True, True]:
+        ids, images = (len(set(column)) for column in texts[:2])
+        return ["id", "image", "sample", "line"] if is_number[0] or ids >= images else ["image", "id", "sample", "line"]
+    if len(texts) == 4 and is_number[1:] == [True] * 3:
+        largest = [max(abs(value or 0.0) for value in column) for column in numbers[1:3]]
+        if min(largest) > 360.0:
+            return ["id", "x", "y", "height"]
+        if max(largest) <= 180.0 and (largest[0] > 90.0) != (largest[1] > 90.0):
+            return ["id", "lon", "lat", "height"] if largest[0] > 90.0 else ["id", "lat", "lon", "height"]
+    first_row = ", ".join(rows[0]) if rows else "nothing"
+    raise InputError(f"{path}: has no header line, and its {len(texts)} columns ({first_row}) are ambiguous: {ADVICE}")

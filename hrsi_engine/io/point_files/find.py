@@ -18,7 +18,6 @@ from . import csv_text, gcp_files, match_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
-from .plain_text import NAMED_COLUMNS
 from .positions import Reference, Surface, ground_positions, has_positions
 from .table import PointReader, PointTable, match_fields
 
@@ -138,7 +137,7 @@ def split_spec(spec: str) -> tuple[str, str]:
     """
     options = _parse_options(spec)
     if "columns" in options:
-        return str(spec).split("|")[0], NAMED_COLUMNS + options["columns"]
+        return str(spec).split("|")[0], csv_text.NAMED_COLUMNS + options["columns"]
     number = f"#{options['layerid']}" if "layerid" in options else ""
     return str(spec).split("|")[0], options.get("features", options.get("layername", number))
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from ...adjustment.result import Adjustment
 from ...foundation.reasons import Level, Reason
-from ..coordinate_operations import add_untested_error
 from ..figures import block_report
+from ..lineage import add_untested_error
 from ..residuals import compute_residuals
 from . import common_deformation, connections, datums, ground_truth, solution, surfaces, systematic
 from .evidence import Evidence
