@@ -33,7 +33,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
     jobs, folder = jobs_of(planned, options), options.folder.output_dir
     check_ortho_folder(options, jobs, context.inputs)
     if context.dry_run:
-        missing = [job for job in jobs if not _is_finished(job)]
+        missing = [job for job in jobs if stamp_of(job.path) != job.key]
         counts = {"images": len(jobs), "orthoimages that are finished and kept": len(jobs) - len(missing)}
         counts["pixels to be computed"] = sum(job.grid.columns * job.grid.rows for job in missing)
         names = [REPORT_FILE, *([PAGE_FILE] if options.report else [])]
@@ -95,7 +95,7 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], i
     require_no_input([job.path for job in jobs], inputs)
     if options.folder.overwrite:
         return
-    others = [job.path for job in jobs if os.path.exists(job.path) and not _is_finished(job)]
+    others = [job.path for job in jobs if os.path.exists(job.path) and stamp_of(job.path) != job.key]
     if others:
         raise InputError(
             f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
@@ -108,10 +108,6 @@ def check_ortho_folder(options: OrthorectifyOptions, jobs: Sequence[OrthoJob], i
         raise InputError(f"{folder} already contains another result: add `overwrite` or choose another directory")
 
 
-def _is_finished(job: OrthoJob) -> bool:
-    return stamp_of(job.path) == job.key
-
-
 def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Context) -> dict[str, Report]:
     """Make the orthoimages that are not there; return an entry for each image."""
     Path(options.folder.output_dir).mkdir(parents=True, exist_ok=True)
@@ -120,7 +116,7 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}
     terrain, height, record = options.terrain, options.terrain.height, context.record
-    missing = {job.key for job in jobs if not _is_finished(job)}
+    missing = {job.key for job in jobs if stamp_of(job.path) != job.key}
     workers = options.workers
     with open_calls(workers.scheduler if missing else None, threads, workers.certificates) as calls:
         chunks = chunks_of([job for job in jobs if job.key in missing], options, calls)

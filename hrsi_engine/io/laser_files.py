@@ -90,23 +90,21 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     sigma = table.columns.get("sigma_h", nothing)
     sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}
     ids = table.columns.get("id")
+    # Each row's track: as the file says, or by reference ground track and cycle
+    if "track" in table.columns:
+        track = table.columns["track"]
+    else:
+        text = np.full(len(table), "", dtype=str)
+        for field in ("rgt", "cycle"):  # what tells the passes of ICESat-2 apart; their beams share most errors
+            if field in table.columns:
+                number = np.char.mod("%g", table.columns[field])
+                text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
+        track = text
     return LaserPoints.create(
-        placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=_name_tracks(table),
+        placed.ground, ids=None if ids is None or (ids == "").any() else ids, track=track,
         sigma_m=np.where(sigma > 0.0, sigma, np.nan), slope=sources["slope"], misfit_m=sources["misfit"],
         photons=sources["photons"], canopy_m=sources["canopy"], source=table.source, operations=placed.operations,
     )  # fmt: skip
-
-
-def _name_tracks(table: PointTable) -> np.ndarray:
-    """Return each row's track: as the file says, or by reference ground track and cycle."""
-    if "track" in table.columns:
-        return table.columns["track"]
-    text = np.full(len(table), "", dtype=str)
-    for field in ("rgt", "cycle"):  # what tells the passes of ICESat-2 apart; their beams share most errors
-        if field in table.columns:
-            number = np.char.mod("%g", table.columns[field])
-            text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
-    return text
 
 
 def read_parquet(path: str) -> PointTable:

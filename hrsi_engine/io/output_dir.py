@@ -93,7 +93,7 @@ def stage_folder(
     if path.startswith(VIRTUAL):
         with tempfile.TemporaryDirectory(prefix="hrsi-unfinished-") as local:
             yield Path(local)
-            files = _list_files(Path(local))
+            files = sorted(Path(local).iterdir(), key=lambda file: file.name == "report.json")
             _require_replaceable(path, [file.name for file in files], inputs, overwrite)
             if transaction is not None:
                 transaction.commit()
@@ -134,7 +134,8 @@ def stage_folder(
 def _move_into_place(
     temporary: Path, folder: Path, inputs: Iterable[str], overwrite: bool, changes: Transaction
 ) -> None:
-    files = _list_files(temporary)
+    # The report last: it says that the others are there
+    files = sorted(temporary.iterdir(), key=lambda file: file.name == "report.json")
     _require_replaceable(str(folder), [file.name for file in files], inputs, overwrite)
     for file in files:
         target = folder / file.name
@@ -230,8 +231,3 @@ def files_with(inputs: Iterable[str]) -> list[str]:
             dataset = gdal.OpenEx(file)
             files += (dataset.GetFileList() or []) if dataset is not None else []
     return files
-
-
-def _list_files(folder: Path) -> list[Path]:
-    """Return the files in a folder, the report last: it says that the others are there."""
-    return sorted(folder.iterdir(), key=lambda file: file.name == "report.json")

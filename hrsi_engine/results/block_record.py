@@ -50,7 +50,7 @@ def make_record(result: Adjustment) -> dict[str, Any]:
             {
                 "id": image.id, "path": os.path.abspath(image.path) if os.path.exists(image.path) else image.path,
                 **item_entry(image.path),
-                "rpc": {part.name: _plain_value(getattr(image.rpc, part.name)) for part in fields(image.rpc)},
+                "rpc": {part.name: np.asarray(getattr(image.rpc, part.name)).tolist() for part in fields(image.rpc)},
                 "values": values.tolist(), "covariance": own.tolist() if known[k] else None,
             }
             for k, (image, values, own) in enumerate(zip(result.block.images, result.values, covariance, strict=True))
@@ -82,7 +82,3 @@ def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCam
         raise InputError(f"{source}: its arrays are inconsistent: adjust that block again")
     names: dict[str, Any] = {name: tuple(map(str, given[name].tolist())) for name in ("images", "parameters")}
     return JointCameras(**{**given, **names})
-
-
-def _plain_value(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -88,13 +88,12 @@ def report_figures(
             for card in cards
         ],
         chips=_make_chips(result, shown, outline),
-        normalised={axis: _thin_values(values) for axis, values in normalise_residuals(result).items()},
+        normalised={
+            axis: values[:: max(1, len(values) // REPORT_PAGE.most_values)]
+            for axis, values in normalise_residuals(result).items()
+        },
         surfaces=draw_surfaces(result),
     )  # fmt: skip
-
-
-def _thin_values(values: np.ndarray) -> np.ndarray:
-    return values[:: max(1, len(values) // REPORT_PAGE.most_values)]
 
 
 # ---- points ----------------------------------------------------------------------------------------------------

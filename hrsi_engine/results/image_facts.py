@@ -63,8 +63,13 @@ def add_image_facts(
             **{name: float(np.mean(values)) if finite.any() else None for name, values in told.items()},
             "rms_px": radial_rmse(pixels), "rms_m": radial_rmse(metres),
         }  # fmt: skip
+        try:
+            geometry: Any = view.geometry()
+        except SolveError:  # a damaged RPC: the verdict tells
+            geometry = None
+        names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
         report["images"][image.id] |= {
-            **describe_acquisition(image), **_describe_view(view),
+            **describe_acquisition(image), **{name: getattr(geometry, name, None) for name in names},
             "tie_points": len(here), "tie_before_rmse_px": radial_rmse(left.tie_before_px[here]),
             "tie_rmse_px": radial_rmse(result.residual_px[here]),
             "correction": correction,
@@ -86,15 +91,6 @@ def describe_acquisition(image: Image) -> dict[str, Any]:
         "sensor": published.title if published else image.sensor or None,
         "acquired": None if time is None else time.strftime("%Y-%m-%dT%H:%M:%SZ"),
     }
-
-
-def _describe_view(view: ViewDirection) -> dict[str, Any]:
-    names = ("gsd_sample_m", "gsd_line_m", "incidence_deg", "azimuth_deg")
-    try:
-        geometry = view.geometry()
-    except SolveError:  # a damaged RPC: the verdict tells
-        return dict.fromkeys(names)
-    return {name: getattr(geometry, name) for name in names}
 
 
 def _tie_rows(result: Adjustment) -> np.ndarray:

@@ -83,25 +83,18 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
     # What coordinate operations and the pointing of a pass may be off by shifts an image as a whole, at a given height
     if result.shared_shifts_m is not None:
         at_height = (to_ground @ at.by_ground).reshape(len(chosen), ACCURACY_GRID.nodes**2, 2, 3).mean(axis=1)
-        shift_m = at_height @ _compute_image_shifts_m(result, np.arange(part.start, part.stop)[known])
+        rows, mean_m = result.block.measurements, np.zeros((len(known), *result.shared_shifts_m.shape[1:]))
+        for place, image in enumerate((part.start + known).tolist()):  # the mean shift of the points on an image
+            seen = result.shared_shifts_m[rows.point[rows.image == image]]
+            seen = seen[np.isfinite(seen).all(axis=(1, 2))]
+            mean_m[place] = seen.mean(axis=0) if len(seen) else 0.0
+        shift_m = at_height @ mean_m
         of_shifts = 0.5 * np.sum(shift_m**2, axis=(1, 2))
         shared, total = shared + of_shifts, total + of_shifts
     total[~np.isfinite(total)] = np.nan
     bias[known] = np.sqrt(np.maximum(shared, 0.0))
     rand[known] = np.sqrt(np.maximum(total - shared, 0.0))
     return bias, rand
-
-
-def _compute_image_shifts_m(result: Adjustment, images: np.ndarray) -> np.ndarray:
-    """Return the mean shift ``(k, 3, e)`` of the points on each of some images by the errors that they share."""
-    shifts_m = result.shared_shifts_m if result.shared_shifts_m is not None else np.zeros((0, 3, 0))
-    rows = result.block.measurements
-    mean = np.zeros((len(images), *shifts_m.shape[1:]))
-    for place, image in enumerate(images.tolist()):
-        seen = shifts_m[rows.point[rows.image == image]]
-        seen = seen[np.isfinite(seen).all(axis=(1, 2))]
-        mean[place] = seen.mean(axis=0) if len(seen) else 0.0
-    return mean
 
 
 def lineage_items(report: Mapping[str, Any], report_path: str) -> dict[str, str]:

@@ -84,7 +84,8 @@ def compute_residuals(result: Adjustment) -> Residuals:
         Of measurements in pixels, of ground points in metres.
     """
     block, rows = result.block, result.block.measurements
-    kept = block.with_measurements((result.decision == int(Decision.KEPT)) | ~_is_control(block)[rows.point])
+    used = (result.decision == int(Decision.KEPT)) | (block.points.role != Role.GCP)[rows.point]
+    kept = block.with_measurements(used)
     at_known = survey_residuals_px(block, result.model, result.values)
     # Points whose survey has all coordinates are judged where they are known to be, others where they came out.
     known = np.flatnonzero(block.known)
@@ -92,7 +93,7 @@ def compute_residuals(result: Adjustment) -> Residuals:
     surveyed[known] = np.isfinite(block.points.survey_covariance_m2(known)).all(axis=(1, 2))
     there = surveyed[rows.point] & finite_rows(at_known)
     drift = result.residual_px - result.judged_residual_px
-    sigma_px = np.hypot(result.unit_sigma * measurement_sigma_px(result)[:, None], np.nan_to_num(drift))
+    sigma_px = np.hypot(result.unit_sigma * result.sigma_px[:, None], np.nan_to_num(drift))
     sigma_m = _ground_sigmas(result, kept)
     single = block.rays_per_point() == 1
     for here, covariance, by_ground in _survey_covariances(result, at_known, there):
@@ -107,11 +108,6 @@ def compute_residuals(result: Adjustment) -> Residuals:
         at_known_px=at_known, before_px=survey_residuals_px(block, result.model, np.zeros_like(result.values)),
         tie_before_px=_tie_residuals_before(result),
     )  # fmt: skip
-
-
-def measurement_sigma_px(result: Adjustment) -> np.ndarray:
-    """Return the standard deviation of each image measurement, in sample as in line, ``(n,)`` px."""
-    return result.sigma_px
 
 
 def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
@@ -188,7 +184,7 @@ def _survey_covariances(
     with the survey's covariance S, the parameters' Q, and the drift d that the delivered camera is known not to follow.
     """
     block, rows, cameras = result.block, result.block.measurements, result.cameras
-    sigma, check = result.unit_sigma * measurement_sigma_px(result), block.points.role == Role.CHECK
+    sigma, check = result.unit_sigma * result.sigma_px, block.points.role == Role.CHECK
     by_images = np.flatnonzero(chosen)
     by_images = by_images[np.argsort(rows.image[by_images], kind="stable")]
     for first in range(0, len(by_images), RESIDUAL.known_at_once):
@@ -206,13 +202,9 @@ def _survey_covariances(
         yield here, covariance, at.by_ground
 
 
-def _is_control(block: Block) -> np.ndarray:
-    return block.points.role == Role.GCP
-
-
 def _select_control(block: Block, ground: np.ndarray) -> Observations | None:
     """Return the image points of the GCPs that were measured on two images or more, None without any."""
-    several = _is_control(block) & (block.rays_per_point() >= 2) & finite_rows(ground)
+    several = (block.points.role == Role.GCP) & (block.rays_per_point() >= 2) & finite_rows(ground)
     return select_points(block, several) if several.any() else None
 
 

@@ -80,6 +80,10 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     )
     values = _pad_rows([found.estimate.values for found in refinements], len(model.parameters))
     sigmas = _pad_rows([found.estimate.sigmas for found in refinements], len(model.parameters))
+    covariance = np.zeros((len(refinements), values.shape[1], values.shape[1]))  # 0 for what an image's model has not
+    for place, found in zip(covariance, refinements, strict=True):
+        own = len(found.estimate.values)
+        place[:own, :own] = found.estimate.covariance
     residual, weight = _control_residuals(block, refinements)
     points, rows = len(block.points), len(block.measurements)
     redundancy = sum(found.estimate.redundancy for found in refinements)
@@ -100,7 +104,7 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     )
     return Adjustment(
         block=block, model=model, values=values, values_sigma=sigmas,
-        cameras=CameraEstimates(model, values, _pad_covariances(refinements, values.shape[1])),
+        cameras=CameraEstimates(model, values, covariance),
         ground=ground,
         ground_sigma_m=np.full((points, 3), np.nan),
         ground_covariance_m2=np.full((points, 3, 3), np.nan),
@@ -122,15 +126,6 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
 
 def _pad_rows(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
     return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
-
-
-def _pad_covariances(refinements: Sequence[Refinement], width: int) -> np.ndarray:
-    """Return the covariance of each image's parameters ``(images, p, p)``, 0 for what its model does not have."""
-    covariance = np.zeros((len(refinements), width, width))
-    for place, found in zip(covariance, refinements, strict=True):
-        own = len(found.estimate.values)
-        place[:own, :own] = found.estimate.covariance
-    return covariance
 
 
 def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple[np.ndarray, np.ndarray]:

@@ -73,6 +73,7 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
         del assets["image"]
     assets["report"] = {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}
     source = item_of(image.path)
+    kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
     links = [] if source is None else [
         {"rel": "derived_from", "href": href_of(source.source, files.folder), "type": "application/geo+json"}
     ]  # fmt: skip
@@ -107,28 +108,13 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
         "geometry": mapping(outline), "bbox": list(_bounding_box(outline)),
         "properties": {
             **times, "created": report["date"],
-            **_platform_properties(image), **angles,
+            **({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept,
+            **angles,
             **_processing_properties(image, report), **accuracy,
             **json_members(refined.rpc, STAC_NAMES),
         },
         "links": links, "assets": assets,
     }  # fmt: skip
-
-
-def item_collection(items: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return items as one document."""
-    return {"type": "FeatureCollection", "features": items}
-
-
-def has_time(item: Mapping[str, Any]) -> bool:
-    """Return whether an item tells when its image was taken."""
-    return item["properties"]["datetime"] is not None
-
-
-def _platform_properties(image: Image) -> dict[str, Any]:
-    source = item_of(image.path)
-    kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
-    return {**({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept}
 
 
 def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from ..adjustment.result import Adjustment
 from ..block.block import Role
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
-from .residuals import Residuals, by_image, measurement_sigma_px
+from .residuals import Residuals, by_image
 
 
 @thresholds
@@ -35,7 +35,7 @@ def normalise_residuals(result: Adjustment) -> dict[str, np.ndarray]:
     """
     redundancy = np.where(np.isfinite(result.redundancy_numbers), result.redundancy_numbers, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = result.judged_residual_px / (measurement_sigma_px(result)[:, None] * np.sqrt(redundancy))
+        normalised = result.judged_residual_px / (result.sigma_px[:, None] * np.sqrt(redundancy))
     took_part = ~np.isin(result.block.points.role[result.block.measurements.point], [Role.CHECK, Role.HELD_OUT])
     usable = np.isfinite(normalised) & (redundancy > STATISTIC.least_redundancy) & took_part[:, None]
     return {axis: normalised[usable[:, column], column] for column, axis in enumerate(IMAGE_AXES)}

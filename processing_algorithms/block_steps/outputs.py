@@ -35,7 +35,7 @@ from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_record import joint_arrays
 from ...hrsi_engine.results.block_results import BlockResult
 from ...hrsi_engine.results.lineage import lineage_items
-from ...hrsi_engine.results.stac import DeliveryFiles, has_time, item_collection, item_of_image
+from ...hrsi_engine.results.stac import DeliveryFiles, item_of_image
 from ...hrsi_engine.results.verdict import Verdict
 from ..files.opening import has_file
 from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
@@ -104,12 +104,8 @@ def require_room(output: BlockOutput, images: Sequence[Image], context: Context)
 def _file_names(output: BlockOutput, images: Sequence[Image]) -> list[str]:
     """Return the names of the files that a block's results are written into."""
     own = [REPORT_FILE, LAYERS_FILE, RECORD_FILE, CAMERAS_FILE, *([PAGE_FILE] if output.report else [])]
-    items = [STAC_FILE, *(_item_file(image) for image in images)] if output.stac else []
+    items = [STAC_FILE, *(f"{image.id}_{STAC_FILE}" for image in images)] if output.stac else []
     return [*own, *items, *plan_file_names(images, output.write).values()]
-
-
-def _item_file(image: Image) -> str:
-    return f"{image.id}_{STAC_FILE}"
 
 
 def plan_results(
@@ -233,11 +229,11 @@ def _write_items(folder: Path, report: Report, pairs: Pairs, output_dir: str) ->
             {written: str(staged)} if staged.is_file() else {},
         )  # fmt: skip
         items.append(item_of_image(image, new, files, report))
-        entry["stac"] = os.path.join(output_dir, _item_file(image))
-        write_report_json(str(folder / _item_file(image)), items[-1])
-    write_report_json(str(folder / STAC_FILE), item_collection(items))
+        entry["stac"] = os.path.join(output_dir, f"{image.id}_{STAC_FILE}")
+        write_report_json(str(folder / f"{image.id}_{STAC_FILE}"), items[-1])
+    write_report_json(str(folder / STAC_FILE), {"type": "FeatureCollection", "features": items})
     report["outputs"]["stac"] = os.path.join(output_dir, STAC_FILE)
-    unknown = [item["id"] for item in items if not has_time(item)]
+    unknown = [item["id"] for item in items if item["properties"]["datetime"] is None]
     if unknown:
         report["warnings"].append(
             f"the acquisition time of {list_ids(unknown)} is not known: its STAC items have a time interval instead"

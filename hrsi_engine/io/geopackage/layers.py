@@ -83,7 +83,7 @@ class Layer:
     def width_m(self) -> float:
         """The longer side of the box around all geometries, metres on the ground; 0 without any."""
         low, high = _corners(self)
-        there = _has_position(low, high)
+        there = finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
         if not there.any():
             return 0.0
         west, south, east, north = _extent(*((low, high) if there.all() else (low[there], high[there])))
@@ -233,7 +233,7 @@ def insert_rows(
     """
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
-    there = _has_position(low, high)
+    there = finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
     numbers = np.flatnonzero(there).astype(np.int32) + np.int32(1)
     if not there.all():
         low, high = (low[there], low[there]) if low is high else (low[there], high[there])
@@ -291,11 +291,6 @@ def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
     return layer.boxes[:, :2], layer.boxes[:, 2:]
 
 
-def _has_position(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return which geometries have finite corners, ``(n,)``."""
-    return finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
-
-
 def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
     """Return west, south, east, north of boxes with corners ``(n, 2)``."""
     return (*(float(column.min()) for column in low.T), *(float(column.max()) for column in high.T))
@@ -322,7 +317,7 @@ def _geometries(layer: Layer, rows: slice) -> np.ndarray:
     blobs["type"] = 1001 if has_z else 1
     blobs["coordinates"] = xyz[:, :axes]
     content = blobs.view(f"V{blobs.itemsize}")
-    here = _has_position(xyz[:, :2], xyz[:, :2])
+    here = finite_rows(xyz[:, :2])
     if here.all():
         return content
     values = _objects(content.tolist())

@@ -264,7 +264,7 @@ def set_numbers(
     of those of an earlier run.
     """
     directory = _require_directory(path)
-    changes: dict[int, Field | None] = {TAG_RPC: _doubles_field(directory, numbers)}
+    changes: dict[int, Field | None] = {TAG_RPC: Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))}
     xml = _read_metadata(path, directory)
     told = xml
     if keep_original and not _ORIGINAL_ITEM.search(xml):
@@ -276,7 +276,7 @@ def set_numbers(
     if lineage:
         told = _with_items(_LINEAGE_ITEM.sub("", told), [_write_item(name, value) for name, value in lineage.items()])
     if told != xml:
-        changes[TAG_METADATA] = _text_field(told)
+        changes[TAG_METADATA] = Field(ASCII, told.encode("utf-8", "surrogateescape") + b"\0")
     return edit_directory(path, changes)
 
 
@@ -293,8 +293,8 @@ def restore_numbers(path: str) -> bool:
     cleaned = _LINEAGE_ITEM.sub("", _ORIGINAL_ITEM.sub("", xml))
     numbers = parse_original(path, kept)
     changes = {
-        TAG_RPC: None if numbers is None else _doubles_field(directory, numbers),
-        TAG_METADATA: _text_field(cleaned) if "<Item" in cleaned else None,
+        TAG_RPC: None if numbers is None else Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers)),
+        TAG_METADATA: Field(ASCII, cleaned.encode("utf-8", "surrogateescape") + b"\0") if "<Item" in cleaned else None,
     }
     edit_directory(path, changes)
     return True
@@ -311,14 +311,6 @@ def _require_directory(path: str) -> Directory:
     if directory is None:
         raise InputError(f"{path}: is not a TIFF file, so its RPC cannot be written in place: write a copy or a VRT")
     return directory
-
-
-def _doubles_field(directory: Directory, numbers: list[float]) -> Field:
-    return Field(DOUBLE, struct.pack(f"{directory.order}{COUNT}d", *numbers))
-
-
-def _text_field(xml: str) -> Field:
-    return Field(ASCII, xml.encode("utf-8", "surrogateescape") + b"\0")
 
 
 def _read_metadata(path: str, directory: Directory) -> str:

@@ -49,7 +49,13 @@ def content_mark(path: str) -> str:
         start = path.find("/", 1) + 1
         ends = [len(path), *(at for at in range(len(path) - 1, start, -1) if path[at] == "/")]
         archive = next((path[start:end] for end in ends if os.path.isfile(path[start:end])), None)
-        return _virtual_mark(path) if archive is None else files_mark([archive])
+        if archive is not None:
+            return files_mark([archive])
+        status = virtual_status(path)
+        head = None if status is None else read_virtual(path, CONTENT_SAMPLING.remote_bytes)
+        if status is None or head is None:
+            return "0" * 32
+        return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()
     dataset, _ = open_dataset(path)
     listed = [path, f"{path}-wal", *((dataset.GetFileList() or []) if dataset is not None else [])]
     del dataset
@@ -99,11 +105,3 @@ def read_places(file: BinaryIO, places: Iterable[tuple[int, int]]) -> Iterator[b
 def _change_times(descriptor: int) -> bytes:
     status = os.fstat(descriptor)
     return f"{status.st_mtime_ns}\0{status.st_ctime_ns}\0".encode()
-
-
-def _virtual_mark(path: str) -> str:
-    status = virtual_status(path)
-    head = None if status is None else read_virtual(path, CONTENT_SAMPLING.remote_bytes)
-    if status is None or head is None:
-        return "0" * 32
-    return hashlib.blake2b(head + f"\0{status.size}\0{status.mtime}".encode(), digest_size=16).hexdigest()
