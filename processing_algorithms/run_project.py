@@ -113,7 +113,7 @@ def _do_step(
         context.log(f"{step}: nothing has changed, kept")
         return
     context.log(f"{step}:")
-    values["overwrite"] = bool(past) and (past["algorithm"] == algorithm or options.overwrite)
+    values["overwrite"] = past is not None and (past["algorithm"] == algorithm or options.overwrite)
     try:
         made = results[step] = REGISTRY[algorithm].execute(values, Context(context.progress, context.log))
     except SolveError as error:

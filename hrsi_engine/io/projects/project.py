@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +152,7 @@ def plan_images(
         if image.raster is None:
             raise InputError(f"{image.id}: has no pixels, which dense matching needs: adjust the images, not RPC files")
         names[image.id] = f"{image.id}{suffix}"
-        files[names[image.id]] = lambda target, image=image: write(image.path, target, image.rpc)
+        files[names[image.id]] = partial(write, image.path, rpc=image.rpc)
     return names, files
 
 
