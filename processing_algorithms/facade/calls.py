@@ -23,7 +23,7 @@ from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
 from ...hrsi_engine.io.point_files import PointsInMemory
 from ...hrsi_engine.io.rasters.images import ImageInMemory, open_image, path_of, resampling_doubt
-from ...hrsi_engine.io.rpc_files import read_rpc
+from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from ...hrsi_engine.surface.dem import HeightSurface, intersect_surface, surface_heights
 from .. import REGISTRY
 from ..files.opening import open_terrain
@@ -127,11 +127,30 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
 def _convert_results(given: Any, kind: Kind | None) -> Any:
     """Return a value in which results stand for their folders, and for the images that they wrote."""
     if isinstance(given, Mapping) and kind is Kind.FOLDERS:
-        return {name: _convert_results(one, kind) for name, one in given.items()}
+        return {
+            name: FolderOfRpcs(one) if isinstance(one, Mapping) else _convert_results(one, kind)
+            for name, one in given.items()
+        }
     if not isinstance(given, Result):
         return given
     written = [entry.get("output") for entry in given.report.get("images", {}).values()] if kind is Kind.IMAGES else []
     return list(filter(None, written)) or str(given.folder)
+
+
+class FolderOfRpcs(str):
+    """A temporary folder with RPC files of cameras by image id; it is deleted with this path."""
+
+    __slots__ = ("kept",)
+    kept: TemporaryDirectory[str]
+
+    def __new__(cls, rpcs: Mapping[str, RPC]) -> "FolderOfRpcs":
+        """Write the files."""
+        kept = TemporaryDirectory(prefix="hrsi-")
+        for name, rpc in rpcs.items():
+            write_rpc_text(os.path.join(kept.name, f"{name}_RPC.TXT"), rpc)
+        made = super().__new__(cls, kept.name)
+        made.kept = kept
+        return made
 
 
 #: Algorithms whose results are files for later work: those need a folder of the caller's.
@@ -171,7 +190,8 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
             report = algorithm.execute(check_options(algorithm, options, PYTHON), context)
         except HrsiError as error:  # it names the parameters
             raise type(error)(_spell_message(str(error), algorithm)) from error.__cause__
-        return Result(report, options.get("output_dir") or report.get("folder"), kept)
+        tables = [value.points for value in options.values() if isinstance(value, PointsInMemory)]
+        return Result(report, options.get("output_dir") or report.get("folder"), kept, tables)
 
     call.__name__ = call.__qualname__ = function_name(algorithm.name)
     call.__doc__ = describe_call(algorithm)

@@ -2,7 +2,7 @@
 
 import html
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module, util
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,12 +38,16 @@ class Result:
         Where the files lie; None where nothing was written.
     kept : TemporaryDirectory, optional
         A folder that goes with the result: where no ``output_dir`` was given.
+    given : sequence
+        The tables that were given: where one is of GeoPandas, tables come back so.
     """
 
     def __init__(
-        self, report: Report, folder: str | os.PathLike[str] | None = None, kept: TemporaryDirectory[str] | None = None
-    ) -> None:
+        self, report: Report, folder: str | os.PathLike[str] | None = None, kept: TemporaryDirectory[str] | None = None,
+        given: Sequence[Any] = (),
+    ) -> None:  # fmt: skip
         self.report = report
+        self._located = next((table for table in given if type(table).__name__ == "GeoDataFrame"), None)
         self.folder = None if folder is None else Path(folder)
         self._kept = kept
 
@@ -88,9 +92,9 @@ class Result:
 
         Returns
         -------
-        pandas.DataFrame or dict of arrays
-            A dict where pandas is not installed. Positions are ``lon, lat`` or ``x, y``; footprints ``geometry``
-            (shapely), as GeoPandas takes them.
+        pandas.DataFrame, geopandas.GeoDataFrame or dict of arrays
+            A GeoDataFrame with its CRS where one was given; a dict where pandas is not installed. Positions are
+            ``lon, lat`` or ``x, y``; footprints ``geometry`` (shapely), as GeoPandas takes them.
 
         Raises
         ------
@@ -100,6 +104,8 @@ class Result:
         layers = self._layers()
         if name not in layers:
             raise InputError(f"{self.algorithm} has no table {name!r}: it has {', '.join(layers) or 'none'}")
+        if self._located is not None:
+            return import_module("geopandas").read_file(layers[name], layer=name)
         return _make_frame(read_layer_table(layers[name], name))
 
     @property
@@ -113,7 +119,8 @@ class Result:
         listed = self.report.get("points")
         if self.folder is None and isinstance(listed, list):
             names = listed[0].keys() if listed else ()
-            return _make_frame({name: _column([row[name] for row in listed]) for name in names})
+            frame = _make_frame({name: _column([row[name] for row in listed]) for name in names})
+            return frame if self._located is None else self._locate(frame)
         return self._short("points")
 
     @property
@@ -146,6 +153,16 @@ class Result:
             written |= {name: path for name, path in moved.items() if os.path.exists(path)}
         return {name: read_rpc(path).rpc for name, path in written.items()}
 
+    def _locate(self, frame: Any) -> Any:
+        """Return found points with a geometry: where they are on the ground, or where they were given."""
+        geopandas, given = import_module("geopandas"), self._located
+        if "lon" in frame:
+            places = geopandas.points_from_xy(frame["lon"], frame["lat"], frame["height"])
+            return geopandas.GeoDataFrame(frame, geometry=places, crs="EPSG:4326")
+        ids = given["id"].astype(str) if "id" in given else [str(row + 1) for row in range(len(given))]
+        places = dict(zip(ids, given.geometry, strict=True))
+        return geopandas.GeoDataFrame(frame, geometry=[places.get(str(name)) for name in frame["id"]], crs=given.crs)
+
     def _layers(self) -> dict[str, str]:
         """Return each layer's file by its name."""
         files = sorted(self.folder.glob("*.gpkg")) if self.folder is not None else []
@@ -169,6 +186,8 @@ class Result:
         verdict = self.report.get("verdict")
         if verdict:
             return f"{verdict['level']}: {self._spell_text(verdict['sentence'])}"
+        if isinstance(listed := self.report.get("points"), list):
+            return f"{len(listed)} points" + (f" with {', '.join(listed[0])}" if listed else "")
         lines = self.summary().strip().splitlines()
         return lines[0] if lines else "done"
 

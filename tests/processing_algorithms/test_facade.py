@@ -193,6 +193,37 @@ def test_tables_of_pandas(adjusted: hrsi.Result):
     assert isinstance(again.residuals, pandas.DataFrame) and len(again.points) == 71
 
 
+def test_tables_of_geopandas_come_back_so(adjusted: hrsi.Result):
+    geopandas = pytest.importorskip("geopandas")
+    pandas = pytest.importorskip("pandas")
+    rows = pandas.read_csv(GCPS)
+    places = geopandas.points_from_xy(rows["lon"], rows["lat"], rows["height"])
+    ground = geopandas.GeoDataFrame(rows.drop(columns=["lon", "lat", "height"]), geometry=places, crs="EPSG:4326")
+    again = hrsi.adjust(IMAGES, gcps=ground, image_points=MEASURED, **BLOCK)
+    assert isinstance(again.points, geopandas.GeoDataFrame)
+    assert again.points.crs is not None and len(again.points) == len(adjusted.points)
+    assert again.table("residuals_utm").crs.is_projected
+    seen = hrsi.project(IMAGES[0], ground, height_datum="ellipsoidal")
+    assert repr(seen).startswith(f"<project: {len(ground)} points with id")
+    assert seen.points.crs == ground.crs
+    same = ground.assign(id=ground["id"].astype(str)).set_index("id").geometry
+    assert all(row.geometry.equals(same[str(row.id)]) for row in seen.points.itertuples())
+    pixels = pandas.DataFrame({name: seen.points[name] for name in ("id", "image", "sample", "line")})
+    back = hrsi.localize(IMAGES[0], pixels, height=float(rows["height"].iloc[0]))
+    assert not isinstance(back.points, geopandas.GeoDataFrame)  # a plain table was given
+
+
+def test_rpcs_of_a_result_are_evaluated(adjusted: hrsi.Result):
+    rpcs = hrsi.adjust(IMAGES, gcps=GCPS, image_points=MEASURED, **BLOCK).rpcs
+    by_cameras, by_result = (
+        hrsi.evaluate(IMAGES, rpcs={"refined": one}, tracks=MEASURED, gcps=GCPS, height_datum="ellipsoidal")
+        for one in (rpcs, adjusted)
+    )
+    one, other = (result.report["sets"]["refined"] for result in (by_cameras, by_result))
+    assert one["images"].keys() == other["images"].keys() == rpcs.keys()
+    assert one["control"]["points"] == 71 and one["control"] == other["control"]
+
+
 def test_numbers_with_gaps_and_ids_as_floats():
     """Tables keep whole numbers as floats where others are missing: 7.0 is the id 7."""
     table = Table({"id": [7.0, 8.0], "lon": [147.3, 147.31], "lat": [-42.88, -42.87], "height": [50, None]})
