@@ -11,7 +11,7 @@ from .translation import tr
 
 
 class GroupedDialog(AlgorithmDialog):
-    """Shows the parameters under *Advanced* as ``--help-all`` lists them, each group in a closed box."""
+    """Shows the parameters under *Advanced* in the groups of the full help, each in a closed box."""
 
     def getParametersPanel(self, alg: Any, parent: Any) -> Any:
         panel = super().getParametersPanel(alg, parent)

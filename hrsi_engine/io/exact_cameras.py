@@ -16,7 +16,6 @@ import json
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
-from xml.etree.ElementTree import Element  # nosec B405: parsed by `read_xml`
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
@@ -24,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from ..camera.linescan import LinescanCamera
 from ..foundation.errors import InputError
-from .rpc_files.content import element_text, read_bytes, read_head, read_xml
+from .rpc_files.content import Element, element_text, read_bytes, read_head, read_xml
 from .rpc_files.find import side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"

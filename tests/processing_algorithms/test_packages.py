@@ -10,7 +10,7 @@ import pytest
 from hrsi.tests.test_imports import PRODUCT
 
 #: What QGIS's installers and packages bring.
-STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis"}
+STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis", "processing"}
 #: Modules that are loaded only where their package is there: each has a plain counterpart, or one option needs it.
 WITH_PACKAGE = {
     "cv2": {

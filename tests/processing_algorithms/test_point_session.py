@@ -137,7 +137,7 @@ def test_wrong_edits_say_what_to_do(session: PointSession, edit, message: str) -
 def test_missing_image_is_named(session: PointSession, folder: Path, tmp_path: Path) -> None:
     files.save(session, str(tmp_path / "block.gpkg"))
     (folder / "hobart_ikonos_2_RPC.TXT").rename(folder / "away_RPC.TXT")
-    with pytest.raises(InputError, match=r"hobart_ikonos_2_RPC\.TXT.* is not there"):
+    with pytest.raises(InputError, match=r"hobart_ikonos_2_RPC\.TXT.* is missing"):
         files.open_block(session.path)
     shutil.copy(folder / "away_RPC.TXT", tmp_path / "hobart_ikonos_2_RPC.TXT")  # beside the GeoPackage
     assert len(files.open_block(session.path).images) == 3
