@@ -60,7 +60,19 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
         },
         "warnings": warnings,
     }  # fmt: skip
-    layers = [_make_layer(images, tables, grounds, shadows)]
+    # One layer of all points: at their ground positions where all images have an RPC, else a table
+    joined = join_points(tables)
+    image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
+    ids = [table.to_image_points(image.id, f"{image.id}_").ids for image, table in zip(images, tables, strict=True)]
+    ground = np.concatenate(grounds)
+    fields = InterestPointRows(
+        id=np.concatenate(ids).astype(str), image=image_ids.astype(str), sample=joined.xy[:, 0], line=joined.xy[:, 1],
+        sigma=joined.sigma_px, kind=joined.kind, quality=joined.quality, strength=joined.strength,
+        length_px=joined.size_px[:, 0], width_px=joined.size_px[:, 1], azimuth_deg=np.degrees(joined.azimuth_rad),
+        contrast=joined.contrast, rmse_px=joined.rmse_px, shadow=np.concatenate(shadows).astype(str),
+    )  # fmt: skip
+    everywhere = all(image.rpc is not None for image in images)
+    layers = [Layer(INTEREST_POINTS_LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)]
     write_folder(options.folder, report, INTEREST_POINTS_FILE, layers, context)
     return report
 
@@ -78,24 +90,6 @@ def _image_entry(image: ImagePixels, points: InterestPoints, sun: SunReading | N
         entry["sun"] = {"azimuth_deg": sun.angles.azimuth_deg, "elevation_deg": elevation, "source": sun.source}
         entry["shadows"] = int(np.sum(words == "yes"))
     return entry
-
-
-def _make_layer(
-    images: list[ImagePixels], tables: list[InterestPoints], grounds: list[np.ndarray], shadows: list[np.ndarray]
-) -> Layer:
-    """Return one layer of all points: at their ground positions where all images have an RPC, else a table."""
-    points = join_points(tables)
-    image_ids = np.repeat([image.id for image in images], [len(table) for table in tables])
-    ids = [table.to_image_points(image.id, f"{image.id}_").ids for image, table in zip(images, tables, strict=True)]
-    ground = np.concatenate(grounds)
-    fields = InterestPointRows(
-        id=np.concatenate(ids).astype(str), image=image_ids.astype(str), sample=points.xy[:, 0], line=points.xy[:, 1],
-        sigma=points.sigma_px, kind=points.kind, quality=points.quality, strength=points.strength,
-        length_px=points.size_px[:, 0], width_px=points.size_px[:, 1], azimuth_deg=np.degrees(points.azimuth_rad),
-        contrast=points.contrast, rmse_px=points.rmse_px, shadow=np.concatenate(shadows).astype(str),
-    )  # fmt: skip
-    everywhere = all(image.rpc is not None for image in images)
-    return Layer(INTEREST_POINTS_LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)
 
 
 def summarise(report: Report) -> str:

@@ -18,7 +18,6 @@ from ..hrsi_engine.io.point_files.csv_text import write_csv
 from ..hrsi_engine.measurement.control_network.matching import ControlNetworkMatch, match_windows
 from ..hrsi_engine.measurement.control_network.super_points import FOUND
 from ..hrsi_engine.measurement.interest_points.detectors import clip_to_image
-from ..hrsi_engine.measurement.interest_points.windows import Area
 from .declarations.image_points import MATCH_FILE, MATCH_LAYER, MatchAlgorithmOptions
 from .files.opening import ImagePixels, ground_of, ground_warnings, open_pixels, open_terrain, window_area
 from .files.result_folder import PAGE_FILE, check_folder, plan_folder, stage_results
@@ -48,8 +47,24 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
     found = match_windows(
         images[0].raster, images[1].raster, options.matching, areas[0], areas[1], stage(context.progress, 0.0, 0.9)
     )
-    report = _make_report(images, areas, found, context.record, perf_counter() - started)
-    surface, made = open_terrain(options.terrain), found.positions
+    made = found.positions
+    report: Report = {
+        **context.record, "seconds": {"total": perf_counter() - started}, "status": found.status,
+        "first": images[0].id, "second": images[1].id, "correspondences": len(found),
+        "rotation_deg": found.rotation_deg, "scale": found.scale, "affine": found.affine.tolist(),
+        "sigma_px": _median_or_none(made.sigma_px), "residual_px": _median_or_none(made.residual_px),
+        "epipolar_nmad_px": _median_or_none(MAD_TO_SIGMA * np.abs(made.epipolar_px)),
+        "correlation": _median_or_none(made.correlation),
+        "kinds": dict(sorted(Counter(found.kind.tolist()).items())),
+        "network": {"correspondences": found.network, "runner_up": found.runner_up},
+        "images": [
+            {"id": image.id, "path": image.path, "points": points,
+             "window": [area.left, area.top, area.right - area.left, area.bottom - area.top]}
+            for image, area, points in zip(images, areas, found.points, strict=True)
+        ],
+        "unsolved": f"{found.status}: {found.message}" if found.status != FOUND else None, "warnings": [],
+    }  # fmt: skip
+    surface = open_terrain(options.terrain)
     ground = [ground_of(image, xy, surface) for image, xy in zip(images, (made.first, made.second), strict=True)]
     report["warnings"] += ground_warnings(images, ground)
     layers = _make_layers(images, found, ground)
@@ -65,28 +80,6 @@ def run(options: MatchAlgorithmOptions, context: Context) -> Report:
                 sides.append(PictureSide(grey, valid, np.array([area.left, area.top], dtype=np.float64), xy))
             write_page(str(folder / PAGE_FILE), "match.html.j2", report, picture=draw_pair(*sides))
     return report
-
-
-def _make_report(
-    images: list[ImagePixels], areas: list[Area], found: ControlNetworkMatch, record: Report, seconds: float
-) -> Report:
-    made = found.positions
-    return {
-        **record, "seconds": {"total": seconds}, "status": found.status,
-        "first": images[0].id, "second": images[1].id, "correspondences": len(found),
-        "rotation_deg": found.rotation_deg, "scale": found.scale, "affine": found.affine.tolist(),
-        "sigma_px": _median_or_none(made.sigma_px), "residual_px": _median_or_none(made.residual_px),
-        "epipolar_nmad_px": _median_or_none(MAD_TO_SIGMA * np.abs(made.epipolar_px)),
-        "correlation": _median_or_none(made.correlation),
-        "kinds": dict(sorted(Counter(found.kind.tolist()).items())),
-        "network": {"correspondences": found.network, "runner_up": found.runner_up},
-        "images": [
-            {"id": image.id, "path": image.path, "points": points,
-             "window": [area.left, area.top, area.right - area.left, area.bottom - area.top]}
-            for image, area, points in zip(images, areas, found.points, strict=True)
-        ],
-        "unsolved": f"{found.status}: {found.message}" if found.status != FOUND else None, "warnings": [],
-    }  # fmt: skip
 
 
 def _median_or_none(values: np.ndarray) -> float | None:

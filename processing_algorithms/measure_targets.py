@@ -114,27 +114,21 @@ def _approximate_points(
         return tables.image, warnings
     if tables.ground is None:
         raise InputError(f"{file} contains no points: add some")
-    return _project_points(images, file, tables.ground.ids, tables.ground.ground, warnings), warnings
-
-
-def _project_points(
-    images: list[ImagePixels], file: str, ids: np.ndarray, ground: np.ndarray, warnings: list[str]
-) -> ImagePoints:
-    """Return where the RPCs see ground points of a file, for all images in which they lie; warn of the others."""
+    # Where the RPCs see ground points of a file, for all images in which they lie; warn of the others
     names, image_ids, places = [], [], []
     for image in images:
         if image.rpc is None:
             raise InputError(f"{image.path} has no RPC to find ground points with: give sample and line of the points")
-        xy = image.rpc.project(ground)
+        xy = image.rpc.project(tables.ground.ground)
         inside = np.all((xy > -0.5) & (xy < np.array(image.raster.size) - 0.5), axis=1)
-        names += ids[inside].tolist()
+        names += tables.ground.ids[inside].tolist()
         image_ids += [image.id] * int(inside.sum())
         places.append(xy[inside])
         if not inside.any():
             warnings.append(f"{image.path}: no point of {file} lies in it: check its RPC, and the points' CRS")
     if not names:
         raise InputError(f"{file}: no ground point lies in any of the images: check their CRS, or give sample and line")
-    return ImagePoints.create(names, image_ids, np.concatenate(places))
+    return ImagePoints.create(names, image_ids, np.concatenate(places)), warnings
 
 
 # ---- hand-measured edge points ---------------------------------------------------------------------------------

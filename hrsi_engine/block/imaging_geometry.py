@@ -316,7 +316,16 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
         warnings.append(f"LAT_OFF is {rpc.lat_off:g}: latitude and longitude are swapped; exchange them in the RPC")
     scales = {"LINE": rpc.line_scale, "SAMP": rpc.samp_scale, "LAT": rpc.lat_scale, "LONG": rpc.long_scale}
     warnings += [f"{name}_SCALE is {value:g}, it must be above 0" for name, value in scales.items() if not value > 0.0]
-    warnings += _check_heights(rpc, terrain_m)
+    low, high = rpc.height_range
+    if rpc.height_scale <= 0.0:
+        warnings.append(f"HEIGHT_SCALE is {rpc.height_scale:g}, it must be above 0")
+    if high < GEOMETRY.lowest_height_m or low > GEOMETRY.highest_height_m:
+        warnings.append(f"the height range of the RPC is {low:.0f} to {high:.0f} m, where there is no land")
+    if terrain_m is not None and (terrain_m[0] < low or terrain_m[1] > high):
+        warnings.append(
+            f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) exceeds the height range of the RPC ({low:.0f} "
+            f"to {high:.0f} m), which extrapolates there; check the height datum"
+        )
     _, (ground, converged) = make_virtual_grid(
         image.rpc, image.domain_px, image.rpc.height_range,
         (GEOMETRY.volume_grid, GEOMETRY.volume_grid, GEOMETRY.volume_heights),
@@ -345,21 +354,6 @@ def find_rpc_warnings(image: Image, terrain_m: tuple[float, float] | None = None
             )
         warnings += _check_size(image, ground[converged])
     return [f"{image.id}: {text}" for text in warnings]
-
-
-def _check_heights(rpc: RPC, terrain_m: tuple[float, float] | None) -> list[str]:
-    low, high = rpc.height_range
-    warnings = []
-    if rpc.height_scale <= 0.0:
-        warnings.append(f"HEIGHT_SCALE is {rpc.height_scale:g}, it must be above 0")
-    if high < GEOMETRY.lowest_height_m or low > GEOMETRY.highest_height_m:
-        warnings.append(f"the height range of the RPC is {low:.0f} to {high:.0f} m, where there is no land")
-    if terrain_m is not None and (terrain_m[0] < low or terrain_m[1] > high):
-        warnings.append(
-            f"the terrain ({terrain_m[0]:.0f} to {terrain_m[1]:.0f} m) exceeds the height range of the RPC ({low:.0f} "
-            f"to {high:.0f} m), which extrapolates there; check the height datum"
-        )
-    return warnings
 
 
 def _check_size(image: Image, ground: np.ndarray) -> list[str]:

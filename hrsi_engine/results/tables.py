@@ -131,9 +131,25 @@ def residuals_table(result: Adjustment, left: Residuals, most: int = TABLE.most_
     Of more than ``most`` image residuals an even choice is taken, with all of known points and all outliers; the table
     of image points has every one.
     """
-    surveyed, on_ground = _ground_rows(result, left)
+    # The ground residuals of known points, with their surveyed positions
+    points = result.block.points
+    here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
+    rows = ResidualRows.of_level(
+        "ground",
+        len(here),
+        id=Words(points.ids, here),
+        role=Words(ROLE_LABELS, points.role[here]),
+        image=make_shared_words("", len(here)),
+        residual_east_m=left.ground_m[here, 0],
+        residual_north_m=left.ground_m[here, 1],
+        residual_height_m=left.ground_m[here, 2],
+        sigma_east_m=left.ground_sigma_m[here, 0],
+        sigma_north_m=left.ground_sigma_m[here, 1],
+        sigma_height_m=left.ground_sigma_m[here, 2],
+        flag=ground_flags(left)[here],
+    )
     estimated, in_images = _image_rows(result, left, most)
-    return Table(StackedColumn((surveyed, estimated)), on_ground.concatenate(in_images))
+    return Table(StackedColumn((points.ground[here], estimated)), rows.concatenate(in_images))
 
 
 def thinning_warnings(result: Adjustment) -> list[str]:
@@ -158,27 +174,6 @@ def _identity_columns(block: Block, point: np.ndarray, image: np.ndarray) -> dic
         "role": Words(ROLE_LABELS, block.points.role[point]),
         "image": Words(np.array([image.id for image in block.images]), image),
     }
-
-
-def _ground_rows(result: Adjustment, left: Residuals) -> tuple[np.ndarray, ResidualRows]:
-    """Return the ground residuals of known points, with their surveyed positions."""
-    points = result.block.points
-    here = np.flatnonzero(result.block.known & finite_rows(left.ground_m[:, :2]))
-    rows = ResidualRows.of_level(
-        "ground",
-        len(here),
-        id=Words(points.ids, here),
-        role=Words(ROLE_LABELS, points.role[here]),
-        image=make_shared_words("", len(here)),
-        residual_east_m=left.ground_m[here, 0],
-        residual_north_m=left.ground_m[here, 1],
-        residual_height_m=left.ground_m[here, 2],
-        sigma_east_m=left.ground_sigma_m[here, 0],
-        sigma_north_m=left.ground_sigma_m[here, 1],
-        sigma_height_m=left.ground_sigma_m[here, 2],
-        flag=ground_flags(left)[here],
-    )
-    return points.ground[here], rows
 
 
 def _image_rows(result: Adjustment, left: Residuals, most: int) -> tuple[PickedColumn, ResidualRows]:

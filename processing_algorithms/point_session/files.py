@@ -121,7 +121,18 @@ def open_block(path: str) -> PointSession:
     missing = [name for name in ("images", "ground_points", "image_points") if name not in names]
     if missing:
         raise InputError(f"{path}: has no layer {missing[0]!r}: open the block.gpkg of a result, or begin a new one")
-    images = _open_images(_locate_images(path, text_columns(path, "images", ("path",))["path"]))
+    # The images' files: as named, or beside the GeoPackage
+    folder = os.path.dirname(os.path.abspath(path))
+    found = []
+    for file in text_columns(path, "images", ("path",))["path"]:
+        candidates = (file, os.path.join(folder, file), os.path.join(folder, os.path.basename(file)))
+        existing = next((name for name in candidates if name and os.path.exists(name)), None)
+        if existing is None:
+            raise InputError(
+                f"{path}: its image {file!r} is missing: restore it, or copy it into the folder of the GeoPackage"
+            )
+        found.append(existing)
+    images = _open_images(found)
     ids = [image.id for image in images]
     ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
     image = read_points(f"{path}|layername=image_points", image_ids=ids).image if names["image_points"] else None
@@ -211,21 +222,6 @@ def _with_others(full: Layer, plain: Layer) -> Layer:
     columns = {name: np.concatenate([np.asarray(column), added[name]]) for name, column in full.fields.items()}
     place = np.vstack([np.asarray(full.coordinates), np.asarray(plain.coordinates)[more]])
     return Layer(full.name, full.geometry, full.crs, place, type(full.fields)(**columns), plain.metadata)
-
-
-def _locate_images(block: str, paths: Sequence[str]) -> list[str]:
-    """Return the images' files: as named, or beside the GeoPackage."""
-    folder = os.path.dirname(os.path.abspath(block))
-    found = []
-    for path in paths:
-        candidates = (path, os.path.join(folder, path), os.path.join(folder, os.path.basename(path)))
-        existing = next((name for name in candidates if name and os.path.exists(name)), None)
-        if existing is None:
-            raise InputError(
-                f"{block}: its image {path!r} is missing: restore it, or copy it into the folder of the GeoPackage"
-            )
-        found.append(existing)
-    return found
 
 
 def _open_images(paths: Sequence[str]) -> list[Image]:

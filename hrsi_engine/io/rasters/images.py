@@ -235,7 +235,21 @@ class GdalRaster:
         height = min(line + lines, self.size[1]) - first_line
         if width <= 0 or height <= 0:
             return np.zeros((lines, samples), dtype=np.float32), np.zeros((lines, samples), dtype=bool)
-        grey, valid = self._read_inside(first_sample, first_line, width, height)
+        band = self.dataset.GetRasterBand(self._band)
+        grey = mask = None
+        with gdal_messages() as messages:
+            grey = band.ReadAsArray(first_sample, first_line, width, height)
+            if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
+                mask = band.GetMaskBand().ReadAsArray(first_sample, first_line, width, height)
+        if grey is None or (mask is None and messages):
+            reason = messages[-1] if messages else "unknown reason"
+            raise InputError(
+                f"{self.path}: pixels at sample {first_sample}, line {first_line} cannot be read ({reason}): obtain "
+                "the file again"
+            )
+        valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
+        if np.issubdtype(grey.dtype, np.inexact):
+            valid &= np.isfinite(grey)
         if (width, height) == (samples, lines):
             return grey, valid
         down, right = first_line - line, first_sample - sample
@@ -243,23 +257,6 @@ class GdalRaster:
         whole, mask = np.zeros((lines, samples), dtype=grey.dtype), np.zeros((lines, samples), dtype=bool)
         whole[place], mask[place] = grey, valid
         return whole, mask
-
-    def _read_inside(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-        band = self.dataset.GetRasterBand(self._band)
-        grey = mask = None
-        with gdal_messages() as messages:
-            grey = band.ReadAsArray(sample, line, samples, lines)
-            if band.GetMaskFlags() != gdal.GMF_ALL_VALID:
-                mask = band.GetMaskBand().ReadAsArray(sample, line, samples, lines)
-        if grey is None or (mask is None and messages):
-            reason = messages[-1] if messages else "unknown reason"
-            raise InputError(
-                f"{self.path}: pixels at sample {sample}, line {line} cannot be read ({reason}): obtain the file again"
-            )
-        valid = np.ones(grey.shape, dtype=bool) if mask is None else mask != 0
-        if np.issubdtype(grey.dtype, np.inexact):
-            valid &= np.isfinite(grey)
-        return grey, valid
 
     def content_mark(self) -> str:
         """Return the fingerprint of the file and its side files: `content_marks.content_mark`."""

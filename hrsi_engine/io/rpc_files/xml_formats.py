@@ -103,16 +103,6 @@ def read_dimap(path: str) -> RpcReading:
     else:
         path, described = _find_rpc_file(path, root), root
         root = read_xml(path)
-    reading = _read_model(path, root)
-    if described is None:
-        return reading
-    size = positive_size(element_text(described, "NCOLS"), element_text(described, "NROWS"))
-    centre = described.find(".//Dataset_Extent//Center")
-    height_m = None if centre is None else finite_number(element_text(centre, "H"))
-    return RpcReading(reading.rpc, reading.size or size, height_m, reading.sensor)
-
-
-def _read_model(path: str, root: Element) -> RpcReading:
     model, validity = _find_first(root, _GROUND_TO_IMAGE), next(root.iter("RFM_Validity"), None)
     if model is None or validity is None:
         raise InputError(f"{path}: {' or '.join(_GROUND_TO_IMAGE)} or RFM_Validity is missing: obtain the file again")
@@ -130,8 +120,14 @@ def _read_model(path: str, root: Element) -> RpcReading:
     told = {child.tag: (child.text or "").strip() for child in (domain if domain is not None else ())}
     begins = told.get("FIRST_COL") == told.get("FIRST_ROW") == str(first)
     last = positive_size(told.get("LAST_COL"), told.get("LAST_ROW")) if begins else None
-    size = None if last is None else (last[0] - first + 1, last[1] - first + 1)
-    return RpcReading(rpc.shift(-first, -first), size, sensor=element_text(root, "METADATA_PROFILE") or "")
+    extent = None if last is None else (last[0] - first + 1, last[1] - first + 1)
+    reading = RpcReading(rpc.shift(-first, -first), extent, sensor=element_text(root, "METADATA_PROFILE") or "")
+    if described is None:
+        return reading
+    size = positive_size(element_text(described, "NCOLS"), element_text(described, "NROWS"))
+    centre = described.find(".//Dataset_Extent//Center")
+    height_m = None if centre is None else finite_number(element_text(centre, "H"))
+    return RpcReading(reading.rpc, reading.size or size, height_m, reading.sensor)
 
 
 def _find_rpc_file(path: str, product: Element) -> str:

@@ -157,25 +157,19 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
     """
     notices: list[str] = []
     for folder in sorted({os.path.abspath(folder) for folder in folders}):
-        notices += _finish_in(folder)
+        with contextlib.suppress(OSError):  # no folder, or none that may be read
+            for name in sorted(os.listdir(folder)):
+                if not re.fullmatch(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json", name):
+                    continue
+                own = os.path.join(folder, name)
+                signpost = _read_journal(own, _SIGNPOST_KEYS)
+                journal = own if signpost is None else signpost["journal"]
+                if signpost is None or os.path.exists(journal):
+                    notices += _finish(journal)
+                elif not is_writer_running(signpost["writer"]):  # it had not come to the journal: nothing was changed
+                    os.remove(own)
         sweep(folder)
         remove_dead_locks(folder)
-    return notices
-
-
-def _finish_in(folder: str) -> list[str]:
-    notices = []
-    with contextlib.suppress(OSError):  # no folder, or none that may be read
-        for name in sorted(os.listdir(folder)):
-            if not re.fullmatch(r"\.hrsi-journal-.*-[0-9a-f]{8}\.json", name):
-                continue
-            own = os.path.join(folder, name)
-            signpost = _read_journal(own, _SIGNPOST_KEYS)
-            journal = own if signpost is None else signpost["journal"]
-            if signpost is None or os.path.exists(journal):
-                notices += _finish(journal)
-            elif not is_writer_running(signpost["writer"]):  # it had not come to the journal: nothing was changed
-                os.remove(own)
     return notices
 
 
