@@ -47,7 +47,7 @@ class Result:
         given: Sequence[Any] = (),
     ) -> None:  # fmt: skip
         self.report = report
-        self._located = next((table for table in given if type(table).__name__ == "GeoDataFrame"), None)
+        self._located: Any = next((table for table in given if type(table).__name__ == "GeoDataFrame"), None)
         self.folder = None if folder is None else Path(folder)
         self._kept = kept
 
