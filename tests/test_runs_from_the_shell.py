@@ -328,7 +328,7 @@ def test_help_word_and_misspelt_words(capsys: pytest.CaptureFixture[str]) -> Non
     for words in (["help"], ["help", "--help"]):
         assert main(words) == 0
         assert capsys.readouterr().out.startswith("usage: hrsi ALGORITHM")
-    for command in ("rerun", "completion", "help"):
+    for command in ("init", "rerun", "completion", "help"):
         assert main(["help", command]) == 0
         assert capsys.readouterr().out.startswith(f"usage: hrsi {command}")
     for word, meant in (("triangluate", "triangulate"), ("reruns", "rerun"), ("completions", "completion")):

@@ -20,6 +20,7 @@ from .. import REGISTRY
 from .command_parser import (
     COMMANDS,
     LINE_PARAMS,
+    CommandParser,
     algorithm_parser,
     help_page,
     json_usage,
@@ -133,6 +134,8 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
         from .rerun import read_past_run  # loads NumPy, which help does without
 
         return _run_algorithm(*read_past_run(rest, registry))
+    elif first == "init" and not HELP & set(rest):
+        _init_project(rest)
     elif first.startswith("-"):
         raise InputError(f"{first} is before the algorithm; write hrsi ALGORITHM [options] IMAGE...")
     elif HELP & set(rest):
@@ -143,6 +146,21 @@ def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> in
     else:
         return _run_algorithm(find_algorithm(registry, first, COMMANDS), rest)
     return 0
+
+
+def _init_project(words: list[str]) -> None:
+    """Write a project file; tell on stderr how the folder was understood."""
+    from ..projects.inference import write_project  # loads GDAL
+
+    parser = CommandParser("hrsi init")
+    parser.add_argument("folder", nargs="?", default=os.curdir)
+    parser.add_argument("-o", "--output")
+    parser.add_argument("--overwrite", action="store_true")
+    given = parser.parse_words(words)
+    path = given["output"] or os.path.join(given["folder"], "project.toml")
+    for line in [*write_project(given["folder"], path, given["overwrite"]), f"next: hrsi run {shlex.quote(path)}"]:
+        print(line, file=sys.stderr)
+    print(path)
 
 
 def _help_page(words: list[str], registry: Mapping[str, Algorithm]) -> str:

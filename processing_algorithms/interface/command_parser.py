@@ -22,6 +22,7 @@ LINE_PARAMS = params_of(LineOptions)  #: of the command line itself
 #: Commands that are no algorithms, and what they do.
 COMMANDS = {
     "help": "Show the page of an algorithm",
+    "init": "Write a project file for hrsi run from the images, points and DEM of a folder",
     "rerun": "Repeat a run from its report.json, with other options where they are given",
     "completion": "Print what a shell needs to complete hrsi: bash, zsh or fish",
 }

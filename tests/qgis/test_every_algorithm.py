@@ -122,6 +122,7 @@ RUNS: dict[str, Callable[[Path, str], dict[str, Any]]] = {
         "IMAGES": images(pixels)[:1], "REFERENCE": str(pixels / "orthophoto.tif"), "DEM": str(pixels / "dem.tif"),
     },
     "orthorectify": lambda pixels, grid: {"IMAGES": images(pixels)[:1], "DEM": str(pixels / "dem.tif")},
+    "run": lambda pixels, grid: {"PROJECT": str(HOBART / "project.toml")},
 }  # fmt: skip
 
 

@@ -1,0 +1,162 @@
+"""`hrsi init FOLDER`: a project file from the images, point files and DEM of a folder, for a person to correct.
+
+Comments in the file tell how columns, CRS and ids were understood.
+"""
+
+import os
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from osgeo import gdal
+from scipy import ndimage
+
+from ...hrsi_engine.block.imaging_geometry import compute_footprint
+from ...hrsi_engine.foundation.errors import HrsiError, InputError, list_ids
+from ...hrsi_engine.foundation.json_values import json_text
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.ground.map_crs import map_epsg_of
+from ...hrsi_engine.io.catalogue.deliveries import IMAGE_ENDINGS, resolve_images
+from ...hrsi_engine.io.opening.datasets import open_dataset
+from ...hrsi_engine.io.output_dir import RESULT_FILES
+from ...hrsi_engine.io.pages.report import write_text
+from ...hrsi_engine.io.point_files import PointTables, read_points
+from ...hrsi_engine.io.rasters.images import open_image
+from ...hrsi_engine.io.rpc_files import rpc_reader_of
+
+POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".points")
+SIGNED = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)  #: pixel types of DEMs
+HEAD = """\
+# HRSI project: hrsi run makes refined RPCs, orthoimages and a report of it.
+# Paths count from this file's folder; hrsi help STEP lists the options of a step.
+
+title = {title}
+client = ""
+place = ""
+output_dir = "result"
+"""
+
+
+@thresholds
+class INFERENCE:
+    """What a file of a folder is taken for."""
+
+    beyond_deg: float = threshold(0.5, "degree", "distance of ground points from the images' footprints")
+    probe_px: int = threshold(2000, "px", "columns and rows of a DEM that are read to find its gaps")
+    widest_gap: int = threshold(1000, "cells", "widest gap of a DEM that is interpolated", "maximum of `fill_gaps`")
+
+
+class FoundPoints(NamedTuple):
+    """A point file as an option names it, the CRS that it needs, and what was read."""
+
+    spec: str
+    crs: str
+    tables: PointTables
+
+
+def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
+    """Write the project file of a folder; return how the folder was understood, a line each.
+
+    Raises `InputError` where the folder contains no image with an RPC, or the file exists.
+    """
+    if os.path.exists(path) and not overwrite:
+        raise InputError(f"{path} exists: allow `overwrite`, or name another file")
+    folder, here = os.path.abspath(folder), os.path.dirname(os.path.abspath(path))
+    files: list[str] = []
+    for place, folders, names in os.walk(folder):
+        if place != folder and set(RESULT_FILES) & set(names):
+            folders.clear()  # an earlier result
+        else:
+            files += [os.path.join(place, name) for name in sorted(names)]
+    found = resolve_images([folder], lambda text: None) if os.path.isdir(folder) else ()
+    images = [open_image(one) for one in found if one in files]
+    if not images:
+        raise InputError(f"{folder}: contains no image with an RPC: name the folder of the images")
+    outlines = [compute_footprint(image, image.rpc.height_off).exterior.coords for image in images]
+    corners = np.concatenate([np.asarray(outline)[:, :2] for outline in outlines])
+    texts = [one for one in files if one.lower().endswith(POINT_ENDINGS) and not rpc_reader_of(one)]
+    points = [_read_point_file(file, corners, [image.id for image in images]) for file in texts]
+    dem, gaps = _describe_dem([file for file in files if file.lower().endswith(IMAGE_ENDINGS)], here)
+    body = [
+        "", f"# {len(images)} images with RPCs", "images = [",
+        *(f"  {json_text(os.path.relpath(image.path, here))}," for image in images), "]",
+        *_describe_points([one for one in points if one], here), *dem,
+        "", "[triangulate]", '# model = "auto"    # shift, affine, …: the correction of each RPC',
+        "", "[orthorectify]", *gaps, "# resolution = 0.5   # m; by default that of the images",
+        "", "[ortho-check]", "", "[evaluate]", 'tracks = "auto"   # "none" compares at the known points only', "",
+    ]  # fmt: skip
+    write_text(path, HEAD.format(title=json_text(os.path.basename(folder))) + "\n".join(body))
+    return [line.removeprefix("# ") for line in body if line.startswith("# ") and " = " not in line]
+
+
+def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -> FoundPoints | None:
+    """Return a point file as it is, or else with the columns and CRS that bring it to the corners (n, 2) of images."""
+    utm = f"EPSG:{map_epsg_of(corners)}"
+    orders = {"lon,lat": "", "lat,lon": "", "x,y": utm, "y,x": utm}
+    specs = [(f"{file}|columns=id,{order},height", crs) for order, crs in orders.items()]
+    for spec, crs in [(file, ""), (file, utm), *specs]:
+        try:
+            tables = read_points(spec, ground_crs=crs or None, image_ids=image_ids)
+        except HrsiError:
+            continue
+        if tables.ground is not None:
+            lonlat, beyond = tables.ground.ground[:, :2], INFERENCE.beyond_deg
+            near = (lonlat > corners.min(axis=0) - beyond) & (lonlat < corners.max(axis=0) + beyond)
+            if np.count_nonzero(near.all(axis=1)) * 2 < len(near):
+                continue
+        return FoundPoints(spec, crs, tables)
+    return None
+
+
+def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
+    """Return the lines of the project file on control and measurements."""
+    lines, ids = [""], dict[str, set[str]]()
+    for key, what in (("gcps", "ground"), ("image_points", "image")):
+        fit = [one for one in points if getattr(one.tables, what) is not None]
+        if not fit:
+            lines += [f"# no file of {what} points was found", f'# {key} = "points.csv"']
+            continue
+        file, bar, rest = fit[0].spec.partition("|")
+        found = getattr(fit[0].tables, what).ids
+        ids[key] = set(map(str, found))
+        notes = [note.partition(": ")[2] for note in fit[0].tables.warnings]
+        facts = [f"{len(found)} {what} points", *([f"CRS {fit[0].crs}"] if fit[0].crs else []),
+                 *(note for note in notes if note.startswith("read as the columns"))]  # fmt: skip
+        lines += [f"# {os.path.basename(file)}: {'; '.join(facts)}"]
+        lines += [f"# {os.path.basename(one.spec)}: {what} points, not used" for one in fit[1:]]
+        lines += [f"{key} = {json_text(os.path.relpath(file, here) + bar + rest)}"]
+        lines += [f'ground_crs = "{fit[0].crs}"'] if fit[0].crs and what == "ground" else []
+    if len(ids) == 2:
+        known, seen = ids.values()
+        alone = f"; without a ground position: {list_ids(sorted(seen - known))}" if seen - known else ""
+        lines.append(f"# {len(known & seen)} of {len(known)} ground points are measured on images{alone}")
+    return [*lines, 'height_datum = "layer"   # of the points: ellipsoidal, egm96, egm2008 or a geoid grid file']
+
+
+def _describe_dem(files: Sequence[str], here: str) -> tuple[list[str], list[str]]:
+    """Return the lines on the first raster of heights (a band of signed numbers with a CRS), and on its gaps."""
+    opened = ((file, open_dataset(file)[0]) for file in files)
+    path, dem = next(((file, dem) for file, dem in opened if dem is not None and _is_dem(dem)), ("", None))
+    if dem is None:
+        return ["", "# no DEM was found: orthoimages take the heights of the adjusted points", '# dem = "dem.tif"'], []
+    band, crs = dem.GetRasterBand(1), dem.GetSpatialRef().GetName()
+    told = [
+        "", f"# {os.path.basename(path)}: DEM of {band.XSize} x {band.YSize} cells, {crs}",
+        f"dem = {json_text(os.path.relpath(path, here))}",
+        'dem_datum = "layer"   # of its heights: as the file states, or ellipsoidal, egm96, egm2008, a geoid grid file',
+    ]  # fmt: skip
+    step = max(1, -(-max(band.XSize, band.YSize) // INFERENCE.probe_px))
+    empty = band.GetMaskBand().ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step)) == 0
+    holes = ndimage.binary_fill_holes(~empty) & empty  # without what lies beyond its edge
+    if not holes.any():
+        return told, []
+    widest = step * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max())))
+    return told, [
+        f"# gaps inside of the DEM: {100.0 * holes.mean():.2g} % of its cells, up to {widest} cells wide",
+        f"fill_gaps = {min(widest, INFERENCE.widest_gap)}   # interpolates them",
+    ]
+
+
+def _is_dem(dem: gdal.Dataset) -> bool:
+    on_map = dem.GetSpatialRef() is not None and not dem.GetMetadata("RPC")
+    return on_map and dem.RasterCount == 1 and dem.GetRasterBand(1).DataType in SIGNED
