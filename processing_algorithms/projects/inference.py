@@ -23,18 +23,11 @@ from ...hrsi_engine.io.pages.report import write_text
 from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.rpc_files import rpc_reader_of
+from ..interface.command_parser import read_template
 
 POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".points")
 SIGNED = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)  #: pixel types of DEMs
-HEAD = """\
-# HRSI project: hrsi run makes refined RPCs, orthoimages and a report of it.
-# Paths count from this file's folder; hrsi help STEP lists the options of a step.
-
-title = {title}
-client = ""
-place = ""
-output_dir = "result"
-"""
+NO_GAPS = "# fill_gaps = 8   # interpolates gaps of the DEM of up to 8 cells"
 
 
 @thresholds
@@ -75,18 +68,16 @@ def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
     outlines = [compute_footprint(image, image.rpc.height_off).exterior.coords for image in images]
     corners = np.concatenate([np.asarray(outline)[:, :2] for outline in outlines])
     texts = [one for one in files if one.lower().endswith(POINT_ENDINGS) and not rpc_reader_of(one)]
-    points = [_read_point_file(file, corners, [image.id for image in images]) for file in texts]
+    points = {file: _read_point_file(file, corners, [image.id for image in images]) for file in texts}
+    unread = [f"# {os.path.basename(file)}: no points were read" for file, one in points.items() if not one]
     dem, gaps = _describe_dem([file for file in files if file.lower().endswith(IMAGE_ENDINGS)], here)
-    body = [
-        "", f"# {len(images)} images with RPCs", "images = [",
-        *(f"  {json_text(os.path.relpath(image.path, here))}," for image in images), "]",
-        *_describe_points([one for one in points if one], here), *dem,
-        "", "[triangulate]", '# model = "auto"    # shift, affine, …: the correction of each RPC',
-        "", "[orthorectify]", *gaps, "# resolution = 0.5   # m; by default that of the images",
-        "", "[ortho-check]", "", "[evaluate]", 'tracks = "auto"   # "none" compares at the known points only', "",
-    ]  # fmt: skip
-    write_text(path, HEAD.format(title=json_text(os.path.basename(folder))) + "\n".join(body))
-    return [line.removeprefix("# ") for line in body if line.startswith("# ") and " = " not in line]
+    text = read_template("project_file.txt").format(
+        title=json_text(os.path.basename(folder)), number=len(images), dem=dem, gaps=gaps,
+        images="\n".join(f"  {json_text(os.path.relpath(image.path, here))}," for image in images),
+        points="\n".join([*_describe_points([one for one in points.values() if one], here), *unread]),
+    )  # fmt: skip
+    write_text(path, text)
+    return [line[2:] for line in text.splitlines()[2:] if line.startswith("# ") and " = " not in line]
 
 
 def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -> FoundPoints | None:
@@ -110,15 +101,14 @@ def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -
 
 def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
     """Return the lines of the project file on control and measurements."""
-    lines, ids = [""], dict[str, set[str]]()
+    lines, ids = list[str](), dict[str, set[str]]()
     for key, what in (("gcps", "ground"), ("image_points", "image")):
         fit = [one for one in points if getattr(one.tables, what) is not None]
         if not fit:
             lines += [f"# no file of {what} points was found", f'# {key} = "points.csv"']
             continue
         file, bar, rest = fit[0].spec.partition("|")
-        found = getattr(fit[0].tables, what).ids
-        ids[key] = set(map(str, found))
+        ids[key] = set(map(str, found := getattr(fit[0].tables, what).ids))
         notes = [note.partition(": ")[2] for note in fit[0].tables.warnings]
         facts = [f"{len(found)} {what} points", *([f"CRS {fit[0].crs}"] if fit[0].crs else []),
                  *(note for note in notes if note.startswith("read as the columns"))]  # fmt: skip
@@ -130,31 +120,26 @@ def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
         known, seen = ids.values()
         alone = f"; without a ground position: {list_ids(sorted(seen - known))}" if seen - known else ""
         lines.append(f"# {len(known & seen)} of {len(known)} ground points are measured on images{alone}")
-    return [*lines, 'height_datum = "layer"   # of the points: ellipsoidal, egm96, egm2008 or a geoid grid file']
+    return lines
 
 
-def _describe_dem(files: Sequence[str], here: str) -> tuple[list[str], list[str]]:
+def _describe_dem(files: Sequence[str], here: str) -> tuple[str, str]:
     """Return the lines on the first raster of heights (a band of signed numbers with a CRS), and on its gaps."""
     opened = ((file, open_dataset(file)[0]) for file in files)
     path, dem = next(((file, dem) for file, dem in opened if dem is not None and _is_dem(dem)), ("", None))
     if dem is None:
-        return ["", "# no DEM was found: orthoimages take the heights of the adjusted points", '# dem = "dem.tif"'], []
+        return '# no DEM was found: orthoimages take the heights of the adjusted points\n# dem = "dem.tif"', NO_GAPS
     band, crs = dem.GetRasterBand(1), dem.GetSpatialRef().GetName()
-    told = [
-        "", f"# {os.path.basename(path)}: DEM of {band.XSize} x {band.YSize} cells, {crs}",
-        f"dem = {json_text(os.path.relpath(path, here))}",
-        'dem_datum = "layer"   # of its heights: as the file states, or ellipsoidal, egm96, egm2008, a geoid grid file',
-    ]  # fmt: skip
+    told = f"# {os.path.basename(path)}: DEM of {band.XSize} x {band.YSize} cells, {crs}"
+    told += f"\ndem = {json_text(os.path.relpath(path, here))}"
     step = max(1, -(-max(band.XSize, band.YSize) // INFERENCE.probe_px))
     empty = band.GetMaskBand().ReadAsArray(buf_xsize=-(-band.XSize // step), buf_ysize=-(-band.YSize // step)) == 0
     holes = ndimage.binary_fill_holes(~empty) & empty  # without what lies beyond its edge
     if not holes.any():
-        return told, []
+        return told, NO_GAPS
     widest = step * (2 + int(np.ceil(2.0 * ndimage.distance_transform_edt(holes).max())))
-    return told, [
-        f"# gaps inside of the DEM: {100.0 * holes.mean():.2g} % of its cells, up to {widest} cells wide",
-        f"fill_gaps = {min(widest, INFERENCE.widest_gap)}   # interpolates them",
-    ]
+    share = f"# gaps inside of the DEM: {100.0 * holes.mean():.2g} % of its cells, up to {widest} cells wide"
+    return told, f"{share}\nfill_gaps = {min(widest, INFERENCE.widest_gap)}   # interpolates them"
 
 
 def _is_dem(dem: gdal.Dataset) -> bool:
