@@ -158,8 +158,8 @@ def _init_project(words: list[str]) -> None:
     parser.add_argument("--overwrite", action="store_true")
     given = parser.parse_words(words)
     path = given["output"] or os.path.join(given["folder"], "project.toml")
-    for line in [*write_project(given["folder"], path, given["overwrite"]), f"next: hrsi run {shlex.quote(path)}"]:
-        print(line, file=sys.stderr)
+    told = write_project(given["folder"], path, given["overwrite"])
+    print("\n".join([*told, f"next: hrsi run {shlex.quote(path)}"]), file=sys.stderr)
     print(path)
 
 

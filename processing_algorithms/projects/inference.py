@@ -5,7 +5,6 @@ Comments in the file tell how columns, CRS and ids were understood.
 
 import os
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from osgeo import gdal
@@ -29,6 +28,9 @@ POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".
 SIGNED = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)  #: pixel types of DEMs
 NO_GAPS = "# fill_gaps = 8   # interpolates gaps of the DEM of up to 8 cells"
 
+#: A point file as an option names it, the CRS that it needs, and what was read.
+FoundPoints = tuple[str, str, PointTables]
+
 
 @thresholds
 class INFERENCE:
@@ -37,14 +39,6 @@ class INFERENCE:
     beyond_deg: float = threshold(0.5, "degree", "distance of ground points from the images' footprints")
     probe_px: int = threshold(2000, "px", "columns and rows of a DEM that are read to find its gaps")
     widest_gap: int = threshold(1000, "cells", "widest gap of a DEM that is interpolated", "maximum of `fill_gaps`")
-
-
-class FoundPoints(NamedTuple):
-    """A point file as an option names it, the CRS that it needs, and what was read."""
-
-    spec: str
-    crs: str
-    tables: PointTables
 
 
 def write_project(folder: str, path: str, overwrite: bool = False) -> list[str]:
@@ -95,7 +89,7 @@ def _read_point_file(file: str, corners: np.ndarray, image_ids: Sequence[str]) -
             near = (lonlat > corners.min(axis=0) - beyond) & (lonlat < corners.max(axis=0) + beyond)
             if np.count_nonzero(near.all(axis=1)) * 2 < len(near):
                 continue
-        return FoundPoints(spec, crs, tables)
+        return spec, crs, tables
     return None
 
 
@@ -103,19 +97,18 @@ def _describe_points(points: Sequence[FoundPoints], here: str) -> list[str]:
     """Return the lines of the project file on control and measurements."""
     lines, ids = list[str](), dict[str, set[str]]()
     for key, what in (("gcps", "ground"), ("image_points", "image")):
-        fit = [one for one in points if getattr(one.tables, what) is not None]
+        fit = [one for one in points if getattr(one[2], what) is not None]
         if not fit:
             lines += [f"# no file of {what} points was found", f'# {key} = "points.csv"']
             continue
-        file, bar, rest = fit[0].spec.partition("|")
-        ids[key] = set(map(str, found := getattr(fit[0].tables, what).ids))
-        notes = [note.partition(": ")[2] for note in fit[0].tables.warnings]
-        facts = [f"{len(found)} {what} points", *([f"CRS {fit[0].crs}"] if fit[0].crs else []),
-                 *(note for note in notes if note.startswith("read as the columns"))]  # fmt: skip
-        lines += [f"# {os.path.basename(file)}: {'; '.join(facts)}"]
-        lines += [f"# {os.path.basename(one.spec)}: {what} points, not used" for one in fit[1:]]
-        lines += [f"{key} = {json_text(os.path.relpath(file, here) + bar + rest)}"]
-        lines += [f'ground_crs = "{fit[0].crs}"'] if fit[0].crs and what == "ground" else []
+        spec, crs, tables = fit[0]
+        ids[key] = set(map(str, measured := getattr(tables, what).ids))
+        notes = [note.partition(": ")[2] for note in tables.warnings if ": read as the columns" in note]
+        facts = "; ".join([f"{len(measured)} {what} points", *([f"CRS {crs}"] if crs else []), *notes])
+        lines += [f"# {os.path.basename(spec).partition('|')[0]}: {facts}"]
+        lines += [f"# {os.path.basename(other)}: {what} points, not used" for other, *_ in fit[1:]]
+        lines += [f"{key} = {json_text(os.path.relpath(spec, here))}"]
+        lines += [f'ground_crs = "{crs}"'] if crs and what == "ground" else []
     if len(ids) == 2:
         known, seen = ids.values()
         alone = f"; without a ground position: {list_ids(sorted(seen - known))}" if seen - known else ""
