@@ -10,12 +10,7 @@ from ...hrsi_engine.drawing.target_chips import draw_target_chip
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.interest_points.gravity_centres import CENTRE
-from ...hrsi_engine.measurement.targets.measuring import (
-    TARGET_CENTER,
-    TargetMeasurement,
-    make_refusal,
-    measure_target,
-)
+from ...hrsi_engine.measurement.targets.measuring import TARGET_CENTER, TargetMeasurement, make_refusal, measure_target
 from ..files.target_chip import chip_of
 from .rows import PANEL, ImageMeasurement
 

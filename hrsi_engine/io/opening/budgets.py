@@ -32,10 +32,7 @@ class FILE_BUDGETS:
     """What a reader takes of a file: bytes by what it holds, values of an array, characters of a text."""
 
     rpc_bytes: int = threshold(
-        32 * MIB,
-        "byte",
-        "largest RPC file that is read",
-        "the largest vendor XML known has about 2 MB",
+        32 * MIB, "byte", "largest RPC file that is read", "the largest vendor XML known has about 2 MB"
     )
     points_bytes: int = threshold(
         256 * MIB, "byte", "largest text file of points of which every line becomes objects", "some millions of points"

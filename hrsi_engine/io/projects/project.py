@@ -45,10 +45,7 @@ class PROJECTS:
     stretch_percent: tuple[float, float] = threshold((1.0, 99.0), "%", "of the grey values, shown from black to white")
     volume_layers: int = threshold(5, "layers", "of points between the lowest and the highest height of the volume")
     perspective_px: float = threshold(
-        0.5,
-        "px",
-        "between a perspective camera and its RPC, beyond which a message is given",
-        "as COLMAP filters",
+        0.5, "px", "between a perspective camera and its RPC, beyond which a message is given", "as COLMAP filters"
     )
     height_margin_m: float = threshold(30.0, "m", "below and above the terrain, of the volume that is modelled")
 

@@ -25,10 +25,7 @@ class CONTENT_SAMPLING:
         64 * 2**20, "byte", "a file with its side files up to this size is hashed whole", "a larger one takes too long"
     )
     edge_bytes: int = threshold(
-        2**20,
-        "byte",
-        "length of the beginnings and ends of all files together",
-        "headers and tables of tiles",
+        2**20, "byte", "length of the beginnings and ends of all files together", "headers and tables of tiles"
     )
     least_edge_bytes: int = threshold(4096, "byte", "least length of the beginning and the end of one file")
     blocks: int = threshold(512, "blocks", "blocks spread over all files together")
