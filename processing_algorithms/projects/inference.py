@@ -5,9 +5,9 @@ Comments in the file tell how columns, CRS and ids were understood.
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from osgeo import gdal
 from scipy import ndimage
 
 from ...hrsi_engine.block.imaging_geometry import compute_footprint
@@ -25,7 +25,6 @@ from ...hrsi_engine.io.rpc_files import rpc_reader_of
 from ..interface.command_parser import read_template
 
 POINT_ENDINGS = (".csv", ".tsv", ".txt", ".tab", ".gpkg", ".geojson", ".shp", ".points")
-SIGNED = (gdal.GDT_Int16, gdal.GDT_Int32, gdal.GDT_Float32, gdal.GDT_Float64)  #: pixel types of DEMs
 NO_GAPS = "# fill_gaps = 8   # interpolates gaps of the DEM of up to 8 cells"
 
 #: A point file as an option names it, the CRS that it needs, and what was read.
@@ -135,6 +134,7 @@ def _describe_dem(files: Sequence[str], here: str) -> tuple[str, str]:
     return told, f"{share}\nfill_gaps = {min(widest, INFERENCE.widest_gap)}   # interpolates them"
 
 
-def _is_dem(dem: gdal.Dataset) -> bool:
+def _is_dem(dem: Any) -> bool:
+    """Tell whether a GDAL dataset has one band of signed numbers, a CRS, and no RPC."""
     on_map = dem.GetSpatialRef() is not None and not dem.GetMetadata("RPC")
-    return on_map and dem.RasterCount == 1 and dem.GetRasterBand(1).DataType in SIGNED
+    return on_map and dem.RasterCount == 1 and dem.GetRasterBand(1).ReadAsArray(0, 0, 1, 1).dtype.kind in "if"
