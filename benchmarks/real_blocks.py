@@ -24,7 +24,7 @@ from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.results.held_out import summarise_held_out
+from hrsi.hrsi_engine.results.figures import summarise_held_out
 
 DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 TEN = tuple(["H003", "H022", "H024", "H035", "H048", "H058", "H077", "H098", "H103", "H105"])

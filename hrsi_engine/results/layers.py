@@ -11,17 +11,9 @@ from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
 from ..io.geopackage.layers import Layer
 from ..io.geopackage.typed_rows import PickedColumn, StackedColumn
+from . import tables
 from .residuals import Residuals
 from .surface_figures import surface_residuals_table
-from .tables import (
-    Table,
-    choose_positions,
-    ground_points_table,
-    image_points_table,
-    images_table,
-    laser_points_table,
-    residuals_table,
-)
 
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
@@ -43,25 +35,26 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     list of Layer
         Footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are any.
     """
-    middle = middle_position(choose_positions(result))
-    left_over = residuals_table(result, left)
-    footprints = images_table(result, middle[2])
+    middle = middle_position(tables.choose_positions(result))
+    left_over = tables.residuals_table(result, left)
+    footprints = tables.images_table(result, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
     crs = {"residuals_wgs84": WGS84_3D, "residuals_utm": residuals_epsg(result)}
-    ground_points = _point_layer("ground_points", ground_points_table(result), WGS84_3D)
+    laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]
+    ground_points = _point_layer("ground_points", tables.ground_points_table(result), WGS84_3D)
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         replace(ground_points, metadata=name_point_operations(result.block.points)),
-        _point_layer("image_points", image_points_table(result, left), WGS84_3D),
+        _point_layer("image_points", tables.image_points_table(result, left), WGS84_3D),
         *(_point_layer(name, left_over, crs[name]) for name in chosen),
         *([_point_layer("surface_residuals", surface_residuals_table(result), WGS84_3D)] if result.surfaces else []),
-        *([] if result.laser is None else [_point_layer("laser_points", laser_points_table(result.laser), WGS84_3D)]),
+        *(_point_layer("laser_points", table, WGS84_3D) for table in laser),
     ]
 
 
 def residuals_epsg(result: Adjustment) -> int:
     """Return the EPSG code of the projected CRS of a block's middle, in which residuals are shown."""
-    return map_epsg(*middle_position(choose_positions(result))[:2])
+    return map_epsg(*middle_position(tables.choose_positions(result))[:2])
 
 
 def name_point_operations(points: GroundPoints) -> dict[str, str]:
@@ -70,7 +63,7 @@ def name_point_operations(points: GroundPoints) -> dict[str, str]:
     return {POINT_OPERATIONS: described} if described else {}
 
 
-def _point_layer(name: str, table: Table, epsg: int) -> Layer:
+def _point_layer(name: str, table: tables.Table, epsg: int) -> Layer:
     """Return a layer of points; a projected CRS takes easting and northing, heights stay ellipsoidal."""
     place = table.positions
     return Layer(name, "PointZ", epsg, place if epsg == WGS84_3D else _project_positions(place, epsg), table.columns)

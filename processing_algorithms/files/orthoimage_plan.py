@@ -30,16 +30,7 @@ from ...hrsi_engine.io.rasters import orthoimages
 from ...hrsi_engine.io.rasters.dems import fill_gaps
 from ...hrsi_engine.io.rasters.images import path_elsewhere
 from ...hrsi_engine.io.rasters.ortho_warp import OrthoSource, Warp
-from ...hrsi_engine.ortho.grid import (
-    GridWindow,
-    MapGrid,
-    choose_map_crs,
-    compute_covered_share,
-    compute_footprint_bounds,
-    compute_ground_sample_m,
-    find_terrain_points,
-    round_resolution,
-)
+from ...hrsi_engine.ortho import grid as map_grids
 from ...hrsi_engine.ortho.mapping import OrthoMapping
 from ...hrsi_engine.ortho.point_surface import surface_of_points
 from ...hrsi_engine.surface.dem import HeightSurface
@@ -79,7 +70,7 @@ class BlockPlan:
     terrain: Terrain
     crs: str
     resolution: float
-    grids: Mapping[str, MapGrid]
+    grids: Mapping[str, map_grids.MapGrid]
     gsd_m: Mapping[str, float]
     warnings: list[str]
     operations: tuple[OperationUse, ...] = ()
@@ -132,14 +123,14 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         if image.id in seen:
             raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
         seen[image.id] = image.path
-    below = {image.id: find_terrain_points(image, terrain.surface) for image in images}
+    below = {image.id: map_grids.find_terrain_points(image, terrain.surface) for image in images}
     for name, ground in below.items():
         if not len(ground):
             raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
-    gsd = {image.id: compute_ground_sample_m(image, below[image.id]) for image in images}
+    gsd = {image.id: map_grids.compute_ground_sample_m(image, below[image.id]) for image in images}
     ground, finest_m = np.concatenate(list(below.values())), min(gsd.values())
     if options.crs is None:
-        crs = choose_map_crs(ground)
+        crs = map_grids.choose_map_crs(ground)
     else:
         named = _parse_crs(options.crs, "crs")
         named = named.sub_crs_list[0] if named.sub_crs_list else named  # without a height part
@@ -148,7 +139,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
         crs = str(named.to_wkt())
     unit = pyproj.CRS.from_wkt(crs).axis_info[0]
     unit_m = METRES_PER_DEGREE if pyproj.CRS.from_wkt(crs).is_geographic else float(unit.unit_conversion_factor)
-    fitting = round_resolution(finest_m / unit_m)
+    fitting = map_grids.round_resolution(finest_m / unit_m)
     resolution = options.resolution or fitting
     if not 1.0 / ORTHO_GRID.largest_ratio <= resolution * unit_m / finest_m <= ORTHO_GRID.largest_ratio:
         raise InputError(  # another unit was meant
@@ -181,7 +172,7 @@ def _terrain_warnings(images: Sequence[Image], terrain: Terrain) -> list[str]:
             f"the ground is assumed to be flat: where it is {ORTHO_GRID.notable_height_m:g} m higher or lower, {worst} "
             f"is displaced by {ORTHO_GRID.notable_height_m * tangents[worst]:.1f} m; a DEM avoids this"
         ]
-    shares = {image.id: compute_covered_share(image, terrain.surface) for image in images}
+    shares = {image.id: map_grids.compute_covered_share(image, terrain.surface) for image in images}
     return [
         f"{name}: only {share:.0%} of the image lies on known terrain; the rest becomes nodata"
         for name, share in shares.items()
@@ -222,12 +213,12 @@ def parse_box(
 
 def _make_grids(
     images: Sequence[Image], surface: HeightSurface, crs: str, resolution: float, extent: str
-) -> dict[str, MapGrid]:
+) -> dict[str, map_grids.MapGrid]:
     """Return each image's grid for an extent as the option says it."""
-    bounds = {image.id: compute_footprint_bounds(image, surface, crs, resolution) for image in images}
+    bounds = {image.id: map_grids.compute_footprint_bounds(image, surface, crs, resolution) for image in images}
     every = np.array(list(bounds.values()))
     if extent == "each":
-        return {name: MapGrid.from_bounds(crs, resolution, box) for name, box in bounds.items()}
+        return {name: map_grids.MapGrid.from_bounds(crs, resolution, box) for name, box in bounds.items()}
     if extent == "union":
         box = (*every[:, :2].min(axis=0), *every[:, 2:].max(axis=0))
     elif extent == "overlap":
@@ -236,7 +227,7 @@ def _make_grids(
             raise InputError("`extent` overlap: there is no ground that all images show; use union or each")
     else:
         box = parse_box(extent, crs)
-    grid = MapGrid.from_bounds(crs, resolution, box)
+    grid = map_grids.MapGrid.from_bounds(crs, resolution, box)
     missed = [name for name, (w, s, e, n) in bounds.items() if w >= box[2] or e <= box[0] or s >= box[3] or n <= box[1]]
     if missed:
         raise InputError(f"`extent` {extent} does not overlap {', '.join(missed)}: remove them or enlarge the extent")
@@ -262,7 +253,7 @@ class OrthoJob:
     made_from: Mapping[str, Any]
 
     @property
-    def grid(self) -> MapGrid:
+    def grid(self) -> map_grids.MapGrid:
         return self.mapping.grid
 
     @cached_property
@@ -319,7 +310,7 @@ class OrthoRecipe:
     path: str = field(compare=False)
     rpc: RPC = field(compare=False)
     terrain: OrthorectifyOptions = field(compare=False)
-    grid: MapGrid = field(compare=False)
+    grid: map_grids.MapGrid = field(compare=False)
     error_px: float = field(compare=False)
     warp: Warp = field(compare=False)
     versions: Mapping[str, str] = field(compare=False)
@@ -357,7 +348,7 @@ def _elsewhere(path: str | None) -> str | None:
     return None if path is None else path_elsewhere(path)
 
 
-def _chunk_elsewhere(part: tuple[OrthoRecipe, GridWindow]) -> orthoimages.OrthoChunk:
+def _chunk_elsewhere(part: tuple[OrthoRecipe, map_grids.GridWindow]) -> orthoimages.OrthoChunk:
     recipe, window = part
     used = versions()
     for name, version in recipe.versions.items():

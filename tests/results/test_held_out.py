@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.adjustment.hold_out import HOLD_OUT, hold_out_ties
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, ImagePoints, Role
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.results.held_out import summarise_held_out
+from hrsi.hrsi_engine.results.figures import summarise_held_out
 
 
 def make_block(ties: int, seed: int = 1) -> Block:

@@ -21,16 +21,7 @@ from ...ground.geodesy import WGS84, WGS84_3D
 from ..opening.databases import sql_text
 from ..opening.datasets import gdal_messages
 from ..point_files.ogr_layer import open_vector
-from .layers import (
-    Layer,
-    create_layer,
-    create_style_table,
-    default_styles,
-    in_one_place,
-    insert_rows,
-    insert_styles,
-    write_geopackage,
-)
+from . import layers as layer_files
 from .sqlite_rows import PythonRows
 
 
@@ -112,16 +103,16 @@ def _point(body: bytes) -> tuple[float, ...] | None:
 _WAIT_S = 5.0  # for another program that is writing
 
 
-def replace_layers(path: str, layers: Sequence[Layer]) -> None:
+def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
     """Give layers of a GeoPackage these rows and their styles; file, layers and fields are made where missing.
 
     Raises `OutputError` where the file cannot be written; then it is as it was.
     """
     if not os.path.exists(path):
-        write_geopackage(path, layers)
+        layer_files.write_geopackage(path, layers)
         return
-    layers = in_one_place(layers)
-    styles = default_styles(layers)
+    layers = layer_files.in_one_place(layers)
+    styles = layer_files.default_styles(layers)
     dataset = None
     with gdal_messages() as messages:
         dataset = gdal.OpenEx(path, gdal.OF_VECTOR | gdal.OF_UPDATE, allowed_drivers=["GPKG"])
@@ -129,11 +120,11 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
             for layer in layers:
                 table = dataset.GetLayerByName(layer.name)
                 if table is None:
-                    create_layer(dataset, layer)
+                    layer_files.create_layer(dataset, layer)
                 elif layer.metadata:
                     table.SetMetadata({**table.GetMetadata(), **layer.metadata})
             if dataset.GetLayerByName("layer_styles") is None:
-                create_style_table(dataset)
+                layer_files.create_style_table(dataset)
     if dataset is None or messages:
         reason = messages[-1] if messages else "no GeoPackage"
         raise OutputError(f"{path}: cannot be written ({reason}): check the file, or save to another one")
@@ -146,13 +137,13 @@ def replace_layers(path: str, layers: Sequence[Layer]) -> None:
             # Replace the default styles of the layers; those that the user stored under names of their own stay
             for name in styles:
                 database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
-            insert_styles(database, layers, styles)
+            layer_files.insert_styles(database, layers, styles)
             database.execute("COMMIT")
     except sqlite3.Error as error:
         raise OutputError(f"{path}: cannot be written ({error}): close other programs that write into it") from None
 
 
-def _replace_rows(database: sqlite3.Connection, layer: Layer) -> None:
+def _replace_rows(database: sqlite3.Connection, layer: layer_files.Layer) -> None:
     """Empty a layer and its spatial index, add fields that it lacks, insert the rows."""
     present = {str(row[1]).lower() for row in database.execute("SELECT * FROM pragma_table_info(?)", (layer.name,))}
     for name, column in layer.fields.items():
@@ -160,7 +151,7 @@ def _replace_rows(database: sqlite3.Connection, layer: Layer) -> None:
             sql_type = {"f": "REAL", "i": "INTEGER", "u": "INTEGER", "b": "BOOLEAN"}.get(column.dtype.kind, "TEXT")
             added = sql_text("ALTER TABLE {table} ADD COLUMN {column}", table=layer.name, column=name)
             database.execute(f"{added} {sql_type}")
-    for _ in insert_rows(database, layer, PythonRows(database), empty_first=True):
+    for _ in layer_files.insert_rows(database, layer, PythonRows(database), empty_first=True):
         pass
 
 

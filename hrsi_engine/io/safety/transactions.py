@@ -26,18 +26,8 @@ from ...foundation.errors import InputError, OutputError
 from ...foundation.interruption import holding_signals
 from ...foundation.json_values import json_text
 from ..opening.files import read_json
+from . import replacing as file_replacing
 from .folder_lock import hold_lock, remove_dead_locks
-from .replacing import (
-    flush,
-    flush_files,
-    is_unfinished,
-    is_writer_running,
-    require_not_read_only,
-    sweep,
-    take_permissions,
-    temporary_name,
-    writer,
-)
 
 _JOURNAL_KEYS: dict[str, type] = {"writer": str, "steps": list, "signposts": list}
 _SIGNPOST_KEYS: dict[str, type] = {"writer": str, "journal": str}
@@ -67,7 +57,7 @@ class Transaction:
     def new_file(self, path: str) -> str:
         """Return a hidden name to write a file's new content to; `commit` gives it the name ``path``."""
         path = os.path.realpath(path)
-        temporary = temporary_name(path)
+        temporary = file_replacing.temporary_name(path)
         self._made.append(temporary)
         self._steps.append(("rename", temporary, path))
         return temporary
@@ -93,7 +83,7 @@ class Transaction:
     def discard(self, folder: str) -> None:
         """Have `commit` remove a folder with all that it holds, where there is one."""
         if os.path.isdir(folder):
-            self._discarded.append(temporary_name(os.path.abspath(folder)))
+            self._discarded.append(file_replacing.temporary_name(os.path.abspath(folder)))
             self.rename(folder, self._discarded[-1])
 
     def commit(self) -> None:
@@ -111,11 +101,11 @@ class Transaction:
             shutil.rmtree(self._discarded.pop(), ignore_errors=True)
 
     def _commit(self) -> None:
-        if is_unfinished(self.home):  # whoever moves its files into place flushes them
+        if file_replacing.is_unfinished(self.home):  # whoever moves its files into place flushes them
             _do_steps(self._steps)
             self.abandon()
             return
-        name = f".hrsi-journal-{writer()}-{secrets.token_hex(4)}.json"
+        name = f".hrsi-journal-{file_replacing.writer()}-{secrets.token_hex(4)}.json"
         folders = {os.path.dirname(path) for _, old, new in self._steps for path in (old, new) if path}
         inside = {folder for folder in folders if folder == self.home or folder.startswith(self.home + os.sep)}
         home, *others = [*sorted(folders - inside), *([self.home] if os.path.isdir(self.home) else [])]
@@ -123,12 +113,12 @@ class Transaction:
         try:
             renamed = [(old, new) for what, old, new in self._steps if what == "rename" and os.path.isfile(old)]
             for old, new in renamed:
-                require_not_read_only(new)
-                take_permissions(new, old)
-            flush_files([old for old, _ in renamed])
+                file_replacing.require_not_read_only(new)
+                file_replacing.take_permissions(new, old)
+            file_replacing.flush_files([old for old, _ in renamed])
             for signpost in signposts:
-                _write_journal(signpost, {"journal": journal, "writer": writer()})
-            _write_journal(journal, {"writer": writer(), "steps": self._steps, "signposts": signposts})
+                _write_journal(signpost, {"journal": journal, "writer": file_replacing.writer()})
+            _write_journal(journal, {"writer": file_replacing.writer(), "steps": self._steps, "signposts": signposts})
         except OSError as error:
             for file in signposts:
                 with contextlib.suppress(OSError):
@@ -166,9 +156,9 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
                 journal = own if signpost is None else signpost["journal"]
                 if signpost is None or os.path.exists(journal):
                     notices += _finish(journal)
-                elif not is_writer_running(signpost["writer"]):  # it had not come to the journal: nothing was changed
-                    os.remove(own)
-        sweep(folder)
+                elif not file_replacing.is_writer_running(signpost["writer"]):
+                    os.remove(own)  # the writer had not come to the journal: nothing was changed
+        file_replacing.sweep(folder)
         remove_dead_locks(folder)
     return notices
 
@@ -176,7 +166,7 @@ def recover_folders(folders: Iterable[str]) -> list[str]:
 def _finish(journal: str) -> list[str]:
     """Carry out what is left of a journal, one process at a time, unless its writer runs; return notices."""
     left = _read_journal(journal, _JOURNAL_KEYS)
-    if left is None or (left["writer"] != writer() and is_writer_running(left["writer"])):
+    if left is None or (left["writer"] != file_replacing.writer() and file_replacing.is_writer_running(left["writer"])):
         return []  # one of this process is what failed: where it still goes on, doing a step twice harms nothing
     with hold_lock(f"{journal}.lock"):
         if not os.path.exists(journal):  # another run has finished it, and may have changed the files since
@@ -211,7 +201,7 @@ def _carry_out(journal: str, steps: list[tuple[str, str, str]], signposts: list[
         _do_steps(steps)
         for folder in {os.path.dirname(path) for _, old, new in steps for path in (old, new) if path}:
             if os.path.isdir(folder):
-                flush(folder)
+                file_replacing.flush(folder)
         for file in (*signposts, journal):
             with contextlib.suppress(FileNotFoundError):
                 os.remove(file)
@@ -231,13 +221,13 @@ def _do_steps(steps: Iterable[tuple[str, str, str]]) -> None:
 
 
 def _write_journal(path: str, content: dict[str, object]) -> None:
-    temporary = temporary_name(path)
+    temporary = file_replacing.temporary_name(path)
     try:
         with open(temporary, "w", encoding="utf-8") as file:
             file.write(json_text(content))
-        flush(temporary)
+        file_replacing.flush(temporary)
         os.replace(temporary, path)
-        flush(os.path.dirname(path))
+        file_replacing.flush(os.path.dirname(path))
     finally:
         with contextlib.suppress(OSError):
             os.remove(temporary)
