@@ -231,7 +231,14 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSe
     column, row = np.clip((share * REPORT_PAGE.card_cells).astype(np.int64), 0, REPORT_PAGE.card_cells - 1).T
     cell, shape = row * REPORT_PAGE.card_cells + column, (REPORT_PAGE.card_cells, REPORT_PAGE.card_cells)
     with np.errstate(invalid="ignore", divide="ignore"):
-        means, errors = _average_cells(cell, shown.residual_px[part], shape)
+        # The mean residual of each part and its standard error, NaN where they are too few
+        residual, count = shown.residual_px[part], _sum_cells(cell, None, shape)[:, :, None]
+        total, square = (
+            np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
+            for columns in (residual, residual**2)
+        )
+        means = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
+        errors = np.sqrt(np.maximum(square / count - means**2, 0.0) / (count - 1))
     drawn = part[chosen]
     return ImageCard(
         image=image.id, extent=np.array([[first_sample, first_line], [last_sample, last_line]]),
@@ -243,17 +250,6 @@ def _make_card(result: Adjustment, index: int, part: np.ndarray, shown: _PointSe
 
 def _sum_cells(cell: np.ndarray, weights: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
     return np.bincount(cell, weights, shape[0] * shape[1]).reshape(shape)
-
-
-def _average_cells(cell: np.ndarray, residual: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean residual of each part and its standard error, NaN where they are too few."""
-    count = _sum_cells(cell, None, shape)[:, :, None]
-    total, square = (
-        np.stack([_sum_cells(cell, values, shape) for values in columns.T], axis=2)
-        for columns in (residual, residual**2)
-    )
-    mean = np.where(count >= CARD.fewest_residuals, total / count, np.nan)
-    return mean, np.sqrt(np.maximum(square / count - mean**2, 0.0) / (count - 1))
 
 
 def _read_pictures(images: Sequence[Image], wanted: Sequence[str]) -> dict[str, Picture]:
