@@ -86,7 +86,7 @@ def summary(rows: list[str]) -> str:
     far = sum(int(of_case[4]) for of_case in cells if of_case[4].isdigit())
     return (
         f"`match` finds {sum(ours)} of {len(rows)}, SIFT {sum(sift)}; {both} of SIFT's are found by `match`. "
-        f"Correspondences of `match` beyond {FAR_PX:g} px: {far}."
+        f"Correspondences of `match` beyond {FAR_PX:g} px: {far}"
     )
 
 
