@@ -66,14 +66,15 @@ BEGIN, END = "<!-- command: made by benchmarks/command_speed.py -->", "<!-- end 
 INTRODUCTION = """## The whole command
 
 Made by `python benchmarks/command_speed.py --docs --ceres BA FOLDER… --images N…`. Each row is `hrsi adjust` from files
-to files, with the defaults: it reads RPCs, GCPs and image points as CSV, checks whether they can be what they claim,
-adjusts with data snooping, tests of GCPs and of sigmas, and writes refined RPCs, the five layers of `block.gpkg` with
-spatial index and styles, and both reports. Parts are seconds of the clock; *CPU s* is the processor time of the whole
-process, which says more where other work shares the machine. Ceres is a program in C++ that adjusts the same folder,
-right after the command: it parses the text, solves once (`SPARSE_SCHUR`) and writes nothing. All on two cores.
+to files, with the defaults. It reads RPCs, GCPs and image points as CSV, checks the input, and adjusts with data
+snooping and tests of GCPs and sigmas. It writes refined RPCs, the five layers of `block.gpkg` with spatial index and
+styles, and both reports. The time of each part is wall-clock time; *CPU s* is the processor time of the complete
+process, which depends less on other load of the machine. Ceres is a program in C++ that adjusts the same folder, right
+after the command: it parses the text, solves once (`SPARSE_SCHUR`) and writes nothing. All runs are on two cores.
 
-The first blocks have 2000 ties an image, each on 3.4 images; the others about 100 ties an image and one GCP in thirty
-images, as they are and with 5 % of the GCPs and 1 % of the tie measurements wrong.
+The first blocks have 2000 tie points per image, each on 3.4 images. The others have about 100 tie points per image and
+one GCP per thirty images. These are adjusted without errors (*correct*), and with errors in 5 % of the GCPs and 1 % of
+the measurements of tie points.
 
 """
 
@@ -150,9 +151,8 @@ def growth(rows: list[list[str]]) -> str:
     """
     kinds: dict[str, list[list[str]]] = {}
     for row in rows:
-        kinds.setdefault("2000 ties an image" if row[0] not in ("right", "wrong GCPs and ties") else row[0], []).append(
-            row
-        )
+        kind = row[0] if row[0] in ("correct", "wrong GCPs and tie points") else "2000 tie points per image"
+        kinds.setdefault(kind, []).append(row)
     table, estimates, slopes = [], [], [1.0, 1.0]
     cpu, peak = HEAD.index("CPU s"), HEAD.index("peak MB")
     for kind, own in kinds.items():
@@ -166,19 +166,19 @@ def growth(rows: list[list[str]]) -> str:
                 float(own[-1][at]) * share ** max(1.0, slope) for at, slope in zip((cpu, peak), slopes, strict=True)
             )
             estimates.append(
-                f"- {kind}: {seconds / 3600:.0f} h of processor and {memory / 1e6:.1f} TB in one process"
+                f"- {kind}: {seconds / 3600:.0f} CPU h and {memory / 1e6:.1f} TB in one process"
                 f" ({float(own[-1][2]) * share / 1e6:.0f} million image points)."
             )
     text = render(("kind", "images", "exponent of CPU s", "exponent of peak MB"), table)
     return f"""
 ### Growth
 
-Exponents over the number of image points, from each block to the next: 1 is linear. Small blocks are mostly the start
-of the program.
+The exponents are those of the number of image points, from each block to the next: 1 is linear. The time of small
+blocks is mostly the start of the program.
 
 {text}
 
-### On paper: a million images
+### Estimate for a million images
 
 From the last row of each kind and its last exponents (at least 1):
 
@@ -235,10 +235,10 @@ def measure_all(folders: Sequence[Path], counts: Sequence[int], work: Path, cere
     for folder in folders:
         rows.append(measure(folder.name, folder.resolve(), work, ceres))
         print(rows[-1], flush=True)
-    simulated_rows: dict[str, list[list[str]]] = {"right": [], "wrong GCPs and ties": []}
+    simulated_rows: dict[str, list[list[str]]] = {"correct": [], "wrong GCPs and tie points": []}
     for count in counts:
         block = simulated(count)
-        for name, one in (("right", block), ("wrong GCPs and ties", spoilt(block))):
+        for name, one in (("correct", block), ("wrong GCPs and tie points", spoilt(block))):
             folder = work / f"{name.split()[0]}_{count}"
             write_folder(one, folder)
             simulated_rows[name].append(measure(name, folder, work))

@@ -118,8 +118,8 @@ def print_strips(count: int) -> None:
     """Print a row for each pointing error and model: the worst of its strips."""
     table = Table(
         "strips",
-        "| pointing px, model | strips | worst relative px | right ties lost, most | not converged | singular "
-        "| CPU s a frame |",
+        "| pointing px, model | strips | worst relative px | correct tie points lost, most | not converged | singular "
+        "| CPU s per frame |",
     )
     sizes = np.linspace(4, 40, count).astype(int) // LOOKS * LOOKS
     for pointing in POINTING_PX:

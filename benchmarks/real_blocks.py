@@ -203,19 +203,23 @@ def left_out(block: Block, name: str) -> Block:
 
 PAGE = DOCS / "held_out.md"
 HELD_OUT_HEAD = [
-    "block", "images", "ties", "held out", "wrong", "RMSE px: held out", "ties", "epipolar px: held out", "ties",
+    "block", "images", "tie points", "held out", "wrong", "RMSE px: held out", "used", "epipolar px: held out", "used",
     "verdict",
 ]  # fmt: skip
-INTRODUCTION = """# Held-out ties on real blocks
+INTRODUCTION = """# Held-out tie points of real blocks
 
 Made by `python benchmarks/real_blocks.py --docs`.
 
-A tenth of the tie tracks took no part in the adjustment (`--hold-out`, the default for blocks with more than 500 of
-them); beside their figures stand those of as many ties that adjusted. Where both are alike, the refined RPCs are as
-good between the points that made them as at these; the first is the figure to believe. RMSE: sqrt(mean(dx² + dy²))
-after intersection. Epipolar: root mean square distance of an image point from the epipolar lines of the others of its
-track. Wrong: held-out matches that fit no camera, left out of both. Blocks with 500 tie tracks or fewer hold out none;
-ZY-3 (42 surveyed points on two images) and QuickBird-2 (one image) have no ties.
+A tenth of the tie points was not used in the adjustment (`--hold-out`, the default for blocks with more than 500 of
+them). The table compares them with the same number of used tie points. If both are equal, the refined RPCs are as
+accurate between the used points as at these points. The first figure is the independent one.
+
+* RMSE: sqrt(mean(dx² + dy²)) after intersection.
+* Epipolar: root mean square distance of an image point from the epipolar lines of the others of its track.
+* Wrong: held-out matches that fit no camera. They are left out of both figures.
+
+Blocks with 500 tie points or fewer use all of them. ZY-3 (42 surveyed points in two images) and QuickBird-2 (one image)
+have no tie points.
 """
 
 
@@ -235,10 +239,10 @@ def skysat(folder: str) -> Block:
 
 #: Blocks with more than 500 tie tracks, from files or found in the pixels.
 WITH_TIES = {
-    "SPOT 7 pair, MicMac's ties": spot7,
-    "SkySat, San Luis Obispo, ties of the set": lambda: skysat("skysat_san_luis_obispo_mountains"),
-    "SkySat, Miami University, ties of the set": lambda: skysat("skysat_miami_university"),
-    "Pleiades triplet, OpenCV's ties": triplet,
+    "SPOT 7 pair, MicMac's tie points": spot7,
+    "SkySat, San Luis Obispo, tie points of the dataset": lambda: skysat("skysat_san_luis_obispo_mountains"),
+    "SkySat, Miami University, tie points of the dataset": lambda: skysat("skysat_miami_university"),
+    "Pleiades triplet, OpenCV's tie points": triplet,
     "Pleiades triplet": lambda: matched("s2p_triplet_phr", [f"img_0{k}.tif" for k in (1, 2, 3)]),
     "Ventoux, Pleiades pair": lambda: matched("ventoux_phr_pair", ("left_image.tif", "right_image.tif")),
     "Kahramanmaras, Pleiades, two dates": lambda: matched(

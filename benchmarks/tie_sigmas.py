@@ -158,14 +158,14 @@ def split(ratio: np.ndarray, rays: np.ndarray, quality: np.ndarray) -> list[str]
     return [deviation(ratio), *(deviation(ratio[group]) for group in groups)]
 
 
-HEAD = ("block", "compared", "ties", "median sigma px", "sigma0", "all", "2 rays", "3 rays", "4 rays",
+HEAD = ("block", "compared", "tie points", "median sigma px", "sigma0", "all", "2 rays", "3 rays", "4 rays",
         "worst third", "middle", "best third")  # fmt: skip
-INTRODUCTION = """# Are the sigmas of automatic ties right?
+INTRODUCTION = """# Sigmas of automatic tie points
 
-Printed by `python benchmarks/tie_sigmas.py --docs`. Ties found and adjusted with the defaults (a shift an image).
-*Residuals* are divided by their sigmas as adjusted; *truth*: what matching measured against the place where the true
-cameras see the true surface, divided by the sigmas that it states. Standard deviations of what lies below 4, and the
-share beyond.
+Printed by `python benchmarks/tie_sigmas.py --docs`. Tie points were found and adjusted with the defaults (a shift for
+each image). *Residuals* are divided by their sigmas in the adjustment. *Truth* is the difference between the position
+measured by matching and the projection of the true surface by the true cameras, divided by the sigma of matching. The
+figures are standard deviations of the values below 4, with the share of values beyond 4 in brackets.
 """
 
 
