@@ -88,7 +88,7 @@ PLACES: dict[int, tuple[tuple[float, float], ...]] = {
 }  # fmt: skip
 
 SEEDS = 40
-LASER_SEEDS = 24  # blocks held by laser heights
+LASER_SEEDS = 24  # blocks with laser heights
 POINTS = 1_000_000
 AXIS_PX = 9  # columns and rows of a small DEM
 CELL_M = 10.0
@@ -136,7 +136,7 @@ def compare_with_cs2cs() -> list[Row]:
         same = apart < 1e-3
         made = [operations.operations[one] for one in dict.fromkeys(number.tolist())]
         accuracy = ", ".join("?" if one.accuracy_m is None else f"{one.accuracy_m:g}" for one in made)
-        other = "" if same.all() else f"ballpark there, {apart[~same].max():.1f} m off"
+        other = "" if same.all() else f"ballpark there, {apart[~same].max():.1f} m apart"
         rows.append(Row(
             code, operations.crs.name, ", ".join(dict.fromkeys(one.name for one in made)), accuracy, int(same.sum()),
             1e3 * float(apart[same].max(initial=0.0)), other,
@@ -397,13 +397,13 @@ def make_tables() -> str:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         areas = compare_two_areas(folder)
-        add("A file with points of two areas", "ED50 in Spain and in Turkey.\n\n" + render(
+        add("A file with points of two areas", "The points are in ED50, in Spain and in Turkey.\n\n" + render(
             ("operation", "points", "from cs2cs mm"), [(one, count, f"{apart:.3f}") for one, count, apart in areas]
         ))  # fmt: skip
         add(
             "DEM and GCPs",
-            f"A DEM's cell and a point with its map coordinates, three places in each of the {len(PLACES)} CRS: at "
-            f"most {compare_dem_with_points(folder):.4f} mm apart.",
+            "A DEM cell and a point with the same map coordinates differ by at most "
+            f"{compare_dem_with_points(folder):.4f} mm, at three places in each of the {len(PLACES)} CRS.",
         )
         losses = run_without_grids(folder)
         told = sum(1 for *_, is_told in losses if is_told)
@@ -411,8 +411,9 @@ def make_tables() -> str:
         table = [(f"EPSG:{code}", one, "not known" if loss is None else f"{loss:.2f}") for code, one, loss, _ in worst]
         add(
             "Without any grid",
-            "`PROJ_DATA` with PROJ's database alone: an operation of better accuracy lacks its grid, by more than 0.1 "
-            f"m, at {len(losses)} of {3 * len(PLACES)} places; {told} of {len(losses)} are told. The largest:\n\n"
+            f"`PROJ_DATA` has PROJ's database alone. At {len(losses)} of {3 * len(PLACES)} places, the grid of an "
+            "operation that is more accurate by more than 0.1 m is missing. "
+            f"HRSI reports {told} of {len(losses)}. The largest losses:\n\n"
             + render(("CRS", "missing operation", "loss m"), table),
         )
         heads = ("job", "operation", "RPCs apart px", "verdict", "reasons", "CE90 on WGS84 m", "CE90 predicted m",
@@ -430,16 +431,16 @@ def make_tables() -> str:
     ]
     add(
         f"Coverage over {SEEDS} blocks",
-        "Errors of tie points of simulated blocks (3 images, 12 GCPs of 5 cm, an error of the operation drawn from its "
-        "stated accuracy) within their predicted CE90 and LE90.\n\n"
+        "The table has the shares of tie point errors within their predicted CE90 and LE90. The simulated blocks have "
+        "3 images, 12 GCPs of 5 cm and an error of the operation that is drawn from its stated accuracy.\n\n"
         + render(("GCPs", "sigma plan m", "sigma height m", "CE90 covers %", "LE90 covers %"), covered),
     )
     held, silent = cover_with_laser(cases["ETRS89 / UTM 32N + DHHN92"])
     add(
-        f"Coverage over {LASER_SEEDS} blocks held by laser heights",
-        "Blocks of two images without GCPs and three passes of a laser, whose heights are in DHHN92 with EGM96 in "
-        f"place of its geoid: LE90 covers {held:.1f} % of the errors of check points; {silent:.1f} % where the error "
-        "of the geoid does not count.",
+        f"Coverage over {LASER_SEEDS} blocks with laser heights",
+        "The blocks have two images, no GCPs and three passes of a laser. The laser heights are in DHHN92, with EGM96 "
+        f"in place of its geoid. LE90 covers {held:.1f} % of the check point errors, and {silent:.1f} % if the error of "
+        "the geoid is not included.",
     )
     speeds = [(code, *measure_speed(code, place)) for code, place in ((25832, (9.0, 50.0)), (23030, (-3.7, 40.4)))]
     times = [
@@ -447,8 +448,8 @@ def make_tables() -> str:
     ]
     add(
         "Speed",
-        f"CPU seconds for {POINTS} points, the best of five; before, PROJ's operations were listed at each call.\n\n"
-        + render(("CRS", "before CPU s", "service CPU s", "ratio"), times),
+        f"The times are CPU seconds for {POINTS} points, the best of five runs. Before, PROJ's operations were listed "
+        "at each call.\n\n" + render(("CRS", "before CPU s", "service CPU s", "ratio"), times),
     )
     return "\n\n".join(parts)
 
