@@ -105,7 +105,7 @@ def compare_four_dates() -> str:
     drift = max(abs(image["parameters"]["sample_l"]["value"]) for image in report["images"].values())
     east, _, up = np.abs(apart).max(axis=0)
     return (
-        f"`sample_l` up to {drift:.1e}; ground up to {east:.2f} m east, {up:.2f} m in height beside the shift "
+        f"`sample_l` up to {drift:.1e}; ground up to {east:.2f} m east, {up:.2f} m in height from the shift "
         f"model's; {tell(report)}"
     )
 
@@ -235,9 +235,9 @@ def evaluate_used_ties() -> str:
         images = [word for word in words if word.endswith("_RPC.TXT")]
         report = run("evaluate", *images, "--rpcs", f"refined=made{ties}", "--tracks", f"made{ties}/block.gpkg",
                      "--no-report", out="judged")  # fmt: skip
-        note = next((one for one in report["warnings"] if "made RPCs" in one), "no warning").split(";")[0]
+        note = next((one for one in report["warnings"] if "used for RPCs" in one), "no warning").split(";")[0]
         best = ", ".join(f"{one} ({by})" for by, one in report["best"].items() if one) or "none"
-        told.append(f"{ties} ties: best {best}; {note}")
+        told.append(f"{ties} tie points: best {best}; {note}")
     return ". ".join(told)
 
 
@@ -268,13 +268,13 @@ def compare_control() -> str:
 #: Name of a case: what was printed when it was found, and what prints it now.
 ROWS: Mapping[str, tuple[str, Callable[[], str]]] = {
     "four-date Pléiades block, no GCPs": (
-        "`sample_l` 3.0e-03 to 3.5e-03; ground −1.7…+1.4 m east, −2.2…+4.3 m in height beside the shift model's; *ok*",
+        "`sample_l` 3.0e-03 to 3.5e-03; ground −1.7…+1.4 m east, −2.2…+4.3 m in height from the shift model's; *ok*",
         compare_four_dates,
     ),
     "Hobart, sigmas 3 to 5 times too small, 10 GCPs": (
         "estimated well, coverage 80 to 98 %", lambda: state_hobart(10),
     ),
-    "Hobart, the same, 25 GCPs": ("sigma0 2.7 without a word", lambda: state_hobart(25)),
+    "Hobart, the same, 25 GCPs": ("sigma0 2.7 without a warning", lambda: state_hobart(25)),
     "Hobart, the same, 45 GCPs": (
         "sigma0 3.1; CE90 1.5 m (predicted 0.35), 28 % covered; *ok*", lambda: state_hobart(45),
     ),
@@ -300,18 +300,18 @@ ROWS: Mapping[str, tuple[str, Callable[[], str]]] = {
         "*unusable*, no RPC written", lambda: spoil("--wrong-heights", "0.286"),
     ),
     "30 % of tie measurements wrong, 5 seeds": ("*unusable*, no RPC written", lambda: spoil("--blunders", "0.3")),
-    "evaluate on the ties that made the RPCs": ('"best: refined", no warning', evaluate_used_ties),
+    "evaluate with the tie points of the adjustment": ('"best: refined", no warning', evaluate_used_ties),
     "unknown sensor": ("half the resolution, twice the metres", resample_unknown),
     "residuals of control": ("triangulate 0.07 m, evaluate 2.4 m", compare_control),
 }  # fmt: skip
-INTRODUCTION = """# What blocks say of themselves: then and now
+INTRODUCTION = """# Verdicts of critical blocks, before and now
 
 Made by `python benchmarks/evidence.py --docs`.
 
-Cases in which a block believed its own residuals, its drift or the ties that made it, found with the command line on
-real and simulated data. The second column was printed when they were found, the third is printed now. What the reasons
-mean: [verdict](verdict.md). Coverage is of check points; where their sigmas are stated too small with those of the
-GCPs, they share the statement.
+In these cases the verdict relied on residuals, a drift or tie points of the block itself. They were found with the
+command line on real and simulated data. The column *before* was printed when they were found, the column *now* is
+printed now. The page [verdict](verdict.md) explains the reasons. The coverage is that of check points. If the sigmas of
+the GCPs are stated too small, so are those of the check points.
 """
 
 
