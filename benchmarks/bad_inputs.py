@@ -44,7 +44,7 @@ from hrsi.processing_algorithms import REGISTRY  # noqa: E402
 HANGS = "hanging /vsicurl"
 PATIENCE_S = "1"  # of the requests here; a user's or the program's own patience is longer
 LONGEST_S = 60.0  # that a case may take
-HEAD = ["cases", "refused", "told", "done", "wrong"]
+HEAD = ["cases", "refused", "reported", "done", "wrong"]
 
 
 def outcomes(name: str) -> list[tuple[str, str, Outcome]]:
@@ -102,12 +102,13 @@ def main(words: Sequence[str]) -> int:
     return 1 if any(outcome.wrong for outcome in every) else 0
 
 
-EXPLANATION = """Each case is one command line with one fault, at one of the inputs that the algorithm declares or at
-its output folder. *Refused*: one line that names the file, or the images that it does not fit, with exit code 1 or 2,
-and nothing in the output folder but finished parts that are kept on purpose. *Told*: a result with a warning or a
-verdict that names what is odd. *Done*: the fault does no harm, as blanks in a path, or a camera where none is needed.
-*Wrong*: anything else: a traceback, more than one line, a fault that nobody is told of, a changed input, something
-left behind."""
+EXPLANATION = """\
+Each case is one command line with one fault, at one of the inputs that the algorithm declares or at its output folder.
+*Refused*: the command ends with exit code 1 or 2 and one line. The line names the file, or the images to which the file
+does not belong. The output folder contains only finished parts that are kept on purpose. *Reported*: a result with a
+warning or a verdict that names the fault. *Done*: the fault does not affect the result, such as blanks in a path, or a
+camera where none is necessary. *Wrong*: any other ending. Examples are a traceback, more than one line, a fault that is
+not reported, a changed input and files that are left behind."""
 
 
 if __name__ == "__main__":

@@ -101,14 +101,15 @@ def main(words: Sequence[str]) -> int:
     return 1 if wrong else 0
 
 
-EXPLANATION = """Each run is ended at a random moment: half of them from outside at a random time, four fifths of these
-after the first change of a file, half exactly before a random one of its changes of files. *Nothing there*, *whole
-result* and *finished parts* (orthoimages, which appear one by one) tell what was found when the next run, or anything
-that looks into the folder, had finished or removed what was under way. *Half-written* counts files that do not read
-as whole, results of which a part is missing, and next runs that come to other results than an undisturbed one; *left
-over* what lies about after the next run: every path, hidden or not, in the folders of inputs and results that an
-undisturbed run does not leave, and every mode bit that it does. `write-rpc` has three images: *half-written* counts
-those of which some have the new RPC and others the old one, too."""
+EXPLANATION = """\
+Each run is ended at a random moment. Half of the runs are ended from outside at a random time, four fifths of these
+after the first change of a file. The other half are ended exactly before a random one of their changes of files. The
+columns describe the files after the next run, or another reader of the folder, had finished or removed the interrupted
+work. *Nothing there*: no result. *Whole result*: a complete result. *Finished parts*: some of the orthoimages, which
+are written one by one. *Half-written*: files that cannot be read as a whole, results with a missing part, and next runs
+with results that differ from those of an undisturbed run. *Left over*: files that remain after the next run. These are
+all paths, hidden or not, in the folders of inputs and results that an undisturbed run does not leave, and all differences of mode bits. `write-rpc` has three images. Its *half-written* results include those in which some images have the new
+RPC and others the old one."""
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from hrsi.benchmarks.pages import DOCS
 PAGE = DOCS / "robustness.md"
 HEAD = """# Robustness
 
-What happens to files and memory when inputs are bad, when runs are ended or started twice, and when they are repeated.
+This page describes the files and the memory when inputs are bad, and when runs are ended, started twice or repeated.
 Each section is written by the benchmark that it names.
 """
 
