@@ -160,9 +160,9 @@ CASES = (
     Case("laser and DEM", USUAL, OPEN_LAND),
     Case("laser and DEM, 10 m of trees on half of it", USUAL, replace(IN_PLACE, trees=0.5)),
     Case("laser, DEM and reference", USUAL, OPEN_LAND, ORTHO),
-    Case("the same, a corner of the reference 15 m off", USUAL, OPEN_LAND, replace(ORTHO, corner_m=15.0)),
-    Case("laser and DEM, a pass 48 m off (other datum)", USUAL, OPEN_LAND, wrong_pass_m=48.0),
-    Case("laser and DEM, a quarter of the DEM 8 m off", USUAL, OPEN_LAND, wrong_part_m=8.0),
+    Case("the same, a corner of the reference moved by 15 m", USUAL, OPEN_LAND, replace(ORTHO, corner_m=15.0)),
+    Case("laser and DEM, a pass 48 m too high (other datum)", USUAL, OPEN_LAND, wrong_pass_m=48.0),
+    Case("laser and DEM, a quarter of the DEM 8 m too high", USUAL, OPEN_LAND, wrong_part_m=8.0),
 )
 BLOCKS = (("worldview-2", 2), ("worldview-2", 3), ("pleiades", 2), ("pleiades", 3))  # 0.5 and 0.7 m; by seed
 IMAGE_PX, SIGMA_DEM_M = 0.2, 3.0
@@ -357,7 +357,8 @@ def cost(seed: int) -> list[list[str]]:
 
 
 HEAD = (
-    "held by", "blocks", "height RMSE m", "of it the block's offset m", "plan RMSE m", "of its sigma", "within LE90 %",
+    "constrained by", "blocks", "height RMSE m", "of it the block's offset m", "plan RMSE m", "of its sigma",
+    "within LE90 %",
     "within CE90 %", "fault named", "other groups left out",
 )  # fmt: skip
 PARTS = {
@@ -367,11 +368,13 @@ PARTS = {
     "triplet": "A real triplet",
 }
 MATCHING_HEAD = (
-    "changed", "bands", "images", "places", "of those looked for %", "RMSE of a coordinate px", "of an image's mean px",
+    "changed", "bands", "images", "places", "of those searched for %", "RMSE of a coordinate px",
+    "of an image's mean px",
 )  # fmt: skip
-COST_HEAD = ("laser points", "usable", "that hold", "points of the adjustment", "Mpx read", "CPU s")
+COST_HEAD = ("laser points", "usable", "that determine heights", "points of the adjustment", "Mpx read", "CPU s")
 TRIPLET_HEAD = (
-    "held by", "median over the DSM, where even m", "ties", "all m", "beyond its heights m", "laser points used",
+    "constrained by", "median over the DSM, where even m", "tie points", "all m", "beyond its heights m",
+    "laser points used",
     "verdict", "CPU s",
 )  # fmt: skip
 INTRODUCTION = """# Free control: laser heights and free DEMs instead of GCPs
@@ -381,45 +384,49 @@ Printed by `python benchmarks/free_control.py --docs`.
 SIMULATED = """
 ## Simulated blocks
 
-Pairs and triplets of WorldView-2 (0.5 m) and Pleiades (0.7 m) in turn, 7 km, RPCs as wrong as the sensors' are, no GCP;
-three passes of ICESat-2 (`simulate --laser-passes 3`), errors as real segments have them; 200 laser points have three
-tie points each within 10 m, as matching finds them. Image points 0.2 px, relief 150 m; a DEM of 30 m, 1.5 m noise a
-cell and 1 m common error, with sigma 3 m; 150 places of a reference of 10 m, which lies 5 m off (root mean square
-distance: 64 % of the variance is one shift, 16 % differs between nine parts, 20 % from place to place), stated as 3.5 m
-a coordinate, and matched to 1.5 m. 50 independent check points a block. Default options. Where the DEM has trees, the
-other groups are its parts, which stand 10 m too high.
+Pairs and triplets of WorldView-2 (0.5 m) and Pleiades (0.7 m) alternate. The scenes are 7 km wide, with a relief of
+150 m. There is no GCP. The errors of the RPCs are those of the sensors. Three passes of ICESat-2
+(`simulate --laser-passes 3`) have the errors of real segments. 200 laser points have three tie points each within 10 m,
+as matching finds them. Image points have a noise of 0.2 px. The DEM of 30 m has 1.5 m noise in each cell and 1 m common
+error, with sigma 3 m. The reference of 10 m has 150 places, matched with an accuracy of 1.5 m. Its root mean square
+distance error is 5 m, stated as 3.5 m in each coordinate: 64 % of the variance is one shift, 16 % differs between nine
+parts, 20 % from place to place. A block has 50 independent check points. The options are the default ones. In the case
+with trees in the DEM, the other groups are parts of the DEM that are 10 m too high.
 
-All check points of a block share its error in plan, which is one draw: of n blocks, the share within CE90 has a
-standard error of 30 % / √n at least, 3 % with 100. The root mean square of the block's shifts, east and north, over
-their sigmas, which should be 1, has one of 0.5 / √n: 0.05. 199 other blocks, seeds from 20001 on, had 91.6 ± 2.1 %
-within CE90 and 0.97 ± 0.04 of their sigma with the reference, 92.2 % and 0.99 with the laser alone.
+All check points of a block share its error in plan, which is one draw. So the share of n blocks within CE90 has a
+standard error of at least 30 % / √n, 3 % with 100 blocks. The ratio of the root mean square of the shifts of the blocks
+(east and north) to their sigmas should be 1. Its standard error is 0.5 / √n: 0.05. 199 other blocks, seeds from 20001
+on, had 91.6 ± 2.1 % within CE90 and 0.97 ± 0.04 of their sigma with the reference, 92.2 % and 0.99 with the laser
+alone.
 """
 MATCHING = """
 ## A reference of 10 m for images of 0.5 m
 
-Pairs of WorldView-2 of 4096 pixels, rendered; free orthoimages in four bands (`simulate --free-ortho 10`) from another
-time of the year, in which soil, plants and parcels look different by some share; a free DEM with trees. The place that
-each image shows is compared with where the orthoimage, with its simulated errors, has it; in its pixels of 10 m, of
-20 x 20 image pixels. Asked of the plan are 0.3.
+Pairs of WorldView-2 of 4096 pixels are rendered. The free orthoimages have four bands (`simulate --free-ortho 10`) and
+are from another time of the year: a share of the soil, plants and parcels has another appearance. The free DEM has
+trees. The position of each match in the image is compared with that in the orthoimage, which has simulated errors. The
+unit is its pixels of 10 m, which are 20 x 20 image pixels. The required accuracy of a coordinate is 0.3 px.
 """
 COST = """
 ## Cost
 
-Laser points on a pair of WorldView-2 of 40 000 x 40 000 pixels with 500 tie points: looked up, measured (at most 2000),
-adjusted, and again where the block moved. The images are rendered where they are read; that time is not counted.
+A pair of WorldView-2 of 40 000 x 40 000 pixels has 500 tie points. Its laser points are looked up, measured (at most
+2000) and adjusted, again where the block moved. The images are rendered when they are read; that time is not included.
 """
 TRIPLET = """
 ## A real triplet
 
-The Pleiades triplet of s2p with RPCs that put all ground 20 m too high. Its own DSM, resampled to 30 m, is the DEM;
-laser points are drawn from it, 12 m long, with simulated errors: most of this scene (walls, trees, terraces) is too
-rough for a laser, as real ones would be. Heights of the tie points over the DSM are compared where it is even (3 m).
+The Pleiades triplet of s2p has RPCs that put all ground 20 m too high. Its own DSM, resampled to 30 m, is the DEM. The
+laser points are drawn from the DSM, 12 m long, with simulated errors. Most of this scene (walls, trees, terraces) is
+too rough for a laser, as it would be for real laser points. The heights of the tie points above the DSM are compared
+where it is even (3 m).
 
-Over all ties the median is some 0.2 m higher, and grows with the range of the DSM's heights within 2 m: +0.02 m where
-that is below 0.5 m, +0.04 to 1 m, +0.10 to 2 m, +0.46 to 5 m, +0.67 above. Corners stand on the upper edges of roofs,
-walls and crowns (at 0.68 of the range), where the DSM, in cells of 0.5 m, has something between (0.53): the block is
-not too high. Counting only what lies above the highest or below the lowest height within 3 m, the median is 0.
-The verdict's doubt with the DEM is that it covers 39 % of the images' ground, as it does, not its heights.
+Over all tie points the median is about 0.2 m higher. It increases with the range of the DSM's heights within 2 m:
++0.02 m below 0.5 m, +0.04 m to 1 m, +0.10 m to 2 m, +0.46 m to 5 m, +0.67 m above. Corners are on the upper edges of
+roofs, walls and crowns, at 0.68 of the range. The DSM, in cells of 0.5 m, has an intermediate height there, at 0.53. So
+the block is not too high. If only the part above the highest or below the lowest height within 3 m is counted, the
+median is 0. With the DEM the verdict is doubtful because the DEM covers 39 % of the images' ground, not because of its
+heights.
 """
 
 
