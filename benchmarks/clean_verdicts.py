@@ -61,8 +61,8 @@ REAL: dict[str, Callable[[], Block]] = {
     "Hobart, IKONOS, 10 GCPs": real_blocks.hobart,
     "ZY-3, 7 GCPs": real_blocks.zy3,
     "QuickBird-2, 5 GCPs": real_blocks.quickbird,
-    "SPOT 7, MicMac's ties": real_blocks.spot7,
-    "Pleiades triplet, OpenCV's ties": real_blocks.triplet,
+    "SPOT 7, tie points of MicMac": real_blocks.spot7,
+    "Pleiades triplet, tie points of OpenCV": real_blocks.triplet,
     "Pleiades triplet": lambda: matched("s2p_triplet_phr", ("img_01.tif", "img_02.tif", "img_03.tif")),
     "Kahramanmaras, two dates": lambda: matched(
         "kahramanmaras_phr4",
@@ -126,9 +126,9 @@ def main(words: Sequence[str] | None = None) -> None:
     options = parser.parse_args(words)
     first, count = options.seeds
     real, made = real_table(options.models), simulated_table(first, count, options.models)
-    text = f"""# Sound blocks: how often the verdict is ok
+    text = f"""# Verdicts of simulated and real blocks without input errors
 
-Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. What the verdict asks: [verdict](verdict.md).
+Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. The page [verdict](verdict.md) explains the verdict.
 
 ## Real blocks
 
@@ -136,10 +136,11 @@ Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. What the verdict asks
 
 ## Simulated blocks
 
-Seeds {first} to {first + count - 1} (thresholds were tuned on others, below 1000): two to four images of 4000
-to 12 000 px, 0 to 12 GCPs, 40 to 800 tie points, 0 to 5 % of them wrong, noise of 0.1 to 0.5 px, and the errors
-of position and attitude that each sensor is known for. Where GCPs are few, an image's corners are not known with
-`affine`: these are its doubtful blocks.
+Seeds {first} to {first + count - 1} were not used for tuning; the thresholds were tuned with seeds below 1000. The
+blocks have two to four images of 4000 to 12 000 px, 0 to 12 GCPs and 40 to 800 tie points. 0 to 5 % of the tie points
+are wrong, and the noise is 0.1 to 0.5 px. The errors of position and attitude are those of each sensor. With few GCPs,
+the corners of an image are not determined by the observations with the model `affine`: these are the doubtful blocks of
+this model.
 
 {made}
 """
