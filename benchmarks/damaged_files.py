@@ -152,11 +152,12 @@ def render_tables(
 PAGE = DOCS / "damaged_files.md"
 TEXT = """# Damaged files
 
-Printed by `benchmarks/damaged_files.py --docs`: {number} files, damaged on purpose, made of {seeds} sound ones (of
-the simulator, of the engine's writers, of GDAL, and real ones), each through its reader, in processes with limits;
-`adjust` is the whole command with one damaged input. A reader may read a damaged file, where the damage does not show,
-or refuse it in one line that names it. Nothing else may happen: no crash, no traceback, nothing above {seconds:.0f} s
-of processor time, nothing above {gib:.0f} GiB of memory, that of the interpreter with all packages included.
+Printed by `benchmarks/damaged_files.py --docs`: {number} files are damaged on purpose. They are made of {seeds}
+undamaged files of the simulator, of the engine's writers and of GDAL, and of real ones. Each file is read by its
+reader, in processes with limits; `adjust` is the whole command with one damaged input. A reader may read a damaged file
+if the damage is not visible, or refuse it with one line that names it. All other endings are faults: a crash, a
+traceback, more than {seconds:.0f} s of processor time, more than {gib:.0f} GiB of memory (that of the
+interpreter with all packages included).
 
 {endings}
 
@@ -164,8 +165,9 @@ of processor time, nothing above {gib:.0f} GiB of memory, that of the interprete
 
 {kinds}
 
-*bits* flips up to 16 of them, *bytes* and *blank* replace a piece, *numbers* puts extreme ones (in text or binary),
-*cut*, *removed*, *repeated* and *exchanged* take, double or move pieces, *foreign* puts in what other formats hold.
+The kinds of damage are: *bits* inverts up to 16 bits, *bytes* and *blank* replace a piece, and *numbers* inserts
+extreme numbers, in text or binary. The kinds *cut*, *removed*, *repeated* and *exchanged* remove, double or move
+pieces. Content of other formats is inserted by *foreign*.
 """
 
 
