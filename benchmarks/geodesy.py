@@ -439,8 +439,8 @@ def make_tables() -> str:
     add(
         f"Coverage over {LASER_SEEDS} blocks with laser heights",
         "The blocks have two images, no GCPs and three passes of a laser. The laser heights are in DHHN92, with EGM96 "
-        f"in place of its geoid. LE90 covers {held:.1f} % of the check point errors, and {silent:.1f} % if the error of "
-        "the geoid is not included.",
+        f"in place of its geoid. LE90 covers {held:.1f} % of the check point errors, and {silent:.1f} % if the error "
+        "of the geoid is not included.",
     )
     speeds = [(code, *measure_speed(code, place)) for code, place in ((25832, (9.0, 50.0)), (23030, (-3.7, 40.4)))]
     times = [
