@@ -108,8 +108,9 @@ columns describe the files after the next run, or another reader of the folder, 
 work. *Nothing there*: no result. *Whole result*: a complete result. *Finished parts*: some of the orthoimages, which
 are written one by one. *Half-written*: files that cannot be read as a whole, results with a missing part, and next runs
 with results that differ from those of an undisturbed run. *Left over*: files that remain after the next run. These are
-all paths, hidden or not, in the folders of inputs and results that an undisturbed run does not leave, and all differences of mode bits. `write-rpc` has three images. Its *half-written* results include those in which some images have the new
-RPC and others the old one."""
+all paths, hidden or not, in the folders of inputs and results that an undisturbed run does not leave, and all
+differences of mode bits. `write-rpc` has three images. Its *half-written* results include those in which some images
+have the new RPC and others the old one."""
 
 
 if __name__ == "__main__":
