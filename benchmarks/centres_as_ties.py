@@ -54,12 +54,12 @@ def main() -> None:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     every = [
-        "| block | ties | tracks | on three images | cells with a tie | fit (px) | predicted (px) |",
+        "| block | set | tracks | on three images | cells with a tie point | fit (px) | predicted (px) |",
         "|---|---|---|---|---|---|---|",
     ]
     few = [
         "",
-        f"| block | {FEW} ties of | adjusted | fit (px), mean | worst | predicted (px), mean | worst |",
+        f"| block | {FEW} tie points of | adjusted | fit (px), mean | worst | predicted (px), mean | worst |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, (folder, files) in BLOCKS.items():

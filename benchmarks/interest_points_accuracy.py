@@ -92,26 +92,26 @@ def main() -> None:
 
 
 HEAD = """
-Made by `benchmarks/interest_points_accuracy.py --page`. The scenes are not those that the detector was tuned on (other
-seeds). Distances between views are after the true cameras and the true terrain have carried the points over.
+Made by `benchmarks/interest_points_accuracy.py --page`. The detector was tuned on other scenes (other seeds). For the
+distances between views, points are transferred with the true cameras and the true terrain.
 """
 BEGIN = "## On simulated scenes\n"  # before it stands what `interest_points_real` writes
 REMARKS = """
-## What to read from it
+## Interpretation
 
-Roofs have no closed grey level where they lie between bright crowns and dark shadows; they are found because they
-are more even than their surroundings. A centre's quality is its chance to be found again on real ground; these scenes
-are kinder. `interest-points` returns the strong ones (0.5 and better); matching gets all of 0.33 and better, because a
-strong one's partner may be weak, and begins with the best.
+Roofs between bright canopy and dark shadows have no closed grey level. They are found because they are more uniform
+than their surroundings. The quality of a centre is its probability to be found again on real ground; on these scenes
+the probability is higher. `interest-points` returns the strong centres (0.5 and better). Matching uses all of 0.33 and
+better, because the partner of a strong centre may be weak, and begins with the best.
 
-Roofs that `measure-targets` gets wrong are other objects within its search distance, where the roof itself is not
-seen; a smaller distance refuses them.
+If `measure-targets` measures a wrong roof, it is another object within the search distance, and the roof itself is not
+visible. A smaller distance avoids these errors.
 
-Centres against corners at the same resolution: two views of the same moment share one noise-free texture, on which
-the strongest corner response repeats nearly as well as the outline of a roof, so that the advantage of centres stays
-below the 40 % that chapter 2 leads to expect. Where the views differ as those of two dates do (texture, light,
-sharpness), corners lose more. Between PAN and MS corners do
-not correspond: the response moves inwards by a constant number of pixels of each image.
+Centres are compared with corners at the same resolution. Two views of the same moment have the same texture without
+noise. On it the strongest corners repeat nearly as well as the outlines of roofs. The advantage of centres is therefore
+below the 40 % of chapter 2. If the views differ as those of two dates do (texture, light, sharpness), the accuracy
+of corners decreases more. Corners in PAN and MS images do not correspond, because the maximum of the response moves
+inwards by a constant number of pixels of each image.
 """
 
 
@@ -203,7 +203,7 @@ def gather_targets(figures: Figures, image: object, truth: object) -> None:
 
 def print_targets(figures: Figures) -> None:
     """Print how many roofs are measured near a rough position, and how well."""
-    print(f"\nRoofs near a position {CLICK_PX:g} px off (`measure-targets`):")
+    print(f"\nRoofs near a position with an error of {CLICK_PX:g} px (`measure-targets`):")
     print("\n| diameter (px) | roofs | measured | RMSE (px) | largest | wrong by more than 1 px |")
     print("|---|---|---|---|---|---|")
     for (low, high), errors in sorted(figures.targets.items()):

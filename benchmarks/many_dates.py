@@ -341,7 +341,7 @@ def of_year(words: argparse.Namespace, folder: Path, seed: int) -> list[str]:
     truth = true_cameras(folder)
     print(f"{len(images)} images of {words.side} px, seed {seed}, hopeless: {', '.join(hopeless) or 'none'}")
     scene = f"{len(images)} of {words.side} px, seed {seed}"
-    scene += f", {len(hopeless)} hopeless" if hopeless else ""
+    scene += f", {len(hopeless)} unusable" if hopeless else ""
     methods = {"HRSI": hrsi} if words.no_sift else METHODS
     return [told(scene, name, hopeless, len(images), method(images, truth, folder)) for name, method in methods.items()]
 

@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true")
     words = parser.parse_args()
     lines = [
-        "| block | images | pairs measured | probed | tried | CPU s, overlaps | CPU s, choice | ms an image |",
+        "| block | images | pairs measured | probed | tried | CPU s, overlaps | CPU s, choice | ms per image |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for kind, dates in (("triplets", 3), ("30 dates", 30)):

@@ -68,7 +68,7 @@ def main() -> None:
     options = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY), threads=1)
     seen = {}
     flags = [
-        "| image | sun's azimuth, elevation | dark centres | flagged | sun turned 90°, 180°, 270° | owed to the sun |",
+        "| image | sun's azimuth, elevation | dark centres | flagged | sun rotated by 90°, 180°, 270° | due to the sun |",
         "|---|---|---|---|---|---|",
     ]
     for folder, name in dict.fromkeys((pair.folder, file) for pair in PAIRS for file in pair.files):
@@ -91,7 +91,7 @@ def main() -> None:
             f"| {Path(name).stem} | {sun.azimuth_deg:.0f}°, {sun.elevation_deg:.0f}° | {len(points)} | {count[0]} "
             f"| {', '.join(map(str, count[1:]))} | {max(1.0 - count[2] / max(count[0], 1), 0.0):.0%} |"
         )
-    again = ["", "| centres of | looked for in | flagged found again | other dark ones |", "|---|---|---|---|"]
+    again = ["", "| centres of | searched for in | flagged found again | other dark ones |", "|---|---|---|---|"]
     for pair in PAIRS:
         both = [seen[pair.folder, file] for file in pair.files]
         if all(entry[3] is None for entry in both):
@@ -147,7 +147,7 @@ def of_year(folder: Path, options: DetectionOptions) -> list[str]:
         found[int(np.searchsorted(SUNS_APART_DEG, apart, "right"))].append(
             np.column_stack([flagged[one][asked], *ways])
         )
-    rows = ["", "| simulated dates, suns apart | pairs | flagged found again | other dark ones | by chance |",
+    rows = ["", "| simulated dates, angle between the suns | pairs | flagged found again | other dark ones | by chance |",
             "|---|---|---|---|---|"]  # fmt: skip
     for number, parts in sorted(found.items()):
         shadow, again, chance = np.concatenate(parts).T.astype(bool)
