@@ -68,7 +68,7 @@ def main() -> None:
     options = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY), threads=1)
     seen = {}
     flags = [
-        "| image | sun's azimuth, elevation | dark centres | flagged | sun rotated by 90°, 180°, 270° | due to the sun |",
+        "| image | sun's azimuth, elevation | dark centres | flagged | sun rotated 90°, 180°, 270° | due to the sun |",
         "|---|---|---|---|---|---|",
     ]
     for folder, name in dict.fromkeys((pair.folder, file) for pair in PAIRS for file in pair.files):
@@ -147,7 +147,7 @@ def of_year(folder: Path, options: DetectionOptions) -> list[str]:
         found[int(np.searchsorted(SUNS_APART_DEG, apart, "right"))].append(
             np.column_stack([flagged[one][asked], *ways])
         )
-    rows = ["", "| simulated dates, angle between the suns | pairs | flagged found again | other dark ones | by chance |",
+    rows = ["", "| simulated dates, angle of suns | pairs | flagged found again | other dark ones | by chance |",
             "|---|---|---|---|---|"]  # fmt: skip
     for number, parts in sorted(found.items()):
         shadow, again, chance = np.concatenate(parts).T.astype(bool)
