@@ -92,7 +92,8 @@ def timed(work: Callable) -> tuple:
 def print_simulated(large: bool) -> None:
     """Print correspondences and errors against truth."""
     print(
-        "\n| texture | window | turned | interest points | correspondences | median error | largest | false | seconds |"
+        "\n| texture | window | rotated | interest points | correspondences | median error | largest | false "
+        "| seconds |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     cases = [(texture, 400, turn) for texture in TEXTURES for turn in TURNS]
@@ -111,7 +112,7 @@ def print_simulated(large: bool) -> None:
 def print_real(data: Path, chosen: str) -> None:
     """Print correspondences of whole images and of 400 x 400 windows, and distances across the epipolar lines."""
     print(
-        "\n| pair | turned | correspondences | NMAD | beyond 1.5 px | seconds | SIFT inliers, NMAD "
+        "\n| pair | rotated | correspondences | NMAD | beyond 1.5 px | seconds | SIFT inliers, NMAD "
         "| 400 x 400: correspondences | beyond | seconds |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")

@@ -59,7 +59,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     rng = np.random.default_rng(given.seed)
     rows = [
-        "| pair | scale | turned | `match` | beyond 2 px | CPU s | SIFT | beyond 2 px | CPU s |",
+        "| pair | scale | rotated | `match` | beyond 2 px | CPU s | SIFT | beyond 2 px | CPU s |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     print("\n".join(rows), flush=True)

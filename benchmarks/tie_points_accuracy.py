@@ -201,7 +201,7 @@ def _cases() -> Iterator[tuple]:
 def print_triangulate() -> None:
     """Print the residuals of the tie points that `triangulate` finds, and of SIFT's tracks by its RPCs."""
     print("\n`triangulate` without any option: residuals per observation (px), by number of images.\n")
-    print("| block | seconds | ties | RMSE | by rays: points, RMSE | SIFT tracks by the refined RPCs |")
+    print("| block | seconds | tie points | RMSE | by rays: points, RMSE | SIFT tracks by the refined RPCs |")
     print("|---|---|---|---|---|---|")
     for name, sample in SAMPLES.items():
         with tempfile.TemporaryDirectory() as folder:
