@@ -15,7 +15,7 @@ from osgeo import gdal
 
 from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
-from hrsi.benchmarks.wrong_inputs import Inputs, TruePoints, clean, written
+from hrsi.benchmarks.wrong_inputs import Inputs, TruePoints, clean, make_generator, written
 from hrsi.benchmarks.wrong_kinds import TRUE_KINDS, TrueKind
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 
@@ -211,24 +211,25 @@ def run_kind(kind: TrueKind, sensors: Sequence[str], seeds: Sequence[int], tell:
     row = HarmRow(kind, [])
     for sensor, seed in itertools.product(sensors, seeds):
         right = clean(sensor, seed, kind.images, kind.gcps, kind.relief_m, kind.checks, kind.place)
-        harm = run_for_harm(kind.spoil(right, np.random.default_rng([seed, len(kind.name)])))
+        harm = run_for_harm(kind.spoil(right, make_generator(seed, kind.name)))
         row.runs.append((sensor, seed, harm))
         if tell and (harm.verdict in ("ok", "crashed") or harm.is_harmful):
             print("   ", sensor, seed, harm.verdict, f"{harm.times:.1f}", *harm.codes, harm.told[-300:], flush=True)
     return row
 
 
-HEAD = ["wrong input", "runs", "kept back", "doubtful", "ok", "harm", "silent harm", "error / predicted", "reasons",
-        "why nothing can tell"]  # fmt: skip
-INTRODUCTION = """# Wrong inputs: what they do to the result
+HEAD = ["wrong input", "runs", "no result", "doubtful", "ok", "biased", "undetected bias", "error / predicted",
+        "reasons", "why it is not detectable"]  # fmt: skip
+INTRODUCTION = """# Wrong inputs: effect on the result
 
 Made by `python benchmarks/wrong_inputs.py --true-errors --docs {words}`.
 
-{count} more kinds of wrong input, each on blocks of {sensors} with seeds that served for no tuning, go through `adjust`
-as files. The refined RPCs that come out are evaluated by GDAL: points are intersected from the pixels where they truly
-are (as the simulated cameras see them, which are no RPCs), and compared with where they truly lie. *Kept back*: the
-inputs were refused, or no refined RPC was written. *Harm*: CE90 or LE90 of these errors is more than twice what the
-report predicts. *Silent harm*: the verdict was *ok* then. *Error / predicted*: the worst of all runs.
+{count} more kinds of wrong input are each run on blocks of {sensors}. The seeds were not used for tuning, and `adjust`
+reads the inputs as files. GDAL evaluates the refined RPCs: points are intersected from the pixels in which the
+simulated cameras, which are not RPCs, observe them. The results are compared with the true positions. *No result*: the
+inputs were refused, or no refined RPC was written. *Biased*: CE90 or LE90 of these errors is more than twice the
+prediction of the report. *Undetected bias*: the result is biased and the verdict is *ok*. *Error / predicted*: the
+largest ratio of all runs.
 """
 
 

@@ -409,30 +409,31 @@ def laser_moved(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 # ---- the kinds -----------------------------------------------------------------------------------------------------
 
 GCP, CHECK, TIE = Role.GCP, Role.CHECK, Role.TIE
-UNSEEN = "a common shift of all known points is what biased RPCs look like, within their accuracy"
-NO_OTHER_HEIGHT = "within the RPCs' own accuracy of heights, and nothing else in the block has a height"
-AS_STATED = "within three sigmas of what the RPCs state of themselves where that is 35 m (SPOT 5); told elsewhere"
-AS_DRIFTS = "where the sensor's drift is known no better than the deformation is large (SPOT 5); told elsewhere"
-ONE_POINT = "one point alone cannot be told from biased RPCs within their accuracy"
+UNSEEN = "a common shift of all known points has the same effect as biased RPCs, within their accuracy"
+NO_OTHER_HEIGHT = "within the height accuracy of the RPCs, and no other observation of the block has a height"
+AS_STATED = "within three sigmas of the stated accuracy of the RPCs if that is 35 m (SPOT 5); reported elsewhere"
+AS_DRIFTS = (
+    "if the a priori standard deviation of the drift is as large as the deformation (SPOT 5); reported elsewhere"
+)
+ONE_POINT = "the error of a single point cannot be distinguished from biased RPCs, within their accuracy"
 TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("one of 2 GCPs 6 m (8 px) east", points_moved(GCP, (6.0, 0.0, 0.0), 8.0, 1), 2, 0),
     TrueKind("one of 3 GCPs 6 m (8 px) east", points_moved(GCP, (6.0, 0.0, 0.0), 8.0, 1), 3, 0),
     TrueKind("one of 2 heights 17 m (25 px) up", points_moved(GCP, (0.0, 0.0, 17.0), 25.0, 1), 2, 0),
     TrueKind("one of 3 heights 17 m (25 px) up", points_moved(GCP, (0.0, 0.0, 17.0), 25.0, 1), 3, 0),
-    TrueKind("one of 4 GCPs measured 10 px off, all images", measured_off(GCP, 10.0, 1), 4, 0),
-    TrueKind("one of 8 GCPs measured 15 px off, one image", measured_off(GCP, 15.0, 1, 1)),
-    TrueKind("two of 3 GCPs 10 m (10 px) north, alike", points_moved(GCP, (0.0, 10.0, 0.0), 10.0, 2), 3, 0),
-    TrueKind("the only GCP 30 m off", points_moved(GCP, (20.0, -22.0, 0.0), 0.0), 1, 0, untold=ONE_POINT),
+    TrueKind("one of 4 GCPs measured with an error of 10 px, all images", measured_off(GCP, 10.0, 1), 4, 0),
+    TrueKind("one of 8 GCPs measured with an error of 15 px, one image", measured_off(GCP, 15.0, 1, 1)),
+    TrueKind("two of 3 GCPs 10 m (10 px) north, by the same shift", points_moved(GCP, (0.0, 10.0, 0.0), 10.0, 2), 3, 0),
+    TrueKind("the only GCP with an error of 30 m", points_moved(GCP, (20.0, -22.0, 0.0), 0.0), 1, 0, untold=ONE_POINT),
     TrueKind("the only GCP 30 m too high", points_moved(GCP, (0.0, 0.0, 30.0), 0.0), 1, 0, untold=ONE_POINT),
-    TrueKind("GCPs 10 m (10 px) east, check points right", points_moved(GCP, (10.0, 0.0, 0.0), 10.0)),
-    TrueKind("GCPs 12 m (15 px) too high, check points right", points_moved(GCP, (0.0, 0.0, 12.0), 15.0)),
-    TrueKind("GCPs of a web map, 8 m off, stated 0.3 m", with_sigmas(0.3, 1.0, points_moved(GCP, (6.0, 5.0, 0.0))), 8,
-             0,
-             untold=UNSEEN),
+    TrueKind("GCPs 10 m (10 px) east, check points correct", points_moved(GCP, (10.0, 0.0, 0.0), 10.0)),
+    TrueKind("GCPs 12 m (15 px) too high, check points correct", points_moved(GCP, (0.0, 0.0, 12.0), 15.0)),
+    TrueKind("GCPs of a web map, with an error of 8 m, stated 0.3 m",
+             with_sigmas(0.3, 1.0, points_moved(GCP, (6.0, 5.0, 0.0))), 8, 0, untold=UNSEEN),
     TrueKind("GCPs of 3 m stated 0.05 m", with_sigmas(0.05, 0.1, points_moved(GCP, (3.0, 3.0, 3.0), 4.0,
              scatter=True)), 10, 0),
-    TrueKind("sigmas of GCPs 1e-6 m, one 5 m (6 px) off", with_sigmas(1e-6, 1e-6, points_moved(GCP, (5.0, 0.0, 0.0),
-             6.0, 1))),
+    TrueKind("sigmas of GCPs 1e-6 m, one with an error of 5 m (6 px)",
+             with_sigmas(1e-6, 1e-6, points_moved(GCP, (5.0, 0.0, 0.0), 6.0, 1))),
     TrueKind("heights of GCPs scatter by 10 m, stated 0.15", points_moved(GCP, (0.001, 0.001, 10.0), 10.0,
              scatter=True)),
     TrueKind("check points above the geoid", of_geoid(CHECK)),
@@ -441,7 +442,7 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("every second GCP above the geoid", of_geoid(GCP, 2), 8, 0),
     TrueKind("check points 4 m (6 px) too high", points_moved(CHECK, (0.0, 0.0, 4.0), 6.0)),
     TrueKind("check points 10 m (10 px) east", points_moved(CHECK, (10.0, 0.0, 0.0), 10.0)),
-    TrueKind("one of 6 check points 50 px off", measured_off(CHECK, 50.0, 1)),
+    TrueKind("one of 6 check points with an error of 50 px", measured_off(CHECK, 50.0, 1)),
     TrueKind("three of 8 heights 10 m (15 px) up", points_moved(GCP, (0.0, 0.0, 10.0), 15.0, 3)),
     TrueKind("heights cut to 10 m", mapped(partial(_round_heights, 10.0)), 8, 0),
     TrueKind("GCPs turned by 0.1 degree", mapped(partial(_turn, 0.1, 1.0)), 8, 0),
@@ -450,7 +451,8 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("GCPs scaled by 1.01", mapped(partial(_turn, 0.0, 1.01)), 8, 0),
     TrueKind("GCPs from an orthoimage on a plane (tan 20°)", mapped(partial(_lean, 0.36)), 8, 0, relief_m=400.0),
     TrueKind("heights tilted by 40 m across the block", mapped(_tilt), 8, 0, untold=AS_DRIFTS),
-    TrueKind("GCPs in a corner, one 5 m (6 px) off", to_corner(0.4, points_moved(GCP, (4.0, 3.0, 0.0), 6.0, 1)), 16, 0),
+    TrueKind("GCPs in a corner, one with an error of 5 m (6 px)",
+             to_corner(0.4, points_moved(GCP, (4.0, 3.0, 0.0), 6.0, 1)), 16, 0),
     TrueKind("lines of the table copied: two ids twice", duplicated_ids, 8, 0),
     TrueKind("radians for degrees", degrees_as(np.radians)),
     TrueKind("gon for degrees", degrees_as(lambda degrees: degrees / 0.9)),
@@ -490,21 +492,23 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("HEIGHT_OFF and HEIGHT_SCALE in feet", rpc_changed(
         lambda rpc: replace(rpc, height_off=rpc.height_off / 0.3048, height_scale=rpc.height_scale / 0.3048))),
     TrueKind("LAT_OFF without its decimals", rpc_changed(lambda rpc: replace(rpc, lat_off=float(int(rpc.lat_off))))),
-    TrueKind("one RPC 200 m off, no GCPs", rpc_changed(_rpc_shifted(140.0, 140.0), 1), 0, 0, untold=AS_STATED),
-    TrueKind("all RPCs 30 m off under an ERR_BIAS of 0.1 m, no GCPs", rpc_changed(
+    TrueKind("one RPC with an error of 200 m, no GCPs",
+             rpc_changed(_rpc_shifted(140.0, 140.0), 1), 0, 0, untold=AS_STATED),
+    TrueKind("all RPCs with an error of 30 m and an ERR_BIAS of 0.1 m, no GCPs", rpc_changed(
         lambda rpc: replace(_rpc_shifted(21.0, 21.0)(rpc), err_bias=0.1, err_rand=0.1)), 0, 0,
-        untold="what the RPCs state of themselves is all that a block without ground knows"),
-    TrueKind("ties of one image shuffled", ties_shuffled_on_one_image),
-    TrueKind("ties of one image 30 px off", measured_off(TIE, 30.0, None, 1), 0),
-    TrueKind("ties of one image 30 px off, GCPs right", measured_off(TIE, 30.0, None, 1)),
-    TrueKind("a quarter of the ties 12 px off, alike", ties_of_one_pattern(0.25, 12.0), 0),
-    TrueKind("40 % of the ties 12 px off, alike", ties_of_one_pattern(0.4, 12.0), 0),
-    TrueKind("ties rounded to 4 px, stated 0.1 px", ties_rounded, 0),
-    TrueKind("ties in a corner of the images alone", ties_in_corner, 0),
-    TrueKind("an image without ties", untied_image, 0),
+        untold="a block without constraints has no other information than the stated accuracy of the RPCs"),
+    TrueKind("tie points of one image shuffled", ties_shuffled_on_one_image),
+    TrueKind("tie points of one image with an error of 30 px", measured_off(TIE, 30.0, None, 1), 0),
+    TrueKind("tie points of one image with an error of 30 px, GCPs correct", measured_off(TIE, 30.0, None, 1)),
+    TrueKind("a quarter of the tie points with the same error of 12 px", ties_of_one_pattern(0.25, 12.0), 0),
+    TrueKind("40 % of the tie points with the same error of 12 px", ties_of_one_pattern(0.4, 12.0), 0),
+    TrueKind("tie points rounded to 4 px, stated 0.1 px", ties_rounded, 0),
+    TrueKind("tie points only in a corner of the images", ties_in_corner, 0),
+    TrueKind("an image without tie points", untied_image, 0),
     TrueKind("measurements of 2 px stated 0.05 px", stated_exact(2.0, 0.05), 4),
-    TrueKind("DEM 49 m low, sigma 3 m, GCPs and checks right", made.holding_dem(lambda cells: cells - 49.0), 10, 30),
-    TrueKind("DEM 10 m low, sigma 3 m, GCPs right", made.holding_dem(lambda cells: cells - 10.0), 8, 0),
+    TrueKind("DEM 49 m low, sigma 3 m, GCPs and check points correct",
+             made.holding_dem(lambda cells: cells - 49.0), 10, 30),
+    TrueKind("DEM 10 m low, sigma 3 m, GCPs correct", made.holding_dem(lambda cells: cells - 10.0), 8, 0),
     TrueKind("DEM 10 m low, sigma 1 m, one GCP", made.holding_dem(lambda cells: cells - 10.0, sigma_m=1.0), 1, 0),
     TrueKind("DEM 40 m high, no GCPs", made.holding_dem(lambda cells: cells + 40.0), 0, 0, untold=NO_OTHER_HEIGHT),
     TrueKind("DEM above the geoid, GCPs ellipsoidal", _above_geoid, 8, 0),
@@ -516,10 +520,11 @@ TRUE_KINDS: tuple[TrueKind, ...] = (
     TrueKind("DEM with spikes of 500 m", made.holding_dem(_spikes), 0, 0),
     TrueKind("DEM in steps of 50 m", made.holding_dem(lambda cells: 50.0 * np.floor(cells / 50.0)), 0, 0,
              relief_m=400.0),
-    TrueKind("DEM of tree tops, 12 m", made.holding_dem(lambda cells: cells + 12.0), 0, 0, untold=NO_OTHER_HEIGHT),
+    TrueKind("DEM of a canopy of 12 m", made.holding_dem(lambda cells: cells + 12.0), 0, 0, untold=NO_OTHER_HEIGHT),
     TrueKind("DEM all of one height", made.holding_dem(lambda cells: np.full_like(cells, cells.mean())), 0, 0,
              relief_m=400.0),
-    TrueKind("laser heights 8 m high, GCPs right", made.with_laser(lambda points, rng: points + [0.0, 0.0, 8.0]), 8, 0),
+    TrueKind("laser heights 8 m high, GCPs correct",
+             made.with_laser(lambda points, rng: points + [0.0, 0.0, 8.0]), 8, 0),
     TrueKind("one of four laser passes 20 m high, no GCPs", made.with_laser(one_track_off), 0, 0),
-    TrueKind("laser points 500 m off, no GCPs", made.with_laser(laser_moved), 0, 0, relief_m=400.0),
+    TrueKind("laser points moved by 500 m, no GCPs", made.with_laser(laser_moved), 0, 0, relief_m=400.0),
 )  # fmt: skip
