@@ -137,7 +137,7 @@ def print_models(folder: str, to_docs: bool) -> None:
 def models_table(best: dict[str, dict[str, Any]]) -> list[str]:
     """Return the rows of the table of models."""
     affine = best["affine"]["cpu_s"]
-    head = "| model | parameters | CPU s | of affine's | peak MB | systems | cost |"
+    head = "| model | parameters | CPU s | relative to affine | peak MB | systems | cost |"
     return [head, "|---|---|---|---|---|---|---|"] + [
         f"| {name} | {len(MODELS[name].parameters)} | {n['cpu_s']:.1f} | {n['cpu_s'] / affine:.2f} | "
         f"{n['all_mb']:.0f} | {n['solves']} | {n['cost']:.2f} |"
