@@ -264,10 +264,11 @@ def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> No
 
 PAGE_HEAD = """# Where the figures come from
 
-Each page below, or the named part of it, is written by one command and by nothing else. `make figures` makes anew what
-is stale, `make figures-check` runs every command aside and compares: a number may differ by the tolerance, or by one
-unit of its last digit; times and memory are the machine's and are not compared. CI checks a tenth of the shorter ones
-every day (`figures.py check --turn`). Written by `python benchmarks/figures.py page`.
+Each page below, or the named part of it, is written by one command only. `make figures` writes the pages again whose
+data or command changed. `make figures-check` runs every command in a separate folder and compares the numbers. A number
+may differ by the tolerance, or by one unit of its last digit. Times and memory depend on the computer and are not
+compared. CI checks a tenth of the shorter figures every day (`figures.py check --turn`). This page is written by
+`python benchmarks/figures.py page`.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance |
 |---|---|---|---|---|---:|---:|"""

@@ -32,29 +32,30 @@ EQUAL, CHANCE, EXPLAINED_AS, OPEN = "equal", "within chance", "explained", "open
 #: Table and the beginning of a row -> why ours differs.
 EXPLAINED = {
     ("2.1", "case 3"): "misprint: the mean of the two printed deviations, 1.58 and 3.81, is 2.70",
-    ("2.1", "case 11"): "columns and rows are both ambiguous there: nine outcomes, of which the thesis counts three",
+    ("2.1", "case 11"): "both columns and rows are ambiguous: nine outcomes are possible, and the thesis uses three",
     ("2.1", "mean"): "follows from cases 3 and 11",
     ("2.3", "different"): "follows from cases 3 and 11 of table 2.1",
-    ("2.3", "same"): "the ratio of the rounded figures; that of the figures themselves is 60.3 %",
+    ("2.3", "same"): "printed: the ratio of the rounded figures; the ratio of the exact figures is 60.3 %",
     (
         "2.7",
         "QuickBird",
-    ): "the thesis registers on the ground by sensor models and a DEM that are not printed; ours by an "
-    "affine transformation of the printed whole pixels",
-    ("2.7", "Hobart"): "RPCs fitted to the measurements (the vendor's are not printed), so residuals are smaller",
-    ("4.7", ""): "the vendor's RPC and the ids of the GCPs are not printed; positions are whole pixels",
+    ): "the thesis registers on the ground by sensor models and a DEM that are not printed; here "
+    "an affine transformation of the printed whole pixels is used",
+    ("2.7", "Hobart"): "the RPCs of the vendor are not printed; RPCs fitted to the measurements give smaller residuals",
+    ("4.7", ""): "the RPC of the vendor and the ids of the GCPs are not printed; positions are whole pixels",
     (
         "4.9",
         "case 1",
-    ): "0.1 rad: the area over which the erroneous RPC was fitted is not printed; 43 000 px are met to 14",
+    ): "0.1 rad: the area over which the erroneous RPC was fitted is not printed; "
+    "shifts of 43 000 px are reproduced to 14 px",
     ("4.9", "case 7"): "as case 1",
     ("4.10", "case 1"): "as case 1 of table 4.9",
     ("4.10", "case 7"): "as case 1 of table 4.9",
     ("4.11", "case 1"): "as case 1 of table 4.9",
     ("4.11", "case 7"): "as case 1 of table 4.9",
     ("App. VII 2, 3", ""): "the height of the pseudo sensor is not printed",
-    ("5.2", ""): "positions of 42 of the 113 points, and of 54 of the 71 on image 2, are not printed: weaker rays",
-    ("5.4", ""): "as table 5.2; of the centres that lie on all three images ours are 0.33, 0.25 and 0.73 m",
+    ("5.2", ""): "positions of 42 of the 113 points, and of 54 of the 71 on image 2, are not printed: weaker intersections",
+    ("5.4", ""): "as table 5.2; the RMSE of the centres on all three images is 0.33, 0.25 and 0.73 m",
 }
 #: What is printed and cannot be computed: number of printed values, and why.
 NOT_COMPUTABLE = {
@@ -249,7 +250,7 @@ def page(numbers: list[Number]) -> str:
             row = number.row.partition(", ")[0] if number.table.startswith("App") else number.row
             groups.setdefault((number.table, row, number.why), []).append(number)
     rows = [[table, row, _list(group), why or "**open**"] for (table, row, why), group in groups.items()]
-    differing = thesis_tables.render(("table", "row", "printed → ours", "why"), rows)
+    differing = thesis_tables.render(("table", "row", "printed → computed", "why"), rows)
     return "\n\n".join([INTRODUCTION, head, "## Not computed", missing, "## Numbers that differ", differing]) + "\n"
 
 
@@ -267,11 +268,11 @@ def _list(group: list[Number]) -> str:
 
 INTRODUCTION = """# The thesis, number by number
 
-Made by `python benchmarks/thesis_numbers.py --docs`. Every number that the tables of chapters 2 to 5 print and that can
-be computed from printed data. A number is *equal* if it differs by one unit of the last digit at most, and *within
-chance* if it differs by less than the standard error of an RMSE of as many points, 1 / sqrt(2 n). Generic figures of
-SPOT 5 are those of the thesis's own formulas, on the geometry that its printed residuals give; the page on
-[accuracy](accuracy_thesis.md) has HRSI's figures, too."""
+Made by `python benchmarks/thesis_numbers.py --docs`. The page has every number in the tables of chapters 2 to 5 that
+can be computed from printed data. A number is *equal* if it differs by one unit of the last digit at most. It is
+*within chance* if it differs by less than the standard error of an RMSE of n points, 1 / sqrt(2 n). Generic figures of
+SPOT 5 are those of the formulas of the thesis, with the geometry from its printed residuals. The page on
+[accuracy](accuracy_thesis.md) also has the figures of HRSI."""
 
 
 def main() -> None:

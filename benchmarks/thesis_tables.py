@@ -190,7 +190,7 @@ def render(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def edge_difference(height_m: float, off_nadir: np.ndarray, error: np.ndarray, half_field: np.ndarray) -> np.ndarray:
-    """Return X1 - X1' in metres (eqs. 4.6 to 4.8); angles in radians."""
+    """Return X1 - X1' in metres (equations 4.6 to 4.8); angles in radians."""
     shift = height_m * (np.tan(off_nadir + error) - np.tan(off_nadir))
     true = -height_m * np.tan(off_nadir + half_field)
     compensated = shift - height_m * np.tan(off_nadir + half_field + error)
@@ -231,33 +231,35 @@ def write_figures(folder: Path, height_m: float = 680e3) -> None:
 HEAD = ("bias, printed", "bias, computed", "generic, printed", "its formulas, computed", "generic, HRSI")
 INTRODUCTION = """# Accuracy: the thesis's tables
 
-Made by `python benchmarks/accuracy.py thesis --docs`. RMSE of check points in pixels, sample / line; with all points as
-control, of these. *Bias* is a shift with one GCP and an affine transformation with more; *generic* is
-`--model generic`.
+Made by `python benchmarks/accuracy.py thesis --docs`. The tables have the RMSE of check points in pixels, sample /
+line. If all points are control, it is the RMSE of these. *Bias* is a shift with one GCP and an affine transformation
+with more. *Generic* is `--model generic`.
 
-The SPOT 5 image is not published, but its geometry is in the residuals that the thesis prints for its nine cases:
-`python benchmarks/spot5.py` finds it (UTM zone 48, azimuth 192.5°, 16.7° off nadir; errors along geocentric axes and in
-the orbital frame) and meets the printed moves of 5 to 590 px to 0.05 px. That camera sees the 37 GCPs here, and the
-residuals that the thesis prints are put on top. *Its formulas* are equations 4.10 to 4.17 as printed
-(`benchmarks/thesis_formulas.py`). One set of priors serves HRSI in all cases: constants 2 km and 0.2 rad, drifts 2 m
-and 0.2 mrad over 30 km on the ground, from the middle of the image to its edge; GCPs 1 px.
+The SPOT 5 image is not published. Its geometry is determined from the residuals that the thesis prints for its nine
+cases (`python benchmarks/spot5.py`): UTM zone 48, azimuth 192.5°, 16.7° off nadir, errors along geocentric axes and in
+the orbital frame. This geometry reproduces the printed shifts of 5 to 590 px to 0.05 px. The image points of the 37
+GCPs are computed with it, and the printed residuals are added. *Its formulas* are equations 4.10 to 4.17 of the thesis
+as printed (`benchmarks/thesis_formulas.py`). HRSI uses the same a priori standard deviations in all cases. They are 2
+km and 0.2 rad for constants, and 2 m and 0.2 mrad for drifts over 30 km on the ground, from the middle of the image to
+its edge. That of GCPs is 1 px.
 """
 DIFFERENCES = """## Where the figures differ, and why
 
-* **Generic, 37 GCPs, undisturbed.** Which parameters the thesis took is not printed. With its formulas, angles and
-  then positions leave 0.99 / 0.76 px, all twelve at once 0.84 / 0.73, with heights and yaw 0.77 / 0.70 (printed: 0.91 /
-  0.70; HRSI's variant: 0.91 / 0.75).
-* **Cases with one GCP.** A yaw error turns the image about the GCP; one point cannot see it, whatever the method. The
-  thesis's 959.91 px where a shift leaves 1040.90 is no knowledge of the yaw: its angles lie in the vertical planes
-  through the map's axes, and moving a tilted ray by them happens to shear this image the other way. Its formulas give
-  it here too; HRSI turns rays in space.
-* **Tables 4.9 to 4.11, columns and rows.** In table 4.6 the thesis's column is our sample (1.13 / 0.87 with 3 GCPs); in
-  tables 4.9 to 4.11 its columns are exchanged (0.87 / 1.13). They are printed here as sample / line.
+* **Generic, 37 GCPs, undisturbed.** The thesis does not print which parameters it estimated. With its formulas the RMSE
+  is 0.99 / 0.76 px for angles and then positions, 0.84 / 0.73 for all twelve at once, and 0.77 / 0.70 with heights and
+  yaw. The printed values are 0.91 / 0.70, and those of the variant of HRSI are 0.91 / 0.75.
+* **Cases with one GCP.** A yaw error rotates the image about the GCP. One point does not determine it with any method.
+  The thesis has an RMSE of 959.91 px where a shift leaves 1040.90, but it does not determine the yaw either. Its angles
+  are in the vertical planes through the axes of the map. In this image their effect on an inclined ray is a shear
+  opposite to that of the yaw error. The formulas of the thesis give the same result here. HRSI rotates rays in space.
+* **Tables 4.9 to 4.11, columns and rows.** In table 4.6 the column of the thesis is the sample of this page (1.13 /
+  0.87 with 3 GCPs). In tables 4.9 to 4.11 its columns are exchanged (0.87 / 1.13). This page prints all as sample /
+  line.
 * **Errors of 0.1 rad (cases 1 and 7).** The thesis adjusts an RPC that was fitted to the erroneous camera over an area
-  that it does not print; its moves of 43 000 px are met to 14 px. With three GCPs and more HRSI's generic method comes
-  within 0.1 px of the undisturbed image, the thesis within 0.16 px.
-* **IKONOS.** The vendor's RPC is not printed (ours was fitted and disturbed by another 3 to 6 px), the positions are
-  whole pixels, and the thesis's 1 and 9 GCPs are not named: H098, and nine of the roundabouts.
+  that it does not print. Its shifts of 43 000 px are reproduced to 14 px. With three and more GCPs the RMSE of the
+  generic method of HRSI is within 0.1 px of that of the undisturbed image, and that of the thesis within 0.16 px.
+* **IKONOS.** The RPC of the vendor is not printed. The RPC used here was fitted and has a further error of 3 to 6 px.
+  The positions are whole pixels. The 1 and 9 GCPs of the thesis are not named: H098 and nine roundabouts are used here.
 """
 
 
@@ -288,8 +290,9 @@ def figures_text() -> str:
     names = ("attitude error to 0.1 rad", "attitude error to 1 mrad", "field of view", "off-nadir angle")
     pictures = "\n".join(f"![Figure 4.{k}: {name}](figure_4_{k}.svg)" for k, name in enumerate(names, 2))
     return (
-        "## Figures 4.2 to 4.5: where bias compensation breaks down\n\nWhat a shift leaves at the edge of the image "
-        f'(eqs. 4.6 to 4.8), 680 km. IKONOS, 2" of roll: {abs(ikonos_m):.6f} m (printed 0.000454 m).\n\n{pictures}\n'
+        "## Figures 4.2 to 4.5: limits of bias compensation\n\nThe figures have the error that a shift leaves at the "
+        "edge of the image (equations 4.6 to 4.8), from an orbit of 680 km. "
+        f'For IKONOS with 2" of roll it is {abs(ikonos_m):.6f} m (printed 0.000454 m).\n\n{pictures}\n'
     )
 
 
