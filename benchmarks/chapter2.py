@@ -32,6 +32,7 @@ from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "thesis"
 QUICKBIRD_PAN_M = 0.61
+NAMES = {"center": "centre"}  # kinds of points, as the page writes them
 #: Averages that table 2.1 prints for corners and centres, by case.
 PRINTED_2_1 = {
     1: (2.12, 0.0), 2: (2.91, 1.0), 3: (2.25, 1.33), 4: (1.58, 1.0), 5: (2.91, 1.0), 6: (3.53, 1.41), 7: (3.43, 1.83),
@@ -125,11 +126,11 @@ def print_ellipses(data: Path) -> None:
 
 def print_quickbird(data: Path) -> None:
     """Print the registration of the QuickBird MS and PAN images (experiment 1)."""
-    print("\nQuickBird MS to PAN, standard deviation of position (m); the thesis: centres 1.25, corners 3.72\n")
+    print("\nQuickBird MS to PAN, standard deviation of position (m); the thesis has: centres 1.25, corners 3.72\n")
     for model in ("affine", "projective"):
         result = register_quickbird(data, model)
-        alone = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.alone.items())
-        together = ", ".join(f"{kind} {row.distance:.2f}" for kind, row in result.together.items())
+        alone = ", ".join(f"{NAMES.get(kind, kind)} {row.distance:.2f}" for kind, row in result.alone.items())
+        together = ", ".join(f"{NAMES.get(kind, kind)} {row.distance:.2f}" for kind, row in result.together.items())
         print(f"* {model}: alone {alone} ({result.ratio():.0%}); together {together} ({result.ratio('together'):.0%})")
 
 
@@ -195,7 +196,7 @@ def planimetric_sigma(deviations: np.ndarray) -> float:
 def print_hobart(data: Path) -> None:
     """Print the Hobart points as control, checked on themselves by intersection (experiment 2)."""
     print("\nHobart, all points of a kind as control, checked by intersection: planimetric 1-sigma (m)")
-    print("the thesis: centres 0.55, corners 1.48\n")
+    print("The thesis has: centres 0.55, corners 1.48\n")
     for model in ("shift", "affine"):
         centres, corners = (hobart_deviations(data, kind, model) for kind in ("center", "corner"))
         a, b = planimetric_sigma(centres), planimetric_sigma(corners)
@@ -232,23 +233,26 @@ def main() -> None:
 
 
 REMARKS = """
-## What to read from it
+## Conclusions
 
-Table 2.1: the average of the corners in case 3 is 2.70 (the two entries are 1.58 and 3.81), not 2.25. In case 11
-both the columns and the rows are ambiguous, so nine outcomes are possible and not three: the centres average 2.15,
-not 1.33. The totals become 2.80 and 1.36 px, and the ratio 48.6 % instead of 47.3 %. Entries such as 2.91 and 3.53
-are cut off, not rounded. Table 2.2 is right; its average of the rows is 0.65 without intermediate rounding (0.66
+Table 2.1: in case 3 the average of the corners is 2.70 (its two values are 1.58 and 3.81), not 2.25. In case 11 both
+the columns and the rows are ambiguous. Nine outcomes are possible and not three, and the average of the centres is
+2.15, not 1.33. The totals become 2.80 and 1.36 px, and the ratio 48.6 % instead of 47.3 %. Values such as 2.91 and 3.53
+are truncated, not rounded. Table 2.2 is correct. Its average of the rows is 0.65 without intermediate rounding (0.66
 printed), which makes the ratio 60.3 % instead of 59.6 %.
 
-Monte Carlo: with whole pixels and 1:4 the ratio of table 2.1 is confirmed for its object along the pixels (about 49
-%); most of the corner's error is a constant towards the corner, because a coarse corner pixel's middle lies farther
-inside; a registration absorbs it only where all corners point the same way. In any orientation the centre is much
-better still, because its errors average over the whole outline. At the same resolution the 60 % holds only for the
-chosen half-pixel positions: at any position, an object of a whole number of pixels that lies along the pixels is
-rounded as one piece, and its centre is then no better than its corner. As soon as the object is turned, the
-centre's error is a third or less of the corner's, and smaller the larger the object. With sub-pixel measurement the
-centre is about three times better at the same resolution; between resolutions the strongest corner response moves
-inwards by a constant number of pixels of each image, so that it must not be used uncorrected.
+Monte Carlo: with whole pixels and 1:4 the ratio of table 2.1 is confirmed for its object along the pixels (about 49 %).
+Most of the error of the corner is a constant towards the corner, because the centre of a coarse corner pixel is farther
+inside. A registration absorbs it only if all corners have the same direction. In any orientation the centre is much
+more accurate, because its errors average over the whole outline.
+
+At the same resolution the ratio of 60 % applies only to the chosen half-pixel positions. At any other position, an
+object of a whole number of pixels along the pixels is rounded as one piece. Its centre is then no more accurate than
+its corner. If the object is rotated, the error of the centre is a third or less of that of the corner, and decreases
+with the size of the object.
+
+With sub-pixel measurement the centre is about three times more accurate at the same resolution. Between resolutions the
+strongest corner response moves inwards by a constant number of pixels of each image, so it must be corrected.
 """
 
 

@@ -54,7 +54,7 @@ EXPLAINED = {
     ("4.11", "case 1"): "as case 1 of table 4.9",
     ("4.11", "case 7"): "as case 1 of table 4.9",
     ("App. VII 2, 3", ""): "the height of the pseudo sensor is not printed",
-    ("5.2", ""): "positions of 42 of the 113 points, and of 54 of the 71 on image 2, are not printed: weaker intersections",
+    ("5.2", ""): "positions of 42 of the 113 points, and of 54 of the 71 on image 2, are not printed: weak geometry",
     ("5.4", ""): "as table 5.2; the RMSE of the centres on all three images is 0.33, 0.25 and 0.73 m",
 }
 #: What is printed and cannot be computed: number of printed values, and why.
