@@ -101,14 +101,14 @@ def hobart_by_kind() -> Section:
     runs: list[tuple[str, DefaultSigmas | None, AdjustOptions]] = [
         ("shift, check points intersected only", None, PLAIN),
         ("the same, GCP sigmas of 5 cm", five_cm, PLAIN),
-        ("shift, their measurements as ties", None, TIES),
-        ("shift, as ties, variance components", None, ESTIMATED),
-        ("shift, as ties, by kind and image", None, replace(ESTIMATED, variance_groups="kind-image")),
+        ("shift, their measurements as tie points", None, TIES),
+        ("shift, as tie points, variance components", None, ESTIMATED),
+        ("shift, as tie points, by kind and image", None, replace(ESTIMATED, variance_groups="kind-image")),
     ]
     for model in ("shift-drift", "conformal", "affine", "auto"):
         runs += [
-            (f"{model}, as ties", None, replace(TIES, model=model)),
-            (f"{model}, as ties, variance components", None, replace(ESTIMATED, model=model)),
+            (f"{model}, as tie points", None, replace(TIES, model=model)),
+            (f"{model}, as tie points, variance components", None, replace(ESTIMATED, model=model)),
         ]
     rows = []
     for text, defaults, options in runs:
@@ -117,8 +117,9 @@ def hobart_by_kind() -> Section:
         kinds = (metres(check_rmse(result, kind)) for kind in ("center", "corner"))
         rows.append([text, *kinds, f"{drift[0]:.1e}" if drift else ""])
     text = (
-        "10 named GCPs; RMSE east, north, height in m. Aimed at for the centres, with the measurements as ties: "
-        "0.43 0.31 1.12. With variance components the images' drift is estimated too (px/px)."
+        "The block has 10 named GCPs. The table has the RMSE east, north, height in m. The target for the centres, "
+        "with the measurements of the check points as tie points, is 0.43 0.31 1.12. With variance components the "
+        "standard deviation of the attitude drift is estimated too (px/px)."
     )
     return "Hobart, IKONOS triplet", text, ("check points", "31 centres", "30 corners", "drift"), rows
 
@@ -126,13 +127,13 @@ def hobart_by_kind() -> Section:
 def hobart_kinds() -> Section:
     """Return what variance components say of centres and corners."""
     rows = []
-    for text, block in (("check points as ties", hobart()), ("all 71 points as control", hobart(()))):
+    for text, block in (("check points as tie points", hobart()), ("all 71 points as control", hobart(()))):
         sigma = {part.group: part.sigma for part in adjust(block, ESTIMATED).variance_components}
         centre, corner = sigma["image points: center"], sigma["image points: corner"]
         rows.append([text, f"{centre:.3f}", f"{corner:.3f}", f"{corner / centre:.2f}"])
     text = (
-        "Sigmas in px, found from the residuals with 0.5 px given for both. Two rays show only what lies across the "
-        "epipolar line, so ties alone see half of a corner's error."
+        "The sigmas in px are estimated from the residuals, with a given sigma of 0.5 px for both kinds. Two rays show "
+        "only errors across the epipolar line, so tie points alone show half of the error of a corner."
     )
     return "Hobart, variance components", text, ("points", "centres", "corners", "ratio"), rows
 
@@ -145,11 +146,12 @@ def hobart_chance() -> Section:
         more = float(np.mean(change >= hobart_monte_carlo.MEASURED_M))
         rows.append([f"{drift:.0e}", f"{change.mean():+.3f}", f"{change.std():.3f}", f"{more:.1%}", f"{spread:.3f}"])
     text = (
-        f"Simulated truth on Hobart's geometry, {hobart_monte_carlo.RUNS} runs each, noise as found above: how much "
-        "the RMSE in height of the centres changes when the check points' measurements become ties (shift), and how "
-        f"often it grows by the {hobart_monte_carlo.MEASURED_M} m measured or more."
+        f"The blocks are simulated with the geometry of Hobart and the noise estimated above, {hobart_monte_carlo.RUNS} "
+        "runs for each drift. The table has the change of the height RMSE of the centres if the measurements of the "
+        f"check points are used as tie points (shift). Its fourth column is the share of runs in which the RMSE "
+        f"increases by {hobart_monte_carlo.MEASURED_M} m, the increase of the real block, or more."
     )
-    head = ("true drift, px/px", "change, mean m", "its scatter m", "that much or more", "scatter of the RMSE itself m")
+    head = ("true drift, px/px", "mean change m", "its std m", "share as large or larger", "std of the RMSE m")
     return "Hobart, Monte Carlo", text, head, rows
 
 
@@ -162,8 +164,9 @@ def table_5_4() -> Section:
         generic = _hobart_cell(count, TIES, "generic-affine")
         rows.append([str(count), metres(shift), *bias, metres(affine), *more, generic])
     text = (
-        "RMSE X, Y, Z of all check points in m, corners included; the thesis's GCPs are not named, ours are the first "
-        "ones of the ten. The check points' measurements are ties, since not every GCP is on image 2.\n\n"
+        "The table has the RMSE X, Y, Z of all check points in m, including corners. The GCPs of the thesis are not "
+        "named; here the first ones of the ten are used. The measurements of the check points are used as tie points, "
+        "because not every GCP is on image 2.\n\n"
         "![Figure 5.5](figure_5_5.svg)"
     )
     head = (
@@ -209,9 +212,10 @@ def table_5_5(name: str, printed: list[tuple[Three, Three]]) -> Section:
     sensor, images, checks = SIMULATED[name]
     picture = "\n\n![Figure 5.6](figure_5_6.svg)" if name.startswith("QuickBird") else ""
     text = (
-        f"RMSE X, Y, Z of {checks} check points in m; simulated: {images} images of 12 000 x 12 000 px ({sensor}), the "
-        f"RMS of {len(SEEDS)} blocks with 200 tie points, noise {NOISE.image_px} px, GCPs {NOISE.gcp_xy_m} and "
-        f"{NOISE.gcp_h_m} m. Ground, cameras and measurements of the thesis's field are not published.{picture}"
+        f"The table has the RMSE X, Y, Z of {checks} check points in m. The simulation has {images} images of 12 000 x "
+        f"12 000 px ({sensor}) and 200 tie points, with noise of {NOISE.image_px} px, and GCPs with {NOISE.gcp_xy_m} m "
+        f"in plan and {NOISE.gcp_h_m} m in height. The values are the RMS of {len(SEEDS)} blocks. Ground, cameras and "
+        f"measurements of the field of the thesis are not published.{picture}"
     )
     head = ("GCPs", "shift, printed", "shift, simulated", "affine, printed", "affine", "affine, drift estimated")
     return f"Simulated {name}, 1 to 10 GCPs", text, head, rows
@@ -229,14 +233,14 @@ def formal_sigmas() -> Section:
     """Return tables 5.2 and 5.3: mean formal sigmas, and observed errors against predicted ones."""
     rows = [[name, "", metres(sigma), "", ""] for name, sigma in FORMAL.items()]
     result = adjust(hobart(), ESTIMATED)
-    rows.append(["Hobart, ours (shift)", *_formal(result)])
+    rows.append(["Hobart, HRSI (shift)", *_formal(result)])
     for name in SIMULATED:
         block = simulated_blocks(name)[0]
         for model in ("shift", "affine"):
             rows.append([f"{name}, simulated ({model})", *_formal(adjust(block, replace(PLAIN, model=model)))])
     text = (
-        "Mean formal sigmas X, Y, H of the check points in m with 10 GCPs, and their RMSE, observed and predicted. The "
-        "thesis leaves the GCPs' own errors out."
+        "The table has the mean formal sigmas X, Y, H of the check points in m with 10 GCPs, and their observed and "
+        "predicted RMSE. The sigmas of the thesis do not include the errors of the GCPs themselves."
     )
     head = ("block", "observed RMSE", "mean sigma", "predicted RMSE", "sigma0")
     return "Tables 5.2 and 5.3: formal accuracy", text, head, rows
@@ -259,15 +263,16 @@ def zy3_models() -> Section:
     rows = [["Orthority, shift", "3.20 4.30 3.71"], ["Orthority, shift-drift", "3.35 3.96 3.81"]]
     for text, options in (
         ("shift", PLAIN),
-        ("shift, check points as ties", TIES),
+        ("shift, check points as tie points", TIES),
         ("shift-drift", replace(PLAIN, model="shift-drift")),
-        ("shift-drift, as ties, variance components", replace(ESTIMATED, model="shift-drift")),
+        ("shift-drift, as tie points, variance components", replace(ESTIMATED, model="shift-drift")),
         ("affine", replace(PLAIN, model="affine")),
         ("auto, the default", AdjustOptions()),
-        ("affine, as ties, variance components", replace(ESTIMATED, model="affine")),
+        ("affine, as tie points, variance components", replace(ESTIMATED, model="affine")),
     ):
         rows.append([text, metres(check_rmse(adjust(zy3(), options)))])
-    return "ZY-3, 7 control and 35 check points", "RMSE E, N, H in m.", ("model", "35 check points"), rows
+    text = "The table has the RMSE E, N, H in m."
+    return "ZY-3, 7 control and 35 check points", text, ("model", "35 check points"), rows
 
 
 def zy3_blunders() -> Section:
@@ -289,11 +294,11 @@ def zy3_blunders() -> Section:
                 percent(ours / floor),
             ])  # fmt: skip
     text = (
-        f"A GCP is moved by 40 px; changes of the 35 check points' RMSE E, N, H in %, against {metres(clean)} m. "
-        "*Floor* is the same block without the wrong observation: nobody can do better than not to have it. What is "
-        "lost beyond that is the last column."
+        f"One GCP is displaced by 40 px. The table has the change of the RMSE E, N, H of the 35 check points in %, "
+        f"relative to {metres(clean)} m. The *limit* is the same block without the wrong observation, which is the "
+        "best possible result. The last column is the loss relative to this limit."
     )
-    head = ("wrong GCP", "named", "untested, m", "tested, %", "floor, %", "tested against floor, %")
+    head = ("wrong GCP", "reported", "untested, m", "tested, %", "limit, %", "tested relative to limit, %")
     return "ZY-3 with one wrong GCP", text, head, rows
 
 
@@ -308,7 +313,8 @@ def quickbird_loo() -> Section:
         error = adjust(quickbird(), replace(PLAIN, model=model, cross_validate=True)).cross_validation.error_m
         away = np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))
         rows.append([model, f"{away / 6.5:.3f}", metres(np.sqrt(np.mean(error[:, :2] ** 2, axis=0)))])
-    return "QuickBird-2, 5 GCPs", "Each left out in turn.", ("model", "RMSE, px", "east, north, m"), rows
+    text = "The errors are leave-one-out errors of the GCPs."
+    return "QuickBird-2, 5 GCPs", text, ("model", "RMSE, px", "east, north, m"), rows
 
 
 def tie_blocks() -> Section:
@@ -333,10 +339,13 @@ def tie_blocks() -> Section:
                 f"{out} of {len(block.measurements)}", str(gross), f"{seconds:.1f}",
             ])  # fmt: skip
     text = (
-        "RMSE per observation in px. s2p triplet: independent tracks of OpenCV's SIFT; sat-bundleadjust and CARS reach "
-        "0.154 px in 225 and 203 s (whole chain). SPOT 7: 115 109 external tie points of MicMac."
+        "The table has the RMSE per observation in px. The tie points of the s2p triplet are independent tracks of "
+        "SIFT (OpenCV). With them sat-bundleadjust and CARS reach 0.154 px in 225 and 203 s (whole chain). SPOT 7 has "
+        "115 109 external tie points of MicMac."
     )
-    head = ("block", "model", "vendor's RPCs", "all measurements", "tested", "left out", "beyond 10 sigma", "seconds")
+    head = (
+        "block", "model", "RPCs of the vendor", "all measurements", "tested", "rejected", "beyond 10 sigma", "seconds",
+    )  # fmt: skip
     return "Tie points only", text, head, rows
 
 
