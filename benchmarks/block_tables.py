@@ -146,10 +146,10 @@ def hobart_chance() -> Section:
         more = float(np.mean(change >= hobart_monte_carlo.MEASURED_M))
         rows.append([f"{drift:.0e}", f"{change.mean():+.3f}", f"{change.std():.3f}", f"{more:.1%}", f"{spread:.3f}"])
     text = (
-        f"The blocks are simulated with the geometry of Hobart and the noise estimated above, {hobart_monte_carlo.RUNS} "
-        "runs for each drift. The table has the change of the height RMSE of the centres if the measurements of the "
-        f"check points are used as tie points (shift). Its fourth column is the share of runs in which the RMSE "
-        f"increases by {hobart_monte_carlo.MEASURED_M} m, the increase of the real block, or more."
+        "The blocks are simulated with the geometry of Hobart and the noise estimated above, "
+        f"{hobart_monte_carlo.RUNS} runs for each drift. The table has the change of the height RMSE of the centres if "
+        "the measurements of the check points are used as tie points (shift). Its fourth column is the share of runs "
+        f"in which the RMSE increases by {hobart_monte_carlo.MEASURED_M} m, the increase of the real block, or more."
     )
     head = ("true drift, px/px", "mean change m", "its std m", "share as large or larger", "std of the RMSE m")
     return "Hobart, Monte Carlo", text, head, rows

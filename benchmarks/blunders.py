@@ -1,4 +1,4 @@
-"""How many blunders are found, what they cost, and who is accused without reason: `blunders.py [PART …] [--docs]`.
+"""How many blunders are found, their effect on accuracy, and false reports: `blunders.py [PART …] [--docs]`.
 
 Parts: ``ties`` (5 to 40 % wrong tie measurements), ``control`` (wrong GCPs), ``sigmas`` (wrong GCPs whose sigmas are
 unequal, or serve for height or plan only), ``clean`` (nothing wrong). Simulated blocks with known truth, the command
@@ -159,17 +159,20 @@ def wrong_ties(seeds: Sequence[int]) -> Section:
                     f"{score.lost / score.good:.1%}", str(score.named), str(findings),
                 ])  # fmt: skip
     text = (
-        f"{len(seeds)} blocks a row: IKONOS, 10 GCPs, 60 check points, 400 tie points, 0.3 px. Left out: of the wrong "
-        f"measurements more than {SHOWN:g} sigma of which show in their own residuals, were all others right. "
-        "Noticeable: of the same, those that a test of their point alone would notice were all cameras known; on two "
-        "rays the errors of both may cancel, and no test tells. Check "
-        "RMSE E, N, H against the same blocks without blunders. False alarms: good measurements of points without any "
-        "wrong one that are left out. Lost: good ones of all points that are left out, beside a wrong one as a rule. "
-        "Named: good ones called blunders. GCPs accused: none was wrong."
+        f"Each row has {len(seeds)} blocks: IKONOS, 10 GCPs, 60 check points, 400 tie points, 0.3 px. The columns "
+        "are:\n\n* Rejected: the share of the wrong measurements that are rejected. Only those are counted that would "
+        f"show more than {SHOWN:g} sigma in their own residuals if all others were correct.\n"
+        "* Noticeable: the same, for measurements that a test of their point alone would detect with known cameras. "
+        "With two rays the errors of both can cancel, and no test detects them.\n"
+        "* Check RMSE: the change of the RMSE E, N, H relative to the same blocks without blunders.\n"
+        "* False alarms: the rejected share of correct measurements at points without a wrong one.\n"
+        "* Lost: the rejected share of all correct measurements. Most of them are at points with a wrong one.\n"
+        "* Reported: the number of correct measurements that are reported as blunders.\n"
+        "* GCPs reported: the number of GCPs that are reported as wrong. All GCPs are correct."
     )
     head = (
-        "rays", "px", "wrong", "left out", "noticeable", "check RMSE, %", "false alarms", "lost", "named",
-        "GCPs accused",
+        "rays", "px", "wrong", "rejected", "noticeable", "check RMSE, %", "false alarms", "lost", "reported",
+        "GCPs reported",
     )  # fmt: skip
     return "Wrong tie measurements", text, head, rows
 
@@ -211,7 +214,7 @@ def _moved(block: Block, rows: np.ndarray, metres: np.ndarray) -> Block:
 
 
 MISTAKES: dict[str, Callable[[Block, np.ndarray, np.random.Generator], Block]] = {
-    "heights, 25 m alike": wrong_heights,
+    "heights, all 25 m": wrong_heights,
     "heights, 10 to 30 m": mixed_heights,
     "plan, 20 m": wrong_plan,
     "a measurement, 30 px": wrong_measurement,
@@ -242,11 +245,12 @@ def wrong_control(seeds: Sequence[int]) -> Section:
                     f"{right_kind / max(named, 1):.0%}", str(falsely), str(undecided),
                 ])  # fmt: skip
     text = (
-        f"{len(seeds)} blocks a row, 200 tie points. Named: of the wrong GCPs. What: of those named, it is said "
-        "rightly that it is the height, the ground position or a measurement. Blocks with a right GCP named, and "
-        "with groups of which one is said to be wrong."
+        f"Each row has {len(seeds)} blocks with 200 tie points. Reported: the share of the wrong GCPs that are "
+        "reported. Kind: the share of these with the correct kind of error (height, ground position or measurement). "
+        "False reports: the number of blocks in which a correct GCP is reported. Undecided: the number of blocks with "
+        "groups of GCPs of which one must be wrong, but which one is not determined."
     )
-    head = ("sensor, images", "wrong GCPs", "mistake", "named", "what", "false names", "undecided")
+    head = ("sensor, images", "wrong GCPs", "error", "reported", "kind", "false reports", "undecided")
     return "Wrong GCPs", text, head, rows
 
 
@@ -274,12 +278,13 @@ def masked_control(seeds: Sequence[int]) -> Section:
                     str(falsely), str(undecided),
                 ])  # fmt: skip
     text = (
-        f"{len(seeds)} blocks a row, 200 tie points. Sigmas as stated; of GCPs of 0.2 and 20 m in turn, those of 0.2 m "
-        "are wrong, and the errors of the others are as large as stated. Named: of the wrong GCPs. A wrong height of "
-        "one of three sharp GCPs (1 of 6 there) is a tilt, which drifting images explain as well; "
-        "shifts of single sharp GCPs, and of plan-only control, are often not told from drift either."
+        f"Each row has {len(seeds)} blocks with 200 tie points. The sigmas of the GCPs are given as in the third "
+        "column. If they are 0.2 and 20 m in turn, GCPs of 0.2 m are wrong, and the others have errors of the given "
+        "size. Reported: the share of the wrong GCPs that are reported. If one of three GCPs of 0.2 m has a wrong "
+        "height (1 of 6), this is a tilt, which attitude drift explains equally well. Shifts of single GCPs of 0.2 m, "
+        "and of horizontal control, are often not distinguished from attitude drift either."
     )
-    head = ("sensor, images", "wrong GCPs", "sigmas", "mistake", "named", "false names", "undecided")
+    head = ("sensor, images", "wrong GCPs", "sigmas", "error", "reported", "false reports", "undecided")
     return "Wrong GCPs of unequal sigmas", text, head, rows
 
 
@@ -334,11 +339,11 @@ AS_STATED: dict[str, Callable[[Block], Block]] = {
 
 #: Sigmas that hide something, and the mistake that they must not hide.
 MASKED: tuple[tuple[str, Callable[[Block], Block], str], ...] = (
-    ("1000 m in plan", height_control, "heights, 25 m alike"),
+    ("1000 m in plan", height_control, "heights, all 25 m"),
     ("1000 m in height", plan_control, "plan, 20 m"),
-    ("0.2 and 20 m", unequal_control, "heights, 25 m alike"),
+    ("0.2 and 20 m", unequal_control, "heights, all 25 m"),
     ("0.2 and 20 m", unequal_control, "plan, 20 m"),
-    ("stated 5 x too small", flattered_control, "heights, 25 m alike"),
+    ("stated 5 x too small", flattered_control, "heights, all 25 m"),
     ("stated 5 x too small", flattered_control, "plan, 20 m"),
 )
 
@@ -357,10 +362,11 @@ def clean_blocks(seeds: Sequence[int]) -> Section:
         rows.append([what, str(len(seeds)), str(accused), str(tied)])
     sensors = ", ".join(f"{sensor} ({images} images)" for sensor, images in CLEAN)
     text = (
-        f"Blocks of {sensors} in turn, 6 and 10 GCPs in turn, 200 tie points: how many have a GCP accused (named, "
-        "or one of two groups), how many any measurement left out."
+        f"The blocks have in turn images of {sensors}. They have 6 or 10 GCPs in turn, and 200 tie points. The table "
+        "has the number of blocks with a reported GCP (alone or in one of two groups), and that of blocks with any "
+        "rejected measurement."
     )
-    return "Clean blocks", text, ("sigmas of the GCPs", "blocks", "GCP accused", "measurement out"), rows
+    return "Error-free blocks", text, ("sigmas of the GCPs", "blocks", "GCP reported", "measurement rejected"), rows
 
 
 # ---- output --------------------------------------------------------------------------------------------------------
@@ -373,7 +379,7 @@ PARTS: dict[str, tuple[Callable[[Sequence[int]], Section], int]] = {
     "clean": (clean_blocks, 100),
 }
 FIRST_SEED = 2000
-TITLES = ("Wrong tie measurements", "Wrong GCPs", "Wrong GCPs of unequal sigmas", "Clean blocks")
+TITLES = ("Wrong tie measurements", "Wrong GCPs", "Wrong GCPs of unequal sigmas", "Error-free blocks")
 INTRODUCTION = """# Accuracy: blunders
 
 Made by `python benchmarks/blunders.py --docs`. How blunders are found: [adjustment](adjustment.md).
