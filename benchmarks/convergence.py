@@ -43,7 +43,7 @@ PLAIN = AdjustOptions(reject_sigma=0.0, test_sigmas=False)  # one descent with t
 AT_THE_MINIMUM = 0.1  # standard deviations of one unknown: nothing that one would see in a coordinate
 ONE_PASS = ("idkf", "slss")  # pass over the points once by definition
 #: Where the 78 coefficients have several minima and these end in one that is not the lowest; any other is a fault.
-LOCAL_MINIMA = {"SPOT 5, 1000 m and 0.1 rad off, 7 GCPs": ("bils", "upoe")}
+LOCAL_MINIMA = {"SPOT 5, errors of 1000 m and 0.1 rad, 7 GCPs": ("bils", "upoe")}
 TIES_OF_SPOT7 = 300  # of 115 109 for the reference, which knows nothing of sparse equations
 
 
@@ -134,7 +134,7 @@ def images() -> Iterator[tuple[str, Image, Control, Control]]:
             control, check = (control_of(block, number, role) for role in (Role.GCP, Role.CHECK))
             yield f"{title}, image {image.id}, {len(control)} GCPs", image, control, check
     spot5 = read_spot5(real_blocks.DATA / "thesis")
-    for case, title in ((0, "SPOT 5"), (1, "SPOT 5, 1000 m and 0.1 rad off")):
+    for case, title in ((0, "SPOT 5"), (1, "SPOT 5, errors of 1000 m and 0.1 rad")):
         for count in (3, 7, 37):
             yield f"{title}, {count} GCPs", spot5.image(case), *spot5.control(count)
 
@@ -226,8 +226,8 @@ def blocks() -> Iterator[tuple[str, Block, AdjustOptions, bool]]:
     yield "QuickBird-2, one image, 5 GCPs", quickbird(), PLAIN, True
     spot7 = real_blocks.spot7()
     some = spot7.measurements.point < np.unique(spot7.measurements.point)[TIES_OF_SPOT7]
-    yield f"SPOT 7 pair, {TIES_OF_SPOT7} ties", spot7.with_measurements(some), PLAIN, True
-    yield "SPOT 7 pair, 115 109 ties", spot7, PLAIN, False
+    yield f"SPOT 7 pair, {TIES_OF_SPOT7} tie points", spot7.with_measurements(some), PLAIN, True
+    yield "SPOT 7 pair, 115 109 tie points", spot7, PLAIN, False
 
 
 # ---- output --------------------------------------------------------------------------------------------------------
@@ -258,18 +258,21 @@ def _each(models: dict, run: Callable[[str], Run], points: int | None) -> tuple[
     return done, refused
 
 
-HEAD = ("model", "steps", "status", "cost", "away, sigma", "check RMSE")
-INTRODUCTION = f"""# Does every model reach its minimum?
+HEAD = ("model", "iterations", "status", "cost", "away, sigma", "check RMSE")
+INTRODUCTION = f"""# Convergence of all models
 
-Printed by `python benchmarks/convergence.py --docs`: every model on every real set, {ESTIMATION.most_steps} steps at
-most.
-*Away* is the distance from the minimum that SciPy's `least_squares` finds (from the vendor's RPCs and from where the
-engine ended, tolerances of 1e-13, residuals by the corrected camera itself), in standard deviations; 0 where the engine
-ended no higher. What ends within {AT_THE_MINIMUM} of it is at the minimum, whatever its status says. Check RMSE in px
-(sample, line) for images and in m (east, north, height) for blocks. `idkf` and `slss`
-pass over the points once by definition: where that does not lead to within 0.1 sigma of the minimum their status says
-so. An error of 0.1 rad moves the image by 30 000 pixels; no direct method is made for that, and there the 78
-coefficients have several minima.
+Made by `python benchmarks/convergence.py --docs`. Every model is estimated on every real dataset, with
+{ESTIMATION.most_steps} iterations at most.
+
+The column *away* is the distance from the minimum in standard deviations. SciPy's `least_squares` finds the minimum
+from two starts: the RPCs of the vendor, and the solution of HRSI. Its tolerances are 1e-13, and its residuals are those
+of the corrected camera itself. The distance is 0 if the cost of the solution of HRSI is not higher. A solution within
+{AT_THE_MINIMUM} sigma is at the minimum, independent of its status. The check RMSE is in px (sample, line) for images,
+and in m (east, north, height) for blocks.
+
+By definition `idkf` and `slss` use every point once. If their solution is not within 0.1 sigma of the minimum, their
+status contains the distance. An error of 0.1 rad shifts the image by 30 000 pixels. The direct methods are not designed
+for such errors, and their 78 coefficients then have several minima.
 """
 
 
@@ -296,10 +299,12 @@ def main() -> int:
         wrong += [f"{title}: {run.model}" for run in found if not run.is_at_minimum and run.model not in known]
         overview.append([title, *summary(found)])
         lines = [f"## {title}", "", render(HEAD, [run.row() for run in found]), ""]
-        lines += [f"Not begun: {'; '.join(refused)}.", ""] if refused else []
+        lines += ["Not estimated:", "", *(f"* {text}" for text in refused), ""] if refused else []
         parts.append("\n".join(lines))
         print(parts[-1], flush=True)
-    head = ("set", "models", "steps, median", "most", "not at the minimum", "farthest away of those that are, sigma")
+    head = (
+        "set", "models", "iterations, median", "most", "not at the minimum", "largest distance of the others, sigma",
+    )  # fmt: skip
     table = render(head, overview)
     print(table)
     if words.docs:
