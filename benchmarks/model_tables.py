@@ -140,7 +140,8 @@ def surveyed(name: str) -> Iterator[tuple[str, list[dict[str, Outcome]]]]:
     make, counts = SURVEYED[name]
     block = make()
     for count in counts:
-        yield f"{name}, {count} GCPs", [compared(judge_by_survey, one) for one in draws_of_control(block, count)]
+        label = f"{name}, {count} GCP{'s' if count != 1 else ''}"
+        yield label, [compared(judge_by_survey, one) for one in draws_of_control(block, count)]
 
 
 def tied(name: str) -> Iterator[tuple[str, list[dict[str, Outcome]]]]:
@@ -172,7 +173,8 @@ def compared(judge: Callable[..., Outcome], *block: object) -> dict[str, Outcome
 # ---- tables --------------------------------------------------------------------------------------------------------
 
 HEAD = (
-    "block", "model", "RMSE E N H, m (ties: px)", "predicted", "chosen", "sigma0", "systems", "CPU s", "against shift",
+    "block", "model", "RMSE E N H, m (tie points: px)", "predicted", "chosen", "sigma0", "systems", "CPU s",
+    "relative to shift",
 )  # fmt: skip
 
 
@@ -220,14 +222,15 @@ def _against_shift(model: str, draws: Sequence[dict[str, Outcome]]) -> str:
     return " ".join(said)
 
 
-INTRODUCTION = f"""# Accuracy: the model that is chosen
+INTRODUCTION = f"""# Accuracy: choice of the model
 
-Made by `python benchmarks/accuracy.py models --docs`. What `auto` does: [adjustment](adjustment.md).
+Made by `python benchmarks/accuracy.py models --docs`. The page on the [adjustment](adjustment.md) describes `auto`.
 
-Root mean squares over draws of GCPs (over seeds, of simulated blocks). RMSE of all points that are not GCPs, east,
-north and height; of blocks without surveyed points the RMSE of tie points held apart, half of all, in px an
-observation. *Against shift* are the differences of the RMSE in %: `!` worse and `*` better in a paired t-test over the
-draws (one-sided, {SIGNIFICANCE:g}) and by {MATERIAL:.0%} at least.
+The values are root mean squares over draws of GCPs, or over seeds of simulated blocks. RMSE is that of all points that
+are not GCPs, in east, north and height. For blocks without surveyed points it is the RMSE of held-out tie points (half
+of all), in px per observation. *Relative to shift* is the difference of the RMSE in %. Differences with `!` (worse) or
+`*` (better) are significant in a paired t-test over the draws (one-sided, {SIGNIFICANCE:g}), and at least
+{MATERIAL:.0%}. The column *chosen* has the chosen models and the number of draws with each.
 """
 
 
