@@ -69,7 +69,7 @@ def main() -> None:
         few += of_few
         print("\n".join([*of_all, *of_few]), flush=True)
     if given.docs:
-        put_between(PAGE, "centres as ties", "\n".join([*every, *few]))
+        put_between(PAGE, "centres as tie points", "\n".join([*every, *few]))
 
 
 def judge(name: str, paths: list[str], place: Path) -> tuple[list[str], list[str]]:

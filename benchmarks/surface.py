@@ -7,7 +7,7 @@ really see them, and compared with where they really lie. Parts:
 
     blocks   six sensors on five kinds of ground: true against predicted errors
     wrong    DEMs with another datum, mirrored, 1 km off, of another place: are they named?
-    beside   GCPs, laser points or a reference orthoimage with and without the DEM: does anything get worse?
+    control  GCPs, laser points or a reference orthoimage with and without the DEM: does anything get worse?
 
 Seeds below 100 served to develop; the documented tables are of those from 7000 on.
 """
@@ -377,7 +377,7 @@ def _run_reference(seed: int) -> list[str]:
 # ---- the whole -----------------------------------------------------------------------------------------------------
 
 
-PARTS = ("blocks", "wrong", "beside")
+PARTS = ("blocks", "wrong", "control")
 
 
 def run_part(part: str, seeds: range, sensors: Sequence[str], landforms: Sequence[str]) -> str:
