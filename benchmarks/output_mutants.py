@@ -1,6 +1,6 @@
-"""Do the tests notice when an output is wrong? Each mutation goes into a copy of the package, and its tests must fail.
+"""Do the tests and the pages notice when an output is wrong? Each mutation goes into a copy, and its check must fail.
 
-    python benchmarks/output_mutants.py [WORD ...]
+    python benchmarks/output_mutants.py [WORD ...]      "2 %": only changes of two per cent
 
 Only the mutants whose names hold one of the words are tried; all of them take about two minutes. Exit code 1 where one
 survives, where its tests fail without it, or where the text that it changes is gone.
@@ -17,15 +17,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-COPIED = ("__init__.py", "pyproject.toml", "hrsi_engine", "processing_algorithms", "plugin", "tests", "examples")
+from hrsi.benchmarks.pages import DATA, ROOT
+
+COPIED = (
+    "__init__.py", "pyproject.toml", "hrsi_engine", "processing_algorithms", "plugin", "tests", "examples",
+    "benchmarks", "docs", "scripts", "metadata.txt",
+)  # fmt: skip
+PAGE = "figures.py check "
 TRUTH = "tests/results/test_outputs_from_truth.py"
 OUTLIERS = "tests/results/test_outliers.py"
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A mutation: ``old`` becomes ``new`` in a file of the engine; ``tests`` are those that must fail."""
+    """A mutation: ``old`` becomes ``new`` in a file of the engine.
+
+    ``tests`` are those that must fail, or ``figures.py check NAME``, the page of the registry that must differ.
+    """
 
     name: str
     file: str
@@ -125,12 +133,37 @@ MUTANTS = (
         "flags by another limit than the list", "results/outliers.py",
         "outlier = is_outlier(measurement_statistic(left))", "outlier = measurement_statistic(left) > 6.0", OUTLIERS,
     ),
+    Mutant("2 %: CE90", "adjustment/statistics/precision.py", "= 1.5175,", "= 1.5479,", TRUTH),
+    Mutant("2 %: LE90", "adjustment/statistics/precision.py", ", 1.6449", ", 1.6778", TRUTH),
+    Mutant(
+        "2 %: ground sample distance", "block/imaging_geometry.py", "gsd_sample_m=float(", "gsd_sample_m=1.02 * float(",
+        "tests/results/test_report_figures.py",
+    ),
+    Mutant(
+        "2 %: RMSE in all tables", "results/residuals.py", "return float(np.sqrt(np.mean(finite**2)))",
+        "return 1.02 * float(np.sqrt(np.mean(finite**2)))", TRUTH,
+    ),
+    Mutant(
+        "2 %: distance of a kind's residuals", "laboratory/registration.py", "float(np.hypot(*std))",
+        "1.02 * float(np.hypot(*std))", PAGE + "chapter2",
+    ),
+    Mutant(
+        "2 %: prior of the direct methods", "laboratory/direct_methods.py", "threshold(20.0,", "threshold(20.4,",
+        PAGE + "thesis",
+    ),
 )  # fmt: skip
 
 
 def fails(parent: Path, tests: str) -> bool:
     """Return whether a file's tests fail with the package ``parent/hrsi``; raise RuntimeError where none can run."""
     environment = os.environ | {"PYTHONPATH": str(parent), "PYTHONDONTWRITEBYTECODE": "1", "CI": ""}
+    if tests.startswith(PAGE):
+        words = [sys.executable, "benchmarks/figures.py", "check", tests.removeprefix(PAGE)]
+        done = subprocess.run(
+            words, cwd=parent / "hrsi", env=environment | {"HRSI_TEST_DATA": str(DATA)}, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        return done.returncode == 1
     command = [sys.executable, "-m", "pytest", "-p", "no:pytest_qgis", "-p", "no:cacheprovider", "-q", "-x"]
     arguments = tests.split(" ", 2)
     done = subprocess.run(

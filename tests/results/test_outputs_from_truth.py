@@ -17,8 +17,10 @@ import simulated_blocks as blocks
 from dense_adjustment import dense_solution
 from osgeo import ogr
 from pyproj import Transformer
+from scipy.stats import chi2, norm
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.statistics.precision import errors_90
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.io.rpc_files.text_formats import rpc_txt_text
@@ -302,6 +304,13 @@ def test_sigmas_beside_the_residuals(dense):
 
 
 @pytest.mark.coverage
+def test_ce90_and_le90_are_quantiles_of_the_normal_distribution():
+    """NSSDA: 90 % of a circular normal error lie within sqrt(chi2(2, 0.9) / 2) radial RMSE, of a height within its z."""
+    found = errors_90(3.0, 3.0, 2.0)
+    assert found["ce90_m"] == pytest.approx(np.sqrt(chi2(2).ppf(0.9) / 2.0) * np.hypot(3.0, 3.0), rel=1e-4)
+    assert found["le90_m"] == pytest.approx(norm.ppf(0.95) * 2.0, rel=1e-4)
+
+
 def test_ce90_and_le90_hold_90_percent():
     """Errors of known size in every direction: the circle and the band that the report states hold 90 of 100."""
     block, truth, _ = blocks.block(gcps=20, checks=1500, ties=0, noise_px=0.02, noise_m=0.01, seed=3)
