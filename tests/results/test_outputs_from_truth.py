@@ -303,14 +303,14 @@ def test_sigmas_beside_the_residuals(dense):
 # ---- figures that promise something of the truth ---------------------------------------------------------------------
 
 
-@pytest.mark.coverage
 def test_ce90_and_le90_are_quantiles_of_the_normal_distribution():
-    """NSSDA: 90 % of a circular normal error lie within sqrt(chi2(2, 0.9) / 2) radial RMSE, of a height within its z."""
+    """NSSDA: 90 % of a circular normal error lie within sqrt(chi2(2, 0.9) / 2) radial RMSE."""
     found = errors_90(3.0, 3.0, 2.0)
     assert found["ce90_m"] == pytest.approx(np.sqrt(chi2(2).ppf(0.9) / 2.0) * np.hypot(3.0, 3.0), rel=1e-4)
     assert found["le90_m"] == pytest.approx(norm.ppf(0.95) * 2.0, rel=1e-4)
 
 
+@pytest.mark.coverage
 def test_ce90_and_le90_hold_90_percent():
     """Errors of known size in every direction: the circle and the band that the report states hold 90 of 100."""
     block, truth, _ = blocks.block(gcps=20, checks=1500, ties=0, noise_px=0.02, noise_m=0.01, seed=3)
