@@ -14,7 +14,7 @@ import check_words  # noqa: E402
 WORDS = check_words.read_vocabulary((ROOT / check_words.GLOSSARY).read_text(encoding="utf-8")) | check_words.SPELLINGS
 PATTERN = check_words.make_pattern(WORDS)
 #: Files that were not rewritten when the check came; take from it what was rewritten since.
-MOST_LISTED = 27
+MOST_LISTED = 0
 
 
 def faults_of_page(page: str) -> list[str]:
