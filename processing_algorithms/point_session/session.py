@@ -160,22 +160,7 @@ class PointSession:
         By the last adjustment, else by the image's own RPC; without an adjusted GCP with the shift that was measured.
         """
         if self._shifts is None:
-            # The median offset (px) of measured surveyed points from their image's camera (2,), by image.
-            # Only of images whose camera follows no GCP yet: check points move none
-            surveyed: dict[str, list[list[float]]] = {}
-            followed = set[str]()
-            for (name, image_id), measured in self.measured.items():
-                point = self.points[name]
-                if point.role in ROLES[:2]:
-                    place = [measured.sample, measured.line, point.lon, point.lat, point.height]
-                    surveyed.setdefault(image_id, []).append(place)
-                    if point.role == ROLES[0] and self.shown is not None and (name, image_id) not in self._stale:
-                        followed.add(image_id)
-            known = {image_id: np.array(rows) for image_id, rows in surveyed.items() if image_id not in followed}
-            self._shifts = {
-                image_id: np.median(rows[:, :2] - self._project_by_camera(image_id, rows[:, 2:]), axis=0)
-                for image_id, rows in known.items()
-            }
+            self._shifts = self._estimate_shifts()
         return self._project_by_camera(image_id, ground) + self._shifts.get(image_id, 0.0)
 
     def _project_by_camera(self, image_id: str, ground: np.ndarray) -> np.ndarray:
@@ -183,6 +168,26 @@ class PointSession:
         if self.shown is not None and image_id in self.shown.corrections:
             return self.shown.model.project(image, self.shown.corrections[image_id], ground)
         return image.rpc.project(ground)
+
+    def _estimate_shifts(self) -> dict[str, np.ndarray]:
+        """Return the median offset (px) of measured surveyed points from their image's camera ``(2,)``, by image.
+
+        Only of images whose camera follows no GCP yet: check points move none.
+        """
+        surveyed: dict[str, list[list[float]]] = {}
+        followed = set[str]()
+        for (name, image_id), measured in self.measured.items():
+            point = self.points[name]
+            if point.role in ROLES[:2]:
+                place = [measured.sample, measured.line, point.lon, point.lat, point.height]
+                surveyed.setdefault(image_id, []).append(place)
+                if point.role == ROLES[0] and self.shown is not None and (name, image_id) not in self._stale:
+                    followed.add(image_id)
+        known = {image_id: np.array(rows) for image_id, rows in surveyed.items() if image_id not in followed}
+        return {
+            image_id: np.median(rows[:, :2] - self._project_by_camera(image_id, rows[:, 2:]), axis=0)
+            for image_id, rows in known.items()
+        }
 
     def is_located(self, image_id: str) -> bool:
         """Whether anything measured on an image tells how far its RPC is off."""
