@@ -36,7 +36,9 @@ def test_every_kind(name):
 
 @pytest.mark.parametrize(
     "name",
-    mark_beyond(1, "wrong_inputs", ["GCPs 6 degrees off", "longitude and latitude swapped", "GCP ids off by one"]),
+    mark_beyond(
+        1, "wrong_inputs", ["GCPs moved by 6 degrees", "longitude and latitude swapped", "GCP ids shifted by one"]
+    ),
 )
 def test_no_refined_rpc_comes_out(name):
     kind, _, spoilt = wrong(name, "pleiades", 200)
@@ -49,7 +51,7 @@ def test_no_refined_rpc_comes_out(name):
 @pytest.mark.parametrize("sensor", ["quickbird", "worldview-2", "pleiades"])
 def test_the_likelier_of_two_slips_that_ties_cannot_tell_apart(sensor):
     """Images of one strip and their mirror images meet alike: swapped columns look like those of a turned copy."""
-    _, _, spoilt = wrong("sample and line swapped, ties", sensor, 142)
+    _, _, spoilt = wrong("sample and line swapped, tie points", sensor, 142)
     assert run_checks(spoilt).names(("sample-line-swapped",))
 
 
@@ -62,7 +64,7 @@ def test_rpcs_that_drift_against_one_another(seed, images, gcps):
     """By 10 px over the image, linear: errors of RPCs. Every second measurement wrong beside it is told."""
     right = clean("quickbird", seed, images, gcps)
     assert run_checks(right).codes == ()
-    spoilt = BY_NAME["55 % of the ties wrong"].spoil(right, np.random.default_rng(seed))
+    spoilt = BY_NAME["55 % of the tie points wrong"].spoil(right, np.random.default_rng(seed))
     assert run_checks(spoilt).names(("ties-wrong",))
 
 

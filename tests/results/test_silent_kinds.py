@@ -20,7 +20,7 @@ KINDS = (
     ("one of 2 heights", "spot5", "control-ambiguous"),
     ("crops of all images (1000, 700 px), no", "ikonos", "crop-origin"),
     ("coefficients in the order", "spot5", "rpc-order"),
-    ("laser points 500 m off", "worldview-2", "laser-few"),
+    ("laser points moved by 500 m", "worldview-2", "laser-few"),
 )  # fmt: skip
 
 
