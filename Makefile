@@ -63,10 +63,10 @@ format: set-up-test  ## bring the code into ruff's format
 # Tests that prove something with many blocks, images, processes or kinds; pyproject.toml says what each marker means.
 # A plain test beside them in `make test` shows that the feature works.
 LONG := coverage or rendered or killed or wrong_inputs or real or programs or large
-# Inside QGIS, then all the others on all cores; $(1) selects.
+# Inside QGIS, then all the others on all cores; $(1) selects. QGIS's window (test-desktop) needs a quiet machine.
 run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
 	$(QGIS_ENV) $(PYTEST) $(1) tests/qgis || status=$$?; \
-	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis $(1) tests || status=$$?; \
+	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis --ignore=tests/desktop $(1) tests || status=$$?; \
 	exit $$status
 
 .PHONY: test test-all
