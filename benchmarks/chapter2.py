@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hrsi.benchmarks.pages import DATA
 from hrsi.benchmarks.sampling_analysis import THESIS, table_2_1, table_2_2, table_2_3
 from hrsi.benchmarks.sampling_simulation import CASES, simulate_sampling
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -29,8 +30,6 @@ from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.laboratory.registration import MethodComparison, compare_kinds
 from hrsi.hrsi_engine.measurement.targets.ellipse import FITS, fit_ellipse
 
-ROOT = Path(__file__).resolve().parents[1]
-DATA = ROOT.parent / "shared" / "data" / "thesis"
 QUICKBIRD_PAN_M = 0.61
 NAMES = {"center": "centre"}  # kinds of points, as the page writes them
 #: Averages that table 2.1 prints for corners and centres, by case.
@@ -217,7 +216,7 @@ def print_all(data: Path, trials: int) -> None:
 def main() -> None:
     """Print the figures; write them as a page where asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--data", type=Path, default=DATA / "thesis")
     parser.add_argument("--trials", type=int, default=400)
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()

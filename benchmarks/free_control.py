@@ -14,6 +14,7 @@ import numpy as np
 from osgeo import gdal
 from scipy import ndimage
 
+from hrsi.benchmarks import pages
 from hrsi.benchmarks.pages import DOCS
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -47,7 +48,7 @@ from hrsi.processing_algorithms.interface.declare import Context
 from hrsi.tests.laser_scenes import LaserScene, PlacedScene, placed_scene
 from hrsi.tests.reference_scenes import place_on_degrees
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real" / "s2p_triplet_phr"
+DATA = pages.DATA / "real" / "s2p_triplet_phr"
 DSM = DATA / "s2p_reference_dsm.tif"
 PAGE = DOCS / "free_control.md"
 START_OFF_M = 20.0

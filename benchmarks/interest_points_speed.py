@@ -21,11 +21,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from hrsi.benchmarks import pages
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
 from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY, detect_interest_points
 from hrsi.hrsi_engine.measurement.tile_matching.features import stretch_to_byte
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+DATA = pages.DATA / "real"
 IMAGES = (
     "s2p_triplet_phr/img_01.tif", "s2p_triplet_phr/img_02.tif", "s2p_triplet_phr/img_03.tif",
     "kahramanmaras_phr4/pre_event_img1.tif", "kahramanmaras_phr4/pre_event_img2.tif",

@@ -13,16 +13,16 @@ Names: ``s2p``, ``kahramanmaras``, ``ventoux``, ``simulated``; all by default. M
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hrsi.benchmarks import pages
 from hrsi.processing_algorithms import run
 
-DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data") / "real"
+DATA = pages.DATA / "real"
 Options = Mapping[str, Any]
 
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DATA, DOCS
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
 from hrsi.hrsi_engine.adjustment.hold_out import hold_out_ties
@@ -26,7 +24,6 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.results.figures import summarise_held_out
 
-DATA = Path(os.environ.get("HRSI_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 TEN = tuple(["H003", "H022", "H024", "H035", "H048", "H058", "H077", "H098", "H103", "H105"])
 ZY3_CONTROL = ("1", "2", "11", "21", "26", "31", "41")
 

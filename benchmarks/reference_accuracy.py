@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 import reference_scenes as scenes  # noqa: E402
 
+from hrsi.benchmarks import pages  # noqa: E402
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust  # noqa: E402
 from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90  # noqa: E402
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image  # noqa: E402
@@ -39,7 +39,7 @@ from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions  # n
 from hrsi.hrsi_engine.surface.dem import intersect_surface  # noqa: E402
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface  # noqa: E402
 
-DATA = Path(os.environ.get("HRSI_TEST_DATA") or ROOT.parent / "shared" / "data") / "real"
+DATA = pages.DATA / "real"
 OPTIONS = ReferenceOptions(points=150)
 SEEDS = 100
 

@@ -203,7 +203,7 @@ def names_of_last_run(folder: str) -> set[str]:
         return set()
     outputs = report.get("outputs", [])
     told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
-    told += [image.get("output") for image in _images_of(report)]
+    told += written_images(report).values()
     return {"report.json", *(os.path.basename(file) for file in told if isinstance(file, str))}
 
 
@@ -214,6 +214,24 @@ def read_report(path: str) -> dict[str, Any] | None:
     except InputError:
         return None
     return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
+
+
+def written_images(report: Mapping[str, Any], folder: str | os.PathLike[str] | None = None) -> dict[str, str]:
+    """Return the files with refined RPCs that a report names, by image id.
+
+    Of a result in a ``folder``, which may have been moved since, each is the file of this name there. Else it is the
+    file as named, which a relative path may count from the folder in which the run was started.
+    """
+    images = report.get("images")
+    entries = images.items() if isinstance(images, dict) else ()
+    named = {name: one["output"] for name, one in entries if isinstance(one, dict) and one.get("output")}
+    if folder is None:
+        return named
+    places = {
+        name: (os.path.join(folder, os.path.basename(path)), path, os.path.join(report.get("directory", ""), path))
+        for name, path in named.items()
+    }
+    return {name: next(filter(os.path.isfile, places[name]), path) for name, path in named.items()}
 
 
 def exists_anywhere(path: str) -> bool:

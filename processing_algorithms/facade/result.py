@@ -2,7 +2,7 @@
 
 import html
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module, util
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +14,7 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_layer_table
 from ...hrsi_engine.io.opening.files import read_json
+from ...hrsi_engine.io.output_dir import written_images
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
 from ..interface.declare import Report, spell_arguments
@@ -143,14 +144,9 @@ class Result:
     @property
     def rpcs(self) -> dict[str, RPC]:
         """The refined RPCs by image id. Raises `InputError` where none was written, with the reason of the verdict."""
-        images = self.report.get("images", {})
-        outputs = {name: entry.get("output") for name, entry in images.items()} if isinstance(images, Mapping) else {}
-        if not (written := {name: path for name, path in outputs.items() if path}):
+        if not (written := written_images(self.report, self.folder)):
             worst = next((reason["message"] for reason in self.reasons), "none was asked for")
             raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
-        if self.folder is not None:  # a result folder may have been moved
-            moved = {name: str(self.folder / os.path.basename(path)) for name, path in written.items()}
-            written |= {name: path for name, path in moved.items() if os.path.exists(path)}
         return {name: read_rpc(path).rpc for name, path in written.items()}
 
     def _locate(self, frame: Any) -> Any:

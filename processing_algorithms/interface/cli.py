@@ -272,9 +272,10 @@ def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str]
 
 def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
     """Return what a run made, a path each: what its report names, and all files of the folder since a time (s)."""
-    images, outputs = report.get("images"), report.get("outputs")
-    named = list(outputs.values()) if isinstance(outputs, Mapping) else []
-    named += [entry.get("output") for entry in images.values()] if isinstance(images, Mapping) else []
+    from ...hrsi_engine.io.output_dir import written_images  # loads GDAL
+
+    outputs = report.get("outputs")
+    named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *written_images(report).values()]
     found = []
     for place, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))

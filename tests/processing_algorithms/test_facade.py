@@ -295,6 +295,7 @@ def test_result_is_read_again(tmp_path: Path):
     moved = (tmp_path / "run").rename(tmp_path / "moved")
     again = hrsi.read_result(moved)
     assert again.verdict == "ok" and len(again.rpcs) == 3 and "images" in again.tables
+    assert len(hrsi.rpc_info(again, height=50.0).report["images"]) == 3  # a moved result stands for its images, too
     with pytest.raises(hrsi.HrsiError, match=r"report\.json"):
         hrsi.read_result(tmp_path)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from qgis.core import QgsApplication, QgsPointXY
-from qgis.PyQt.QtCore import QEvent, QPoint, Qt
+from qgis.core import QgsPointXY
+from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication
 
@@ -22,6 +22,7 @@ from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement
+from hrsi.tests.qgis.panels import close, wait_for
 
 BIAS_PX = ((80.0, 0.0), (-57.0, 57.0), (0.0, -80.0))
 MOST_ACTIONS = 25  # the panel's issue: 10 GCPs on 3 images, where it were 56
@@ -66,17 +67,7 @@ def dock(qgis_app, qgis_new_project, tmp_path: Path):
     QApplication.setActiveWindow(panel)
     yield panel
     panel.give_up()
-    panel.close_for_good()
-    panel.deleteLater()
-    QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)
-
-
-def wait_for(condition, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-        time.sleep(0.005)
+    close(panel)
 
 
 def is_at_rest(panel: PointsDock) -> bool:

@@ -22,6 +22,7 @@ from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.table_models import SUSPICIOUS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import files
+from hrsi.tests.qgis.panels import wait_for
 from hrsi.tests.qgis.profile import REPOSITORY
 
 SUBPIXEL = 0.1  # px: what a click must come to, as the issue of the panel asks
@@ -129,14 +130,6 @@ def adjust(panel: PointsDock) -> bool:
     panel.ui.adjust.trigger()
     wait_for(lambda: bool(ended), 60.0)
     return ended[0]
-
-
-def wait_for(condition, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-        time.sleep(0.005)
 
 
 def test_images_are_zoomed_to_the_predicted_position(dock) -> None:

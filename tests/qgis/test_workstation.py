@@ -37,6 +37,7 @@ from hrsi.plugin.points_panel.image_view import marker_label
 from hrsi.processing_algorithms import point_session, run
 from hrsi.processing_algorithms.point_session import PointSession, files
 from hrsi.processing_algorithms.point_session.rows import ImageMeasurement, SurveyPoint
+from hrsi.tests.qgis.panels import close, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "G000001"
@@ -75,20 +76,6 @@ def dock(qgis_app, qgis_new_project, canvas, sources, tmp_path: Path):
     yield panel
     panel.give_up()
     close(panel)
-
-
-def close(panel: PointsDock) -> None:
-    panel.close_for_good()
-    panel.deleteLater()
-    QgsApplication.sendPostedEvents(panel, QEvent.Type.DeferredDelete)
-
-
-def wait_for(condition, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        QgsApplication.processEvents()
-        time.sleep(0.005)
 
 
 def press(panel: PointsDock, keys: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
