@@ -67,6 +67,16 @@ def test_what_was_made_is_on_stdout_all_else_on_stderr(hrsi, tmp_path):
     assert err == "a message\n" + BAR + "2 images\n"
 
 
+def test_a_path_is_printed_once(tmp_path, capsys):
+    """The summary of `simulate` lists its files; they are outputs, so stdout has them and stderr does not."""
+    words = ["simulate", "--images", "2", "--size", "100", "--gcps", "3", "--checks", "0", "--ties", "0"]
+    assert main([*words, "--output-dir", str(tmp_path / "block")]) == 0
+    made, told = (stream.splitlines() for stream in capsys.readouterr())
+    assert str(tmp_path / "block" / "image_1.tif") in made
+    assert len(made) == len(set(made))
+    assert not set(made) & set(told)
+
+
 def test_quiet_prints_errors_only(hrsi):
     assert hrsi("--quiet", "a.tif") == (0, "", "")
     assert_one_error(hrsi("--quiet", "a.tif", "--iterations", "x"), 2, "--iterations")

@@ -250,8 +250,10 @@ def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log
     elif line.dry_run or not folder:  # the lines are what was asked for
         print(summary)
     elif not line.quiet:
+        outputs = list_outputs(report, folder, begun)
+        told.update(outputs)  # summaries may list them too
         print("\n".join(text for text in summary.strip("\n").splitlines() if text not in told), file=sys.stderr)
-        print("\n".join(list_outputs(report, folder, begun)))
+        print("\n".join(outputs))
     return _judge_report(report, line, spelt, log)
 
 
@@ -272,10 +274,10 @@ def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str]
 
 def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
     """Return what a run made, a path each: what its report names, and all files of the folder since a time (s)."""
-    from ...hrsi_engine.io.output_dir import written_images  # loads GDAL
+    from ...hrsi_engine.io.output_dir import list_written_images  # loads GDAL
 
     outputs = report.get("outputs")
-    named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *written_images(report).values()]
+    named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *list_written_images(report).values()]
     found = []
     for place, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
