@@ -16,7 +16,7 @@ from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.ground.map_crs import map_epsg
 from ..hrsi_engine.io.catalogue.block_records import read_record
-from ..hrsi_engine.io.output_dir import list_written_images, read_report
+from ..hrsi_engine.io.output_dir import find_image_outputs, read_report
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.io.point_files.find import read_table
 from ..hrsi_engine.io.point_files.interpret import interpret
@@ -97,7 +97,7 @@ def run(options: HandOverOptions, context: Context) -> Report:
 
 def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Image:
     """Return an image with the refined RPC that its result folder, by its report, holds."""
-    found = list_written_images(told, folder).get(image.id, "")
+    found = find_image_outputs(told, folder).get(image.id, "")
     if not os.path.isfile(found):
         raise InputError(
             f"{folder}: contains no refined RPC of {image.id}: adjust the block again and let it be written"

@@ -203,7 +203,7 @@ def names_of_last_run(folder: str) -> set[str]:
         return set()
     outputs = report.get("outputs", [])
     told = [*(outputs.values() if isinstance(outputs, dict) else outputs)]
-    told += list_written_images(report).values()
+    told += find_image_outputs(report).values()
     return {"report.json", *(os.path.basename(file) for file in told if isinstance(file, str))}
 
 
@@ -216,8 +216,8 @@ def read_report(path: str) -> dict[str, Any] | None:
     return report if isinstance(report, dict) and {"schema", "algorithm"} <= report.keys() else None
 
 
-def list_written_images(report: Mapping[str, Any], folder: str | os.PathLike[str] | None = None) -> dict[str, str]:
-    """Return the files with refined RPCs that a report names, by image id.
+def find_image_outputs(report: Mapping[str, Any], folder: str | os.PathLike[str] | None = None) -> dict[str, str]:
+    """Return the file that a report names as the output of each image, by image id.
 
     Of a result in a ``folder``, which may have been moved since, each is the file of this name there. Else it is the
     file as named, which a relative path may count from the folder in which the run was started.

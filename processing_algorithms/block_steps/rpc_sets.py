@@ -18,7 +18,7 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.io.catalogue.lineage import maker_of
-from ...hrsi_engine.io.output_dir import list_written_images, read_report
+from ...hrsi_engine.io.output_dir import find_image_outputs, read_report
 from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.rasters.images import image_id
 from ...hrsi_engine.io.rpc_files import read_rpc_or_none, rpc_for_image, rpc_reader_of
@@ -80,7 +80,7 @@ def _names_output(path: str, file: str) -> bool:
     report = read_report(path)
     if report is None or report["algorithm"] not in MAKERS:
         return False
-    return os.path.basename(file) in map(os.path.basename, list_written_images(report).values())
+    return os.path.basename(file) in map(os.path.basename, find_image_outputs(report).values())
 
 
 def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, ImagePoints]:

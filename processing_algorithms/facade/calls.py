@@ -21,7 +21,7 @@ from ...hrsi_engine.block.block import ArrayRaster, Block, Image, ImagePoints
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.progress import Progress, silent
-from ...hrsi_engine.io.output_dir import list_written_images
+from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.point_files import PointsInMemory
 from ...hrsi_engine.io.rasters.images import ImageInMemory, open_image, path_of, resampling_doubt
 from ...hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
@@ -134,7 +134,7 @@ def _convert_results(given: Any, kind: Kind | None) -> Any:
         }
     if not isinstance(given, Result):
         return given
-    written = list_written_images(given.report, given.folder) if kind is Kind.IMAGES else {}
+    written = find_image_outputs(given.report, given.folder) if kind is Kind.IMAGES else {}
     return list(written.values()) or str(given.folder)
 
 

@@ -14,7 +14,7 @@ from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_layer_table
 from ...hrsi_engine.io.opening.files import read_json
-from ...hrsi_engine.io.output_dir import list_written_images
+from ...hrsi_engine.io.output_dir import find_image_outputs
 from ...hrsi_engine.io.rpc_files import read_rpc
 from .. import REGISTRY
 from ..interface.declare import Report, spell_arguments
@@ -144,7 +144,7 @@ class Result:
     @property
     def rpcs(self) -> dict[str, RPC]:
         """The refined RPCs by image id. Raises `InputError` where none was written, with the reason of the verdict."""
-        if not (written := list_written_images(self.report, self.folder)):
+        if not (written := find_image_outputs(self.report, self.folder)):
             worst = next((reason["message"] for reason in self.reasons), "none was asked for")
             raise InputError(f"{self.algorithm} wrote no refined RPC: {worst} (`write`, `force_write`)")
         return {name: read_rpc(path).rpc for name, path in written.items()}

@@ -274,10 +274,10 @@ def _judge_report(report: Report, line: LineOptions, spelt: Callable[[str], str]
 
 def list_outputs(report: Mapping[str, Any], folder: str, begun: float) -> list[str]:
     """Return what a run made, a path each: what its report names, and all files of the folder since a time (s)."""
-    from ...hrsi_engine.io.output_dir import list_written_images  # loads GDAL
+    from ...hrsi_engine.io.output_dir import find_image_outputs  # loads GDAL
 
     outputs = report.get("outputs")
-    named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *list_written_images(report).values()]
+    named = [*(outputs.values() if isinstance(outputs, Mapping) else ()), *find_image_outputs(report).values()]
     found = []
     for place, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
