@@ -656,6 +656,7 @@ def refine(
     ] = "auto",
     leave_out: bool = True,
     compare: bool = False,
+    coefficient_covariance: Path | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
     write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
@@ -719,6 +720,10 @@ def refine(
         Reject GCPs that contradict the others; they are listed in any case (default yes).
     compare : bool, optional
         Add a table of all models with the same GCPs and check points (default no).
+    coefficient_covariance : path, optional
+        Covariance matrix of the normalised coefficients of the RPC, for the direct methods: a text file
+        of 78 lines with 78 numbers, sample numerator, sample denominator, line numerator, line
+        denominator.
     output_dir : path, optional
         Directory for the results; created where missing.
     overwrite : bool, optional

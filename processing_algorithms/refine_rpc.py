@@ -1,6 +1,6 @@
 """`refine-rpc`: one image or several, each by itself, from ground control points only."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from ..hrsi_engine.block.block import Block, Role
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance
+from ..hrsi_engine.refinement.model import RefinementModel
 from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
 from ..hrsi_engine.refinement.selection import select_control
 from ..hrsi_engine.results.block_results import assemble_result
@@ -22,7 +23,7 @@ from .block_steps.summary import summarise as summarise_block
 from .declarations.triangulation import RefineAlgorithmOptions
 from .files.opening import open_images
 from .interface.declare import Context, Report
-from .laboratory.direct_methods import SINGLE_IMAGE_MODELS
+from .laboratory.direct_methods import select_models
 
 #: Sigmas of shift (px) and drift where control may lie anywhere about: generic models are for orientations of any
 #: error, 0.1 rad and more.
@@ -32,6 +33,7 @@ ANY_ORIENTATION = (1e5, 0.1)
 def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     """Refine every image from its GCPs; write, and compare the models where that is asked for."""
     clock = block_outputs.Clock()
+    models = select_models(options.refinement.model, options.coefficient_covariance)
     images = open_images(options.images, context)
     block_outputs.require_room(options.output, images, context)
     block, warnings = block_inputs.read_block(images, options.points)
@@ -47,7 +49,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         for index, image in enumerate(block.images):
             advance(context.stage(0.1, 0.3).progress, index / len(block.images), f"refining {image.id}")
             control = select_control(block, index, Role.GCP)
-            refinements.append(refine_image(image, control, options.refinement, SINGLE_IMAGE_MODELS))
+            refinements.append(refine_image(image, control, options.refinement, models))
     result = separate_result(block, refinements)
     clock.lap("refine")
     # What the report has besides a block's: each image's model, how it was chosen, GCPs left out
@@ -66,7 +68,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         },
     }
     if options.compare:
-        more["models"] = _compare_models(block, refinements, context.stage(0.3, 0.6))
+        more["models"] = _compare_models(block, refinements, models, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
     with plausibility.explain_failures(reasons):
@@ -74,11 +76,13 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     return block_outputs.write_results(options.output, assembled, clock, rest)
 
 
-def _compare_models(block: Block, refinements: Sequence[Refinement], context: Context) -> dict[str, Any]:
+def _compare_models(
+    block: Block, refinements: Sequence[Refinement], models: Mapping[str, RefinementModel], context: Context
+) -> dict[str, Any]:
     """Return the figures of every model with the same control and check points."""
     table: dict[str, Any] = {}
-    for done, (name, model) in enumerate(SINGLE_IMAGE_MODELS.items()):
-        advance(context.progress, done / len(SINGLE_IMAGE_MODELS), f"model {name}")
+    for done, (name, model) in enumerate(models.items()):
+        advance(context.progress, done / len(models), f"model {name}")
         try:
             others = [
                 Refinement(one.image, model, solve_refinement(model, one.image, one.control), one.control)

@@ -16,9 +16,10 @@ point by point, or in one step. With N the normal matrix of the coefficients fro
 | `slss`   | Bang et al. 2003     | N                                         | one update of the old solution      |
 
 What the sources leave open is in `DIRECT_METHOD`. The covariance of the coefficients, which no vendor gives, comes from
-the virtual grid (a given one enters through `with_covariance`). It describes the *systematic* error of a vendor's RPC,
-about 20 px, not the noise of the fit: otherwise no GCP could move the image. Pseudo GCPs weigh as much together. A
-parameter observation is as good as its effect in the image at the edge of the normalised domain, again 20 px.
+the virtual grid, unless the user has one (`coefficient_covariance` of `refine-rpc`, `with_covariance`). It describes
+the *systematic* error of a vendor's RPC, about 20 px, not the noise of the fit: otherwise no GCP could move the image.
+Pseudo GCPs weigh as much together. A parameter observation is as good as its effect in the image at the edge of the
+normalised domain, again 20 px.
 Eigenvalues of the information are at least `DIRECT_METHOD.least_eigenvalue` of the largest: numerators and denominators
 are nearly collinear, and left free they give the RPC poles between the GCPs; for the same reason `direct`, without
 other information, takes a prior by which a denominator changes by a few hundredths over the image. Coefficients of
@@ -77,6 +78,7 @@ class DirectRPC:
     parameters: tuple[str, ...] = tuple(f"w_{k + 1}" for k in range(COEFFICIENTS))
     least_points: int = 1
     solve: Estimator = iterate_least_squares
+    least_eigenvalue: float = DIRECT_METHOD.least_eigenvalue
     roots: dict[tuple[str, RPC], np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -91,7 +93,8 @@ class DirectRPC:
     def with_covariance(self, covariance: np.ndarray) -> DirectRPC:
         """Return the method with a given covariance ``(78, 78)`` of the normalised coefficients (order: `SLICES`).
 
-        Raises `InputError` where it is not symmetric and positive definite.
+        It is used as it is, without a least eigenvalue. Raises `InputError` where it is not symmetric and positive
+        definite.
         """
         covariance = np.asarray(covariance, dtype=np.float64)
         if covariance.shape != (COEFFICIENTS, COEFFICIENTS) or not np.allclose(covariance, covariance.T):
@@ -100,7 +103,7 @@ class DirectRPC:
             given = np.linalg.inv(np.linalg.cholesky(covariance))
         except np.linalg.LinAlgError:
             raise InputError("the covariance of the coefficients is not positive definite: check its order") from None
-        return replace(self, information=lambda image: given.T @ given, roots={})
+        return replace(self, information=lambda image: given.T @ given, least_eigenvalue=0.0, roots={})
 
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; they do not depend on where the points were observed."""
@@ -138,9 +141,7 @@ class DirectRPC:
         if key not in self.roots:
             self.roots.clear()
             eigenvalues, vectors = np.linalg.eigh(self.information(image))
-            self.roots[key] = vectors / np.sqrt(
-                np.maximum(eigenvalues, DIRECT_METHOD.least_eigenvalue * eigenvalues[-1])
-            )
+            self.roots[key] = vectors / np.sqrt(np.maximum(eigenvalues, self.least_eigenvalue * eigenvalues[-1]))
         return self.roots[key]
 
 

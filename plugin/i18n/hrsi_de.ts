@@ -268,6 +268,10 @@
       <translation>Schließen</translation>
     </message>
     <message>
+      <source>Coefficient covariance</source>
+      <translation>Kovarianz der Koeffizienten</translation>
+    </message>
+    <message>
       <source>Common denominator</source>
       <translation>Gemeinsamer Nenner</translation>
     </message>

@@ -108,6 +108,11 @@ class RefineAlgorithmOptions:
     points: groups.PointFiles = nest_options(groups.PointFiles)
     refinement: RefineOptions = nest_options(RefineOptions)
     compare: bool = option(False, "Add a table of all models with the same GCPs and check points")
+    coefficient_covariance: str | None = option(
+        None, "Covariance matrix of the normalised coefficients of the RPC, for the direct methods: a text file of 78 "
+        "lines with 78 numbers, sample numerator, sample denominator, line numerator, line denominator",
+        kind=Kind.FILE, advanced=True, metavar="FILE",
+    )  # fmt: skip
     output: groups.BlockOutput = nest_options(groups.BlockOutput)
 
 

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.optimize
 from osgeo import gdal
 from real_control import quickbird, rmse_2d
 
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
@@ -135,3 +137,63 @@ def test_adjust_takes_auto(hobart, tmp_path):
     assert report["model"] == "shift"
     assert report["model_choice"]["rule"] == "auto"
     assert "leave-one-out error" in report["model_choice"]["reason"]
+
+
+# ---- a given covariance of the coefficients --------------------------------------------------------------------------
+
+
+def cubic_terms(lon: np.ndarray, lat: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """The 20 terms of RPC00B ``(n, 20)`` in the order of the standard: L is the longitude, P the latitude."""
+    L, P, H = lon, lat, height
+    return np.stack(
+        [L**0, L, P, H, L * P, L * H, P * H, L**2, P**2, H**2, P * L * H, L**3, L * P**2, L * H**2, L**2 * P, P**3,
+         P * H**2, L**2 * H, P**2 * H, H**3], axis=1,
+    )  # fmt: skip
+
+
+def test_a_given_covariance_of_the_coefficients_is_a_least_squares_prior(orthority, real_data, tmp_path):
+    """Against SciPy's minimum of ``|v / sigma|^2 + dc' C^-1 dc``, with the RPC written out from its standard."""
+    image, control = quickbird(real_data)
+    rng = np.random.default_rng(5)
+    spread = np.where(np.isin(np.arange(78) % 39, range(20)), 3e-4, 3e-6)  # numerators vary more than denominators
+    factor = spread[:, None] * (np.eye(78) + 0.2 * rng.normal(size=(78, 78)))
+    covariance = factor @ factor.T
+    np.savetxt(tmp_path / "covariance.txt", covariance)
+    report = run(
+        "refine-rpc", **orthority, output_dir=str(tmp_path / "out"), model="bils", leave_out=False, sigma_image=0.5,
+        sigma_gcp_xy=1e-6, sigma_gcp_h=1e-6, coefficient_covariance=str(tmp_path / "covariance.txt"),
+    )  # fmt: skip
+    rpc = image.rpc
+    lon, lat, height = control.ground.T
+    terms = cubic_terms(
+        (lon - rpc.long_off) / rpc.long_scale, (lat - rpc.lat_off) / rpc.lat_scale,
+        (height - rpc.height_off) / rpc.height_scale,
+    )  # fmt: skip
+
+    def place(change: np.ndarray) -> np.ndarray:
+        sample = terms @ (rpc.samp_num + change[:20]) / (terms @ (rpc.samp_den + np.r_[0, change[20:39]]))
+        line = terms @ (rpc.line_num + change[39:59]) / (terms @ (rpc.line_den + np.r_[0, change[59:]]))
+        return np.stack([sample * rpc.samp_scale + rpc.samp_off, line * rpc.line_scale + rpc.line_off], axis=1)
+
+    def misfit(standard: np.ndarray) -> np.ndarray:  # dc = L s, with s standard normal before the observations
+        return np.r_[((control.xy - place(factor @ standard)) / 0.5).ravel(), standard]
+
+    expected = place(factor @ scipy.optimize.least_squares(misfit, np.zeros(78), xtol=1e-14, ftol=1e-14).x)
+    written = read_rpc(report["images"]["qb2_basic1b"]["output"]).rpc.project(control.ground)
+    assert np.abs(expected - rpc.project(control.ground)).max() > 0.5  # the prior lets the image move
+    assert np.abs(expected - control.xy).max() > 0.05  # and holds it back
+    np.testing.assert_allclose(written, expected, atol=1e-3)
+
+
+def test_a_covariance_that_cannot_be_used_is_refused(orthority, tmp_path):
+    (tmp_path / "small.txt").write_text("1 0\n0 1\n")
+    (tmp_path / "words.txt").write_text("not numbers\n")
+    given = {**orthority, "output_dir": str(tmp_path / "out")}
+    for model, name, message in (
+        ("shift", "small.txt", "does not estimate the coefficients"),
+        ("bils", "small.txt", r"small.txt: .*\(78, 78\)"),
+        ("bils", "words.txt", "78 lines with 78 numbers"),
+        ("bils", "missing.txt", "missing.txt"),
+    ):
+        with pytest.raises(InputError, match=message):
+            run("refine-rpc", **given, model=model, coefficient_covariance=str(tmp_path / name))
