@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hrsi.benchmarks import hobart_monte_carlo
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.real_blocks import (
     TEN,
     ZY3_CONTROL,
@@ -363,10 +363,11 @@ SUBJECTS: dict[str, tuple[Callable[[], Section], ...]] = {
     "quickbird": (quickbird_loo,),
     "ties": (tie_blocks,),
 }
-INTRODUCTION = """# Accuracy: blocks
+INTRODUCTION = f"""# Accuracy: blocks
 
 Made by `python benchmarks/accuracy.py blocks --docs`. How the adjustment works: [adjustment](adjustment.md).
-"""
+
+{HOBART_NOTE}"""
 
 
 def sections(names: Sequence[str]) -> Iterator[Section]:

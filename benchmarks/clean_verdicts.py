@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from hrsi.benchmarks import real_blocks
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, check_block, find_tie_points, judge, open_image
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -132,6 +132,7 @@ Made by `python -m hrsi.benchmarks.clean_verdicts --docs`. The page [verdict](ve
 
 ## Real blocks
 
+{HOBART_NOTE}
 {real}
 
 ## Simulated blocks

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hrsi.benchmarks import real_blocks
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse
 from hrsi.benchmarks.spot5 import read_spot5
 from hrsi.benchmarks.thesis_tables import render
@@ -273,7 +273,8 @@ and in m (east, north, height) for blocks.
 By definition `idkf` and `slss` use every point once. If their solution is not within 0.1 sigma of the minimum, their
 status contains the distance. An error of 0.1 rad shifts the image by 30 000 pixels. The direct methods are not designed
 for such errors, and their 78 coefficients then have several minima.
-"""
+
+{HOBART_NOTE}"""
 
 
 def summary(found: Sequence[Run]) -> list[str]:

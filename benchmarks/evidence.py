@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from osgeo import ogr
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.real_blocks import DATA, ZY3_CONTROL
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
@@ -304,7 +304,7 @@ ROWS: Mapping[str, tuple[str, Callable[[], str]]] = {
     "unknown sensor": ("half the resolution, twice the metres", resample_unknown),
     "residuals of control": ("triangulate 0.07 m, evaluate 2.4 m", compare_control),
 }  # fmt: skip
-INTRODUCTION = """# Verdicts of critical blocks, before and now
+INTRODUCTION = f"""# Verdicts of critical blocks, before and now
 
 Made by `python benchmarks/evidence.py --docs`.
 
@@ -312,7 +312,8 @@ In these cases the verdict relied on residuals, a drift or tie points of the blo
 command line on real and simulated data. The column *before* was printed when they were found, the column *now* is
 printed now. The page [verdict](verdict.md) explains the reasons. The coverage is that of check points. If the sigmas of
 the GCPs are stated too small, so are those of the check points.
-"""
+
+{HOBART_NOTE}"""
 
 
 def main(words: Sequence[str] = ()) -> None:

@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.real_blocks import TEN, ZY3_CONTROL, check_rmse, hobart, zy3
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
@@ -27,13 +27,14 @@ BLOCKS: dict[str, tuple[Callable[[Sequence[str]], Block], tuple[str, ...]]] = {
     "ZY-3 pair": (zy3, ZY3_CONTROL),
 }
 HEAD = ("GCPs", "choices", "model", "RMSE east, north, height m", "worst height m", "height better than shift's")
-INTRODUCTION = """# One, two or three GCPs
+INTRODUCTION = f"""# One, two or three GCPs
 
-Printed by `python benchmarks/few_gcps.py --docs`. Every choice of one GCP among those named in
-`benchmarks/real_blocks.py`, and evenly taken choices of two and three; measurements of check points are ties. RMSE over
-all choices and check points; the height RMSE of the worst choice; in how many choices a model's height is better than a
-shift's.
-"""
+Printed by `python benchmarks/few_gcps.py --docs`. The table has all choices of one GCP among those in
+`benchmarks/real_blocks.py`, and evenly distributed choices of two and three. Measurements of check points are used as
+tie points. RMSE over all choices and check points; the height RMSE of the worst choice; in how many choices a model's
+height is better than a shift's.
+
+{HOBART_NOTE}"""
 
 
 def choices(ids: Sequence[str], count: int, most: int) -> list[tuple[str, ...]]:

@@ -20,7 +20,7 @@ from scipy import stats
 
 from hrsi.benchmarks import real_blocks, sigma_coverage, spot5
 from hrsi.benchmarks.clean_verdicts import REAL
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, HOBART_NOTE
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -231,7 +231,8 @@ are not GCPs, in east, north and height. For blocks without surveyed points it i
 of all), in px per observation. *Relative to shift* is the difference of the RMSE in %. Differences with `!` (worse) or
 `*` (better) are significant in a paired t-test over the draws (one-sided, {SIGNIFICANCE:g}), and at least
 {MATERIAL:.0%}. The column *chosen* has the chosen models and the number of draws with each.
-"""
+
+{HOBART_NOTE}"""
 
 
 @cache

@@ -102,3 +102,18 @@ def test_a_figure_made_anew_is_compared_with_its_page(tmp_path: Path, monkeypatc
     assert figures.check([entry]) == 1
     assert "docs/page.md:7" in capsys.readouterr().out
     assert (tmp_path / "docs" / "page.md").read_text() == PAGE
+
+
+def test_pages_with_figures_of_hobart_say_that_its_rpcs_were_fitted():
+    """The check points of Hobart are no independent ones: whoever reads an accuracy has to know it."""
+    named = {}
+    for path in sorted((ROOT / "docs").rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        accuracies = [
+            line for line in text.splitlines() if "Hobart" in line and re.search(r"\d\.\d+ (?:m|px)|\|.*\d\.\d", line)
+        ]
+        if accuracies or re.search(r"^#+ .*Hobart", text, re.MULTILINE):
+            named[str(path.relative_to(ROOT / "docs"))] = bool(re.search(r"RPCs?\b[^.]{0,80}\bfitted", text))
+    print(f"pages with figures of Hobart: {', '.join(named)}")
+    assert {"accuracy_blocks.md", "few_gcps.md", "tutorial/hobart.md"} <= set(named)
+    assert not [page for page, said in named.items() if not said]
