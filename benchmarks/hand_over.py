@@ -39,32 +39,40 @@ WILD_M = 20.0  # a difference beyond this is a wrong match and not counted in RM
 
 
 PACKAGES = {"cars": ["cars==1.3.0", "rpcfit"], "s2p": ["s2p==1.0b25"]}
-#: Debian packages with what s2p is compiled with; they are unpacked below its environment, not installed.
+#: Debian packages with what parts of both are compiled with; they are unpacked below the environment, not installed.
 HEADERS = ["libfftw3-dev", "libfftw3-double3", "libfftw3-single3", "libgdal-dev", "libtiff-dev", "libtiffxx6"]
+BUILDING = ["setuptools<81", "wheel"]  # their setup.py import pkg_resources, which later ones have not
 
 
 def installed(program: str, work: Path) -> str:
     """Return the folder of a program's commands in an environment of its own, which is made where it is missing."""
     environment = work / "environments" / program
-    if not (environment / "bin" / program).exists():
+    finished = environment / "installed"
+    if not finished.exists():
         environment.mkdir(parents=True, exist_ok=True)
-        words = dict(os.environ)
-        if program == "s2p":
-            subprocess.run(["apt-get", "download", *HEADERS], cwd=environment, check=True)
-            for package in environment.glob("*.deb"):
-                subprocess.run(["dpkg", "-x", str(package), str(environment / "debian")], check=True)
-            usr = environment / "debian" / "usr"
-            libraries = str(next((usr / "lib").glob("*-linux-gnu")))
-            headers = [
-                usr / "include",
-                next((usr / "include").glob("*-linux-gnu"), usr / "include"),
-                usr / "include" / "gdal",
-            ]
-            words |= {"CPATH": ":".join(map(str, headers)), "LIBRARY_PATH": libraries, "LD_LIBRARY_PATH": libraries,
-                      "PATH": f"{usr / 'bin'}:{os.environ['PATH']}"}  # fmt: skip
+        subprocess.run(["apt-get", "-qq", "download", *HEADERS], cwd=environment, check=True)
+        for package in environment.glob("*.deb"):
+            subprocess.run(["dpkg", "-x", str(package), str(environment / "debian")], check=True)
+        usr = environment / "debian" / "usr"
+        libraries = next((usr / "lib").glob("*-linux-gnu"))
+        for link in libraries.iterdir():
+            if link.is_symlink() and not link.exists():  # to a library that the system has
+                target = Path("/usr/lib") / libraries.name / os.readlink(link)
+                link.unlink()
+                link.symlink_to(target)
+        headers = [usr / "include", usr / "include" / libraries.name, usr / "include" / "gdal"]
+        constraints = environment / "constraints.txt"  # of the environments in which packages are built, too
+        constraints.write_text("\n".join(BUILDING))
+        words = os.environ | {
+            "CPATH": ":".join(map(str, headers)), "LIBRARY_PATH": str(libraries), "LD_LIBRARY_PATH": str(libraries),
+            "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "PATH": f"{usr / 'bin'}:{os.environ['PATH']}",
+            "PIP_CONSTRAINT": str(constraints),
+        }  # fmt: skip
         subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-        pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", *PACKAGES[program]]
-        subprocess.run(pip, check=True, env=words)
+        pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet"]
+        for packages in (BUILDING, PACKAGES[program]):
+            subprocess.run([*pip, *packages], check=True, env=words)
+        finished.touch()
     return str(environment / "bin")
 
 

@@ -117,6 +117,52 @@ def test_damaged_pmul_names_the_line(tmp_path):
         read_points(path, image_ids=["a"])
 
 
+def write_homol(path: Path, rows: list[list[float]]) -> bytes:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = struct.pack("<ii", 2, len(rows)) + b"".join(struct.pack("<id4d", 2, 1.0, *row) for row in rows)
+    path.write_bytes(content)
+    return content
+
+
+def test_homol_pairs_are_taken_once_and_count_from_the_corner(tmp_path):
+    """Both directions of a pair, one with a match more; the text of a pair that has a binary file is not read."""
+    homol = tmp_path / "Homol"
+    write_homol(homol / "Pastisb.tif" / "a.tif.dat", [[10.5, 20.5, 1.5, 2.5], [30.0, 40.0, 3.0, 4.0]])
+    write_homol(homol / "Pastisa.tif" / "b.tif.dat", [[1.5, 2.5, 10.5, 20.5]])
+    (homol / "Pastisa.tif" / "b.tif.txt").write_text("7 7 7 7 1\n")
+    (homol / "Pastisa.tif" / "c.tif.txt").write_text("5.5 6.5 7.5 8.5 1.000000\n\n9.5 1.5 2.5 3.5\n")
+    write_homol(homol / "Pastisc.tif" / "a.tif.dat", [])
+    tables = read_points(str(homol), image_ids=["a", "b", "c"])
+    assert tables.pairwise
+    rows = zip(tables.image.image_ids.tolist(), map(tuple, tables.image.xy.tolist()), strict=True)
+    assert sorted(rows) == [
+        ("a", (1.0, 2.0)), ("a", (2.5, 3.5)), ("a", (5.0, 6.0)), ("a", (9.0, 1.0)),
+        ("b", (10.0, 20.0)), ("b", (29.5, 39.5)), ("c", (2.0, 3.0)), ("c", (7.0, 8.0)),
+    ]  # fmt: skip
+    found = dict(zip(tables.image.xy[:, 0].tolist(), tables.image.ids.tolist(), strict=True))
+    assert found[1.0] == found[10.0] and found[2.5] == found[29.5] and found[5.0] == found[7.0] != found[9.0]
+
+
+def test_damaged_homol_files_are_refused(tmp_path):
+    path = tmp_path / "Homol" / "Pastisa.tif" / "b.tif.dat"
+    content = write_homol(path, [[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
+    wrong = struct.pack("<i", 3)
+    for damaged in (
+        content[:-1], content[:7], content[:-44], content + b"x", content[:8] + wrong + content[12:],
+        content.replace(struct.pack("<d", 6.0), struct.pack("<d", np.nan)),
+    ):  # fmt: skip
+        path.write_bytes(damaged)
+        for named in (path, tmp_path / "Homol"):
+            with pytest.raises(InputError, match=r"b\.tif\.dat: is no complete file of MicMac's matches"):
+                read_points(str(named), image_ids=["a", "b"])
+    text = tmp_path / "Homol" / "Pastisa.tif" / "c.tif.txt"
+    path.unlink()
+    for damaged in ("1 2 3\n", "1 2 3 x 1\n", "1 2 3 inf\n"):
+        text.write_text(damaged)
+        with pytest.raises(InputError, match=r"c\.tif\.txt: is no complete file"):
+            read_points(str(tmp_path / "Homol"), image_ids=["a", "c"])
+
+
 def test_several_files(tmp_path):
     first, second = (write_pmul(tmp_path / f"PMUL-{name}.tif.csv") for name in "ab")
     assert several_specs(str(tmp_path / "PMUL-*.csv")) == [first, second]

@@ -525,7 +525,41 @@ def write_sat_bundleadjust(folder: Path, names: list[str], pairs: list) -> str:
     return str(folder / "matches.npy")
 
 
-@pytest.mark.parametrize("write", [write_asp_text, write_asp_binary, write_sat_bundleadjust])
+def write_homol_text(folder: Path, names: list[str], pairs: list) -> str:
+    """As `ElPackHomologue::StdPutInFile` prints them, from the corner of the first pixel; each pair once."""
+    for one, two, xy in pairs:
+        pastis = folder / "HomolTest" / f"Pastis{names[two]}.tif"
+        pastis.mkdir(parents=True, exist_ok=True)
+        lines = ["%f %f %f %f %f\n" % (c, d, a, b, 1.0) for a, b, c, d in (xy + 0.5).tolist()]  # noqa: UP031
+        (pastis / f"{names[one]}.tif.txt").write_text("".join(lines))
+    return str(folder / "HomolTest")
+
+
+def write_homol_binary(folder: Path, names: list[str], pairs: list) -> str:
+    """As `ElPackHomologue` dumps them: dimension and number, then dimension, weight and points; both directions."""
+    for number, (one, two, xy) in enumerate(pairs):
+        order = "<>"[number % 2]
+        for first, second, rows in ((one, two, xy), (two, one, np.roll(xy, 2, axis=1))):
+            pastis = folder / "Homol" / f"Pastis{names[first]}.tif"
+            pastis.mkdir(parents=True, exist_ok=True)
+            content = struct.pack(f"{order}ii", 2, len(rows))
+            for row in (rows + 0.5).tolist():
+                content += struct.pack(f"{order}id4d", 2, 1.0, *row)
+            (pastis / f"{names[second]}.tif.dat").write_bytes(content)
+    return str(folder / "Homol")
+
+
+def write_homol_files(folder: Path, names: list[str], pairs: list) -> str:
+    """The same files one by one, by a wildcard."""
+    return f"{write_homol_binary(folder, names, pairs)}/*/*.dat"
+
+
+MATCH_WRITERS = [
+    write_asp_text, write_asp_binary, write_sat_bundleadjust, write_homol_text, write_homol_binary, write_homol_files,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("write", MATCH_WRITERS)
 def test_matches_of_others_adjust_as_csv(matched, tmp_path, write):
     """The refined RPCs see the block's ground at the same pixels to 1e-6 px."""
     block, names, pairs = matched

@@ -14,7 +14,7 @@ from ...ground.operation_uses import OperationUse
 from ..opening.budgets import require_heights
 from ..opening.datasets import check_advice
 from ..opening.plain_files import require_plain_around
-from . import csv_text, gcp_files, match_files, ogr_layer
+from . import csv_text, gcp_files, match_files, micmac_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
@@ -23,7 +23,8 @@ from .table import PointReader, PointTable, match_fields
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 POINT_READERS: dict[str, PointReader] = {
-    "micmac": match_files.MICMAC_TIE_POINTS,
+    "micmac": micmac_files.MICMAC_TIE_POINTS,
+    "micmac-homol": micmac_files.MICMAC_HOMOL,
     "asp-match-text": match_files.ASP_TEXT_MATCHES,
     "csv": csv_text.READER,
     "qgis-points": gcp_files.QGIS_POINTS,

@@ -23,16 +23,12 @@
 * Matches of sat-bundleadjust: a folder with ``matches.npy (n, 4)``, rows of keypoints in two images and the images'
   rows in ``filenames.txt``, and ``keypoints/ID.npy`` or ``features/ID.npy`` for each image, x and y first, from the
   CENTRE of the first pixel. Its adjusted RPCs, ``ID.rpc_adj``, are RPC texts.
-* Tie points of MicMac (MMVII): a file an image, ``PMUL-IMAGE.csv`` with the fields Pt.x, Pt.y, Id. The same Id on other
-  images is the same point. Pixels count from the corner of the first pixel, as everywhere in MicMac: half a pixel is
-  taken off.
 """
 
 import os
 import re
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from osgeo import gdal
@@ -41,15 +37,14 @@ from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, require_size
 from ..opening.databases import require_sound, sound_database
 from ..opening.datasets import gdal_messages
-from . import csv_text
 from .table import PointReader, PointTable
 
 #: Names of two images, and the positions of their matches ``(2 k, 2)``, those in the first image first.
 _Matches = tuple[str, str, np.ndarray]
 
 
-def _make_table(path: str, pairs: Sequence[_Matches], field_names: tuple[str, ...]) -> PointTable:
-    """Return two rows a match."""
+def tabulate_matches(path: str, pairs: Sequence[_Matches], field_names: tuple[str, ...]) -> PointTable:
+    """Return two rows a match of pairs ``(image, image, positions)``, those in the first image first."""
     counts = [len(xy) // 2 for _, _, xy in pairs]
     numbers = [np.arange(count).astype(str) for count in counts]
     ids = [np.char.add(f"{first}__{second}:", n) for (first, second, _), n in zip(pairs, numbers, strict=True)]
@@ -101,7 +96,7 @@ def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}): check the file") from None
     xy = _parse_records(path, content) if is_binary else _parse_text(path, content)
-    return _make_table(path, [(named[1], named[2], xy)], ("x", "y"))
+    return tabulate_matches(path, [(named[1], named[2], xy)], ("x", "y"))
 
 
 def _parse_text(path: str, content: bytes) -> np.ndarray:
@@ -186,7 +181,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
         index = _parse_blob(path, "matches", data, rows, cols, "<u4")[:, :2].astype(np.int64)
         between = (names[first], names[second]), (keypoints[first], keypoints[second])
         found.append(_match_keypoints(path, *between, index))
-    return _make_table(path, found, ("keypoints", "matches"))
+    return tabulate_matches(path, found, ("keypoints", "matches"))
 
 
 def _parse_blob(path: str, table: str, data: object, rows: object, cols: object, dtype: str) -> np.ndarray:
@@ -218,7 +213,7 @@ def read_hloc(path: str, features: str = "") -> PointTable:
         )
     known = {} if all(_has_item(group, "keypoints0") for group in pairs.values()) else _find_features(path, features)
     found = [_read_pair(path, name, group, known) for name, group in pairs.items()]
-    return _make_table(path, found, ("keypoints", "matches"))
+    return tabulate_matches(path, found, ("keypoints", "matches"))
 
 
 def _read_pair(path: str, name: str, group: gdal.Group, known: dict[str, tuple[str, gdal.Group]]) -> _Matches:
@@ -337,7 +332,7 @@ def read_sat_bundleadjust(path: str, _layer: str = "") -> PointTable:
     for one, two in np.unique(table[:, 2:], axis=0).tolist():
         rows = table[(table[:, 2] == one) & (table[:, 3] == two), :2]
         pairs.append(_match_keypoints(path, (ids[one], ids[two]), (keypoints[one], keypoints[two]), rows))
-    return _make_table(path, pairs, ("x", "y"))
+    return tabulate_matches(path, pairs, ("x", "y"))
 
 
 def _load_npy(path: str, columns: int) -> np.ndarray:
@@ -358,23 +353,3 @@ SAT_BUNDLEADJUST = PointReader(
     lambda path, name, _head: name == "matches.npy" and os.path.isfile(os.path.join(os.path.dirname(path), _FILENAMES)),
     read_sat_bundleadjust,
 )
-
-# ---- MicMac --------------------------------------------------------------------------------------------------------
-
-
-def read_micmac(path: str, _layer: str = "") -> PointTable:
-    """Return the tie points of one image; the image is the one that the file's name says."""
-    table = csv_text.read(path, renamed={"pt.x": "sample", "pt.y": "line"})
-    columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in table.columns.keys() & {"sample", "line"}}
-    name = os.path.basename(path)
-    if name.lower().startswith("pmul-"):
-        columns["image"] = np.full(len(table), name[len("pmul-") : -len(".csv")])
-    return replace(table, columns=columns)
-
-
-def _is_micmac(_path: str, name: str, head: bytes) -> bool:
-    begin = head.lstrip(b"\xef\xbb\xbf").lower()
-    return name.endswith(".csv") and begin.startswith((b"pt.x,pt.y", b"pt.x;pt.y"))
-
-
-MICMAC_TIE_POINTS = PointReader("MicMac tie points", _is_micmac, read_micmac)
