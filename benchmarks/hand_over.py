@@ -38,9 +38,18 @@ IMAGES = [str(TRIPLET / f"img_0{number}.tif") for number in (1, 2, 3)]
 WILD_M = 20.0  # a difference beyond this is a wrong match and not counted in RMSE; completeness leaves it out too
 
 
-PACKAGES = {"cars": ["cars==1.3.0", "rpcfit"], "s2p": ["s2p==1.0b25"]}
+#: What pip installs, one call after another. s2p asks for a pyproj that does not compile any more, and writes np.bool.
+PACKAGES = {
+    "cars": [["cars==1.3.0", "rpcfit"]],
+    "s2p": [
+        ["numpy<1.24", "scipy<1.12", "rasterio<1.4", "utm", "pyproj==3.4.1", "beautifulsoup4", "lxml", "plyfile",
+         "plyflatten", "ransac", "rpcm", "srtm4", "requests"],
+        ["--no-deps", "s2p==1.0b25"],
+    ],
+}  # fmt: skip
 #: Debian packages with what parts of both are compiled with; they are unpacked below the environment, not installed.
-HEADERS = ["libfftw3-dev", "libfftw3-double3", "libfftw3-single3", "libgdal-dev", "libtiff-dev", "libtiffxx6"]
+HEADERS = ["libfftw3-dev", "libfftw3-double3", "libfftw3-single3", "libgdal-dev", "libtiff-dev", "libtiffxx6",
+           "libpng-dev", "libjpeg62-turbo-dev", "zlib1g-dev"]  # fmt: skip
 BUILDING = ["setuptools<81", "wheel"]  # their setup.py import pkg_resources, which later ones have not
 
 
@@ -70,7 +79,7 @@ def installed(program: str, work: Path) -> str:
         }  # fmt: skip
         subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
         pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet"]
-        for packages in (BUILDING, PACKAGES[program]):
+        for packages in (BUILDING, *PACKAGES[program]):
             subprocess.run([*pip, *packages], check=True, env=words)
         finished.touch()
     return str(environment / "bin")
