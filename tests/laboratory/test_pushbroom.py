@@ -9,14 +9,14 @@ import pyproj
 import pytest
 
 from hrsi.hrsi_engine.ground.geodesy import from_ecef, ground_difference_m
-from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera
+from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, Vibration, aim_camera
 
 TARGET = np.array([147.3, -42.9, 100.0])
 TO_ECEF = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
 #: The refinement studies' disturbance: 0.1 rad and kilometres, with drifts and jitter.
 LARGE = OrientationError(
     position_m=(3000.0, -2000.0, 1500.0), position_drift_m=(5.0, 5.0, -5.0), attitude_rad=(0.1, -0.1, 0.1),
-    attitude_drift_rad=(2e-4, 2e-4, -2e-4), jitter_rad=(1e-6, 1e-6, 1e-6), jitter_period_lines=700.0,
+    attitude_drift_rad=(2e-4, 2e-4, -2e-4), vibration=Vibration(((700.0, 1e-6, 0.0),)),
 )  # fmt: skip
 CASES = {
     "nadir": dict(),
@@ -130,3 +130,32 @@ def test_coarser_pixels_cover_the_same_ground():
 def test_points_behind_the_earth_are_nan():
     camera = full_camera("pleiades").disturb(OrientationError(attitude_rad=(1.4, 0.0, 0.0)))
     assert np.isnan(camera.image_to_ground(np.array([camera.middle]), 0.0)).all()
+
+
+def test_curve_displaces_the_image_by_its_pixels():
+    """Roll moves a point in sample, pitch in line; beyond its ends a curve is mirrored."""
+    sensor = SENSORS["pleiades"]
+    camera = aim_camera(sensor, (2000, 3000), np.array([10.0, 45.0, 100.0]))
+    line = np.arange(-2000.0, 2001.0, 5.0)
+    across, along = 0.8 * np.sin(line / 90.0), 0.4 * np.cos(line / 300.0)
+    curve = tuple(zip(line, -across * sensor.detector_angle_rad, -along * sensor.detector_angle_rad, strict=True))
+    shaken = camera.disturb(OrientationError(vibration=Vibration(curve=curve)))
+    image = np.column_stack([np.linspace(100.0, 1900.0, 50), np.linspace(50.0, 2950.0, 50)])
+    moved = image - camera.ground_to_image(shaken.image_to_ground(image, 100.0))
+    step = image[:, 1] - camera.middle[1]
+    expected = np.column_stack([0.8 * np.sin(step / 90.0), 0.4 * np.cos(step / 300.0)])
+    assert moved == pytest.approx(expected, abs=2e-3)
+    later = Vibration(curve=curve, start_line=3500.0)  # 1500 lines beyond the end: line 500 again
+    assert later.compute_angles(np.array([0.0])) == pytest.approx(
+        Vibration(curve=curve).compute_angles(np.array([500.0]))
+    )
+
+
+def test_larger_pixels_shake_alike():
+    vibration = Vibration(waves=((500.0, 1e-6, 0.3),), start_line=40.0)
+    camera = aim_camera(SENSORS["pleiades"], (2000, 3000), np.array([10.0, 45.0, 100.0]))
+    coarse = camera.disturb(OrientationError(vibration=vibration)).coarsen(4).error.vibration
+    assert coarse.compute_angles(np.array([25.0, -60.0])) == pytest.approx(
+        vibration.compute_angles(np.array([100.0, -240.0]))
+    )
+    assert coarse.curvature_rad == pytest.approx(16.0 * 1e-6 * (2.0 * np.pi / 500.0) ** 2)

@@ -15,6 +15,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     PointCounts,
     Radiometry,
     SceneSpec,
+    Vibration,
     add_pixels,
     make_along_track_views,
     make_multispectral_renderers,
@@ -27,7 +28,7 @@ from hrsi.hrsi_engine.laboratory.simulation.surface import compute_ray_paths, lo
 from hrsi.hrsi_engine.laboratory.simulation.tiles import TILES
 
 CLEAN = Radiometry(noise_dn=0.0, shot_dn=0.0)
-JITTER = OrientationError(jitter_rad=(1e-6, 1e-6, 0.0), jitter_period_lines=500.0)
+JITTER = OrientationError(vibration=Vibration(((500.0, 1e-6, 0.0),)))
 
 
 def simulated(spec: SceneSpec, size: int = 800, radiometry: Radiometry = CLEAN, **view: object) -> BlockSimulation:

@@ -17,6 +17,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     OrientationError,
     PointCounts,
     SceneSpec,
+    Vibration,
     make_along_track_views,
     make_strip_views,
     simulate_block,
@@ -24,7 +25,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 
 SIZE = (1500, 1500)
 NO_NOISE = Noise(image_px=0.0, gcp_xy_m=0.0, gcp_h_m=0.0, vendor=0.0)
-JITTER = OrientationError(jitter_rad=(1e-6, 1e-6, 0.0), jitter_period_lines=400.0)
+JITTER = OrientationError(vibration=Vibration(((400.0, 1e-6, 0.0),)))
 
 
 def block(sensor: str = "pleiades", images: int = 3, spec: SceneSpec | None = None, **noise: float) -> BlockSimulation:

@@ -114,14 +114,46 @@ def test_dates_over_a_year(tmp_path: Path):
 def test_options_reach_the_block(tmp_path: Path):
     run(
         "simulate", output_dir=str(tmp_path), sensor="spot5", images=3, along="20,0,-20", vendor_attitude="1e-5,0,0",
-        jitter=0.5, pixels=False, lines=200, **SMALL,
+        jitter="0.5", jitter_period=1500.0, pixels=False, lines=200, **SMALL,
     )  # fmt: skip
     truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     image = truth["images"]["image_3"]
     assert image["size"] == [300, 200]
     assert image["along_deg"] == -20.0
     assert image["vendor_error"]["attitude_rad"] == [1e-5, 0.0, 0.0]
-    assert image["jitter"]["jitter_rad"][0] == pytest.approx(0.5 * 2.5 / 832e3)
+    ((period, amplitude, phase),) = image["jitter"]["vibration"]["waves"]
+    assert (period, amplitude) == (1500.0, pytest.approx(0.5 * 2.5 / 832e3))
+    assert phase != truth["images"]["image_1"]["jitter"]["vibration"]["waves"][0][2]  # another time, another phase
+
+
+def test_images_of_a_pass_share_their_jitter(tmp_path: Path):
+    """Scenes along a strip are shaken by one curve, as many lines later as they lie ahead."""
+    run(
+        "simulate", output_dir=str(tmp_path), images=2, places=2, overlap=0.5, jitter="0.5,800,0.2,150", pixels=False,
+        **SMALL,
+    )  # fmt: skip
+    images = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["images"]
+    first, other, next_one = (images[name] for name in ("strip1_1_1", "strip1_1_2", "strip1_2_1"))
+    of_pass = first["jitter"]["vibration"]["waves"]
+    assert [wave[0] for wave in of_pass] == [800.0, 150.0]
+    assert next_one["jitter"]["vibration"]["waves"] == of_pass != other["jitter"]["vibration"]["waves"]
+    starts = [image["camera"]["error"]["vibration"]["start_line"] for image in (first, next_one)]
+    # lines of oblique images are longer: 150 of 0.70 m are 143 at 15 degrees, by the slant range
+    assert starts[1] - starts[0] == pytest.approx(150.0, rel=0.06)
+
+
+def test_jitter_of_a_file(tmp_path: Path):
+    lines = np.arange(0, 4001, 10)
+    curve = tmp_path / "curve.csv"
+    curve.write_text("line,across,along\n" + "".join(f"{k},{0.5 * np.sin(k / 100)},0\n" for k in lines))
+    run("simulate", output_dir=str(tmp_path / "out"), jitter=str(curve), pixels=False, **SMALL)
+    truth = json.loads((tmp_path / "out" / "truth.json").read_text(encoding="utf-8"))["images"]
+    vibrations = [image["camera"]["error"]["vibration"] for image in truth.values()]
+    assert vibrations[0]["curve"][7] == [70.0, pytest.approx(-0.5 * np.sin(0.7) * 0.70 / 694e3), 0.0]
+    assert vibrations[0]["start_line"] != vibrations[1]["start_line"]
+    (tmp_path / "bad.csv").write_text("line,across,along\n0,0,0\n20,1,1\n10,0,0\n")
+    with pytest.raises(InputError, match="line 10 follows line 20"):
+        run("simulate", output_dir=str(tmp_path / "no"), jitter=str(tmp_path / "bad.csv"), **SMALL)
 
 
 @pytest.mark.parametrize(
@@ -129,6 +161,9 @@ def test_options_reach_the_block(tmp_path: Path):
     [
         (dict(along="1,2,3"), "`along` is 1,2,3: give 2 numbers"),
         (dict(vendor_attitude="a,b,c"), "`vendor_attitude` is a,b,c"),
+        (dict(jitter="1,200,3"), "`jitter` is 1,200,3: give 4 numbers"),
+        (dict(jitter="1,20"), "`jitter` is 1,20: give amplitudes in px and periods of 50 lines or more"),
+        (dict(jitter="no_such.csv"), "no_such.csv"),
         (dict(dates=3, strips=2), "`dates` are taken of one place"),
         (dict(lat=91.0), "is not a place"),
         (dict(lat=89.99), "so near the pole"),

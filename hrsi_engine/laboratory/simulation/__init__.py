@@ -24,7 +24,7 @@ from ...foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "options": "Noise PointCounts SceneSpec",
-    "sensors": "SENSORS OrientationError Radiometry Sensor AccuracyStatement",
+    "sensors": "SENSORS OrientationError Vibration Radiometry Sensor AccuracyStatement",
     "pushbroom": "PushbroomCamera aim_camera",
     "acquisitions": "Acquisition draw_acquisitions compute_sun_position",
     "views": "SceneView make_along_track_views make_views_of_dates make_strip_views",

@@ -127,7 +127,10 @@ class PushbroomCamera:
             pixel_rad=self.pixel_rad * ratio,
             scan_rad=self.scan_rad * ratio,
             orbit_rad=self.orbit_rad * ratio,
-            error=replace(self.error, jitter_period_lines=self.error.jitter_period_lines / ratio),
+            error=replace(
+                self.error,
+                vibration=replace(self.error.vibration, lines_per_line=self.error.vibration.lines_per_line * ratio),
+            ),
         )
 
     @cached_property

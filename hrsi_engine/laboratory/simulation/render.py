@@ -33,8 +33,8 @@ class RENDERING:
 
     node_samples: int = threshold(32, "px", "distance of exact rays along a line")
     node_lines: int = threshold(16, "px", "distance of exact rays across lines")
-    nodes_per_jitter: int = threshold(
-        100, "nodes", "nodes in a period of jitter: a sine of 1 px is linear to 5e-4 px", "bound of interpolation"
+    jitter_px: float = threshold(
+        5e-4, "px", "largest error of jitter that is linear between exact rays", "bound of interpolation"
     )
     ortho_blur_px: float = threshold(0.5, "px", "standard deviation of the blur of an orthophoto")
 
@@ -164,10 +164,9 @@ class ImageRenderer:
 
     @cached_property
     def _node_lines(self) -> int:
-        error = self.camera.error
-        if not any(error.jitter_rad):
-            return RENDERING.node_lines
-        return int(np.clip(error.jitter_period_lines / RENDERING.nodes_per_jitter, 1, RENDERING.node_lines))
+        # Between nodes at a distance h a chord is off by h² / 8 times the second derivative at most
+        curvature_px = max(self.camera.error.vibration.curvature_rad / self.camera.pixel_rad, 1e-12)
+        return int(np.clip(np.sqrt(8.0 * RENDERING.jitter_px / curvature_px), 1, RENDERING.node_lines))
 
 
 def make_renderer(simulated: BlockSimulation, image_id: str, band: str = "pan") -> ImageRenderer:

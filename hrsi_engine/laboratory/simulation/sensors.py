@@ -7,19 +7,85 @@ rounded; they set the scale of a simulation and do not copy any one product.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
+class Vibration:
+    """Jitter of roll and pitch along the lines of a pass; lines are counted from the middle of the image.
+
+    Roll moves the image in sample, pitch in line: by an angle over that of a pixel, against the angle's sign.
+
+    Parameters
+    ----------
+    waves : tuple of tuple of float
+        Period in lines, amplitude in rad and phase in rad of sines of the roll; that of the pitch is a quarter period
+        ahead.
+    curve : tuple of tuple of float
+        Line, roll and pitch in rad, with lines that increase; a cubic spline between, mirrored at its ends.
+    start_line : float
+        Line of the curve, and of the sines, at the middle of the image.
+    lines_per_line : float
+        Lines of the curve in a line of the image, whose pixels may be larger.
+    """
+
+    waves: tuple[Vector, ...] = ()
+    curve: tuple[Vector, ...] = ()
+    start_line: float = 0.0
+    lines_per_line: float = 1.0
+
+    def compute_angles(self, line: np.ndarray) -> np.ndarray:
+        """Return roll and pitch.
+
+        Parameters
+        ----------
+        line : (n,) ndarray
+            Lines from the middle of the image.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Radians.
+        """
+        at = self.start_line + self.lines_per_line * np.asarray(line, dtype=np.float64)
+        angles = np.zeros((len(at), 2))
+        for period, amplitude, phase in self.waves:
+            turn = 2.0 * np.pi * at / period + phase
+            angles += amplitude * np.column_stack([np.sin(turn), np.cos(turn)])
+        if self._spline is not None:
+            first, last = self._spline.x[[0, -1]]
+            from_end = np.mod(at - first, 2.0 * (last - first)) - (last - first)
+            angles += self._spline(last - np.abs(from_end))
+        return angles
+
+    @property
+    def curvature_rad(self) -> float:
+        """Upper bound of the second derivative of an angle, rad by the square of a line of the image."""
+        curvature = sum(amplitude * (2.0 * np.pi / period) ** 2 for period, amplitude, _ in self.waves)
+        if self._spline is not None:
+            curvature += float(np.abs(self._spline(self._spline.x, 2)).max())
+        return float(curvature * self.lines_per_line**2)
+
+    @cached_property
+    def _spline(self) -> CubicSpline | None:
+        if not self.curve:
+            return None
+        table = np.array(self.curve)
+        return CubicSpline(table[:, 0], table[:, 1:])
+
+
+@dataclass(frozen=True)
 class OrientationError:
     """What is added to a camera's exact position and attitude.
 
-    A drift is the change over the whole image, zero at its middle line. Jitter is a sine over the lines.
+    A drift is the change over the whole image, zero at its middle line.
 
     Parameters
     ----------
@@ -27,21 +93,15 @@ class OrientationError:
         Metres east, north and up in the topocentric frame of the scene centre (dX, dY, dH).
     attitude_rad, attitude_drift_rad : tuple of float
         Roll, pitch and yaw about the sensor's own axes forward, right and down.
-    jitter_rad : tuple of float
-        Amplitude about each axis.
-    jitter_period_lines : float
-        Of the sine.
-    jitter_phase_rad : tuple of float
-        About each axis.
+    vibration : Vibration
+        Jitter within the image.
     """
 
     position_m: Vector = ZERO
     position_drift_m: Vector = ZERO
     attitude_rad: Vector = ZERO
     attitude_drift_rad: Vector = ZERO
-    jitter_rad: Vector = ZERO
-    jitter_period_lines: float = 2000.0
-    jitter_phase_rad: Vector = ZERO
+    vibration: Vibration = Vibration()
 
     def position(self, share: np.ndarray) -> np.ndarray:
         """Return the error of the position.
@@ -66,7 +126,7 @@ class OrientationError:
         share : (n,) ndarray
             -0.5 at the first line, 0.5 at the last.
         line : (n,) ndarray
-            The line, for the jitter.
+            From the middle of the image, for the jitter.
 
         Returns
         -------
@@ -74,9 +134,7 @@ class OrientationError:
             Roll, pitch and yaw in radians.
         """
         angles = np.asarray(self.attitude_rad) + share[:, None] * np.asarray(self.attitude_drift_rad)
-        if any(self.jitter_rad):
-            phase = 2.0 * np.pi * line[:, None] / self.jitter_period_lines + np.asarray(self.jitter_phase_rad)
-            angles = angles + np.asarray(self.jitter_rad) * np.sin(phase)
+        angles[:, :2] += self.vibration.compute_angles(line)
         return angles
 
 

@@ -80,7 +80,12 @@ class SceneView:
         camera = aim_camera(
             self.sensor, self.size, target, self.along_deg, self.across_deg, self.heading_deg, self.scan_deg
         )
-        return camera.disturb(self.jitter)
+        # Images of a pass that began its vibration together are as many lines apart as their middles on the ground
+        heading = np.radians(self.heading_deg if self.scan_deg is None else self.scan_deg)
+        ahead_m = float(np.sin(heading) * self.offset_m[0] + np.cos(heading) * self.offset_m[1])
+        vibration = self.jitter.vibration
+        start = vibration.start_line + ahead_m / (camera.scan_rad * camera.ground_radius_m)
+        return camera.disturb(replace(self.jitter, vibration=replace(vibration, start_line=start)))
 
     @property
     def half_diagonal_m(self) -> float:

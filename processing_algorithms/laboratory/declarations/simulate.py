@@ -83,17 +83,17 @@ class VendorErrorOptions:
     vendor_position_drift: tuple[str, ...] = _error_option("position, its change over the image", "m")
     vendor_attitude: tuple[str, ...] = _error_option("roll, pitch and yaw", "rad")
     vendor_attitude_drift: tuple[str, ...] = _error_option("roll, pitch and yaw, their change over the image", "rad")
-    jitter: float = option(
-        0.0,
-        "Amplitude of a vibration of the attitude, which the RPCs do not include",
-        minimum=0.0,
-        unit="px",
+    jitter: tuple[str, ...] = option(
+        (),
+        "Vibration of the attitude, which the RPCs do not include: amplitude in px, period in lines, and so on; or a "
+        "CSV file with the columns line, across and along (px)",
         advanced=True,
-        metavar="PX",
+        metavar="PX,LINES,…|FILE",
     )
     jitter_period: float = option(
-        2000.0, "Period of the vibration", minimum=50.0, unit="lines", advanced=True, metavar="LINES"
-    )
+        2000.0, "Period of a vibration that `jitter` gives none", minimum=50.0, unit="lines", advanced=True,
+        metavar="LINES",
+    )  # fmt: skip
 
 
 @options(kw_only=True)

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ....hrsi_engine.foundation.errors import InputError
+from ....hrsi_engine.io.rpc_files.content import read_text
 from ....hrsi_engine.laboratory.simulation.acquisitions import draw_acquisitions
 from ....hrsi_engine.laboratory.simulation.options import SceneSpec
-from ....hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError, Sensor
+from ....hrsi_engine.laboratory.simulation.sensors import SENSORS, OrientationError, Sensor, Vibration
 from ....hrsi_engine.laboratory.simulation.views import (
     SceneView,
     make_along_track_views,
@@ -18,6 +21,7 @@ from ....hrsi_engine.laboratory.simulation.views import (
 )
 from ..declarations.simulate import VendorErrorOptions, ViewOptions
 
+SHORTEST_PERIOD = 50.0  #: lines
 #: Options that give the vendor's error, and the field of `OrientationError` that each one sets.
 VENDOR_ERRORS = {
     "vendor_position": "position_m",
@@ -45,14 +49,16 @@ def make_views(options: ViewOptions, vendor: VendorErrorOptions, scene: SceneSpe
     else:
         taken = make_along_track_views(sensor, images, size, heading_deg=heading)
     angles = _numbers("along", options.along, images) if options.along else None
-    error, jitter = _vendor_error(vendor), _jitter(vendor, sensor)
+    error, vibration = _vendor_error(vendor), _make_vibration(vendor, sensor)
+    # A pass has the images of one strip or date that look in one direction; each pass has its own phases
+    of_pass = [(number // (images * options.places), number % images) for number in range(len(taken))]
     return tuple(
         replace(
             view,
             across_deg=view.across_deg if across is None else across,
             along_deg=view.along_deg if angles is None else angles[number % images],
             vendor_error=error,
-            jitter=jitter,
+            jitter=OrientationError(vibration=_start_vibration(vibration, [scene.seed, 62, *of_pass[number]])),
         )
         for number, view in enumerate(taken)
     )
@@ -78,11 +84,52 @@ def _vendor_error(options: VendorErrorOptions) -> OrientationError | None:
     return OrientationError(**found)
 
 
-def _jitter(options: VendorErrorOptions, sensor: Sensor) -> OrientationError:
-    """Return a vibration of roll and pitch, a quarter period apart."""
-    amplitude = options.jitter * sensor.detector_angle_rad
-    return OrientationError(
-        jitter_rad=(amplitude, amplitude, 0.0),
-        jitter_period_lines=options.jitter_period,
-        jitter_phase_rad=(0.0, 1.5708, 0.0),
-    )
+def _make_vibration(options: VendorErrorOptions, sensor: Sensor) -> Vibration:
+    """Return the vibration that is asked for; raises `InputError` for what is neither numbers nor a file of a curve."""
+    given, pixel_rad = options.jitter, sensor.detector_angle_rad
+    if len(given) == 1 and not _is_number(given[0]):
+        table = _read_curve(given[0])
+        table[:, 1:] *= -pixel_rad
+        return Vibration(curve=tuple((line, roll, pitch) for line, roll, pitch in table.tolist()))
+    if len(given) == 1:
+        given = (given[0], str(options.jitter_period))
+    numbers = _numbers("jitter", given, len(given) + len(given) % 2)
+    if any(value < 0.0 for value in numbers) or any(period < SHORTEST_PERIOD for period in numbers[1::2]):
+        raise InputError(
+            f"`jitter` is {','.join(given)}: give amplitudes in px and periods of {SHORTEST_PERIOD:g} lines or more"
+        )
+    pairs = zip(numbers[::2], numbers[1::2], strict=True)
+    return Vibration(waves=tuple((period, amplitude * pixel_rad, 0.0) for amplitude, period in pairs))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_curve(path: str) -> np.ndarray:
+    """Return line, across and along (px) of the lines of a CSV file, ``(n, 3)``."""
+    lines = read_text(path).splitlines()
+    if lines and not _is_number(lines[0].partition(",")[0]):
+        lines = lines[1:]
+    try:
+        table = np.array([line.split(",")[:3] for line in lines if line.strip()], dtype=np.float64)
+    except ValueError:
+        table = np.empty((0, 0))
+    if table.ndim != 2 or table.shape[1:] != (3,) or len(table) < 2 or not np.isfinite(table).all():
+        raise InputError(f"{path}: `jitter` takes a CSV file of numbers line, across and along (px), two rows or more")
+    if not (np.diff(table[:, 0]) > 0.0).all():
+        row = int(np.argmin(np.diff(table[:, 0]) > 0.0)) + 1
+        raise InputError(f"{path}: line {table[row, 0]:g} follows line {table[row - 1, 0]:g}: sort the rows by line")
+    return table
+
+
+def _start_vibration(vibration: Vibration, seed: Sequence[int]) -> Vibration:
+    """Return the vibration of a pass: its sines with random phases, its curve from a random line on."""
+    rng = np.random.default_rng(seed)
+    waves = tuple((period, size, float(rng.uniform(0.0, 2.0 * np.pi))) for period, size, _ in vibration.waves)
+    start = float(rng.uniform(vibration.curve[0][0], vibration.curve[-1][0])) if vibration.curve else 0.0
+    return replace(vibration, waves=waves, start_line=start)
