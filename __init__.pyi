@@ -2280,7 +2280,7 @@ def simulate(
     vendor_position_drift: str | Iterable[str] = (),
     vendor_attitude: str | Iterable[str] = (),
     vendor_attitude_drift: str | Iterable[str] = (),
-    jitter: float = 0.0,
+    jitter: str | Iterable[str] = (),
     jitter_period: float = 2000.0,
     laser_passes: int = 0,
     laser_canopy: float = 0.1,
@@ -2406,11 +2406,11 @@ def simulate(
     vendor_attitude_drift : sequence of str, optional
         Error of the vendor's roll, pitch and yaw, their change over the image, the same for all images,
         instead of a random one (unit rad).
-    jitter : float, optional
-        Amplitude of a vibration of the attitude, which the RPCs do not include (unit px; at least 0;
-        default 0).
+    jitter : sequence of str, optional
+        Vibration of the attitude, which the RPCs do not include: amplitude in px, period in lines, and
+        so on; or a CSV file with the columns line, across and along (px).
     jitter_period : float, optional
-        Period of the vibration (unit lines; at least 50; default 2000).
+        Period of a vibration that ``jitter`` gives none (unit lines; at least 50; default 2000).
     laser_passes : int, optional
         Passes of a laser altimeter over the scene, six beams each (at least 0; default 0).
     laser_canopy : float, optional

@@ -42,6 +42,7 @@ from .sensors import AccuracyStatement as AccuracyStatement
 from .sensors import OrientationError as OrientationError
 from .sensors import Radiometry as Radiometry
 from .sensors import Sensor as Sensor
+from .sensors import Vibration as Vibration
 from .surface import locate_on_surface as locate_on_surface
 from .synthesis import BlockSimulation as BlockSimulation
 from .synthesis import BlockTruth as BlockTruth
