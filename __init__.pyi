@@ -964,247 +964,6 @@ def gcps_from_reference(
     """
     ...
 
-def interest_points(
-    images: Images,
-    *,
-    detector: Literal["harris", "foerstner", "centres", "all"] = "all",
-    window: str | None = None,
-    band: int = 1,
-    sun_azimuth: float | None = None,
-    kappa: float = 0.04,
-    radius: float = 4.0,
-    threshold: float | None = None,
-    super_threshold: float | None = None,
-    share: float = 0.5,
-    super_share: float = 0.07,
-    smallest: float = 5.0,
-    largest: float = 160.0,
-    contrast: float = 0.8,
-    quality: float = 0.5,
-    per_cell: int = 0,
-    cell: float = 256.0,
-    mask_saturated: bool = True,
-    threads: int = 0,
-    dem: RasterSource | None = None,
-    dem_datum: str | None = None,
-    height: float | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Result:
-    """Corners, super points and gravity centres of images as a point layer.
-
-    Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
-    roundabouts, tanks, roofs, pools, ponds, trees, plots, and bright and dark spots with a closed
-    outline (blobs). The quality of a centre is the probability that it is found again in another view,
-    measured on real pairs of one date: 56 to 76 % for the default. Positions have sub-pixel accuracy,
-    with standard deviation, size, orientation and quality. Thresholds follow from the statistics of
-    each image in the surroundings of every pixel, so that forest, fields and cities all have points.
-    Images of any size are read in overlapping windows; the result does not depend on them. Nodata and
-    saturated areas are excluded.
-
-    The position of the sun is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), or
-    computed from time and place of the acquisition. The field shadow marks dark centres that are the
-    shadow side of an object (yes, no; unknown without an RPC or the sun). On real images 50 to 90 % of
-    the marked centres are shadows. In images of one date they are as repeatable as others, so their
-    quality is not lower. Between dates with different sun positions they move, and should be excluded
-    first.
-
-    For an image with RPC the layer has the ground positions of the points (at its mean height, a given
-    height or a DEM). It can be used as image points again. Sample 0, line 0 is the CENTRE of the first
-    pixel.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images, with or without RPC.
-    detector : str, optional
-        Kind of interest points (one of harris, foerstner, centres, all; default all).
-    window : str, optional
-        Only this window of the image.
-    band : int, optional
-        Band of the image (at least 1; default 1).
-    sun_azimuth : float, optional
-        Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it
-        nor the time; used to flag dark centres that are shadows (unit deg; at least 0; at most 360).
-    kappa : float, optional
-        Weight of the trace in Harris's strength (at least 0; at most 0.25; default 0.04).
-    radius : float, optional
-        Corners are the strongest within this radius (unit px; at least 1; at most 50; default 4).
-    threshold : float, optional
-        The threshold TB itself.
-    super_threshold : float, optional
-        The threshold TA itself.
-    share : float, optional
-        Share of all local maxima that become interest points (sets the threshold TB) (at least 0; at
-        most 1; default 0.5).
-    super_share : float, optional
-        Share of all local maxima that become super points (sets the threshold TA) (at least 0; at most
-        1; default 0.07).
-    smallest : float, optional
-        Smallest diameter of an object with a gravity centre (unit px; at least 4; default 5).
-    largest : float, optional
-        Largest diameter (unit px; at least 8; at most 512; default 160).
-    contrast : float, optional
-        Smallest contrast of an object, in standard deviations of its surroundings (at least 0; default
-        0.8).
-    quality : float, optional
-        Smallest quality of a gravity centre: its chance to be found again in a second view, as measured
-        on real pairs of one date. Of those from 0.5 two in three have been; 0.33 adds dark spots, of
-        which in towns one in three has (at least 0; at most 1; default 0.5).
-    per_cell : int, optional
-        Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all (at
-        least 0; default 0).
-    cell : float, optional
-        Side of the cells (unit px; at least 8; default 256).
-    mask_saturated : bool, optional
-        Leave out areas of the largest grey value, where many pixels have it (default yes).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    dem : path or rasterio dataset, optional
-        DEM of the ground, in any CRS.
-    dem_datum : str, optional
-        Height datum of the DEM, if it differs from ``height_datum``.
-    height : float, optional
-        Ellipsoidal height of the ground, instead of a DEM (unit m).
-    height_datum : str, optional
-        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
-        the file of a geoid grid (default layer).
-    strict_datum : bool, optional
-        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
-        using the next best one (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
-def match(
-    images: Images,
-    *,
-    window_1: str | None = None,
-    window_2: str | None = None,
-    band: int = 1,
-    scale: str | float | tuple[float, float] | None = None,
-    detector: Literal["harris", "foerstner", "centres", "all"] = "harris",
-    radius: float = 3.0,
-    share: float = 0.9,
-    max_slope: float = 5.0,
-    incidence: float = 10.0,
-    reach: float = 200.0,
-    correlation: float = 0.6,
-    consistency: float = 1.5,
-    least: int = 12,
-    mask_saturated: bool = True,
-    threads: int = 0,
-    dem: RasterSource | None = None,
-    dem_datum: str | None = None,
-    height: float | None = None,
-    height_datum: str = "layer",
-    strict_datum: bool = False,
-    output_dir: Path | None = None,
-    overwrite: bool = False,
-    report: bool = True,
-    progress: Progress | None = None,
-) -> Result:
-    """Corresponding points of two images or windows, without RPC, by control networks.
-
-    Finds hundreds to thousands of corresponding points in two images of the same ground with any
-    rotation. The strongest interest points form a network whose shape is searched in the other image.
-    All other points are found from its nodes, compared by their grey values and measured with sub-pixel
-    accuracy. No RPC is needed. If the network fits in several places, because of repeated texture, the
-    status is 'ambiguous'; if it fits nowhere, 'no match'. In both cases there are no correspondences,
-    the report gives the reason, and the exit code is 1.
-
-    Windows are read completely: choose them with ``window_1`` and ``window_2`` in large images. Sample
-    0, line 0 is the CENTRE of the first pixel.
-
-    Parameters
-    ----------
-    images : path or Image or sequence of them
-        Images, with or without RPC.
-    window_1 : str, optional
-        Only this window of the first image.
-    window_2 : str, optional
-        Only this window of the second image.
-    band : int, optional
-        Band of the images (at least 1; default 1).
-    scale : (float, float), optional
-        Scale of the second image relative to the first, or the range to search; by default from
-        features, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
-    detector : str, optional
-        Interest points to match (one of harris, foerstner, centres, all; default harris).
-    radius : float, optional
-        Corners are the strongest within this radius; it sets the tolerance too (unit px; at least 1; at
-        most 50; default 3).
-    share : float, optional
-        Share of all local maxima that become interest points (at least 0; at most 1; default 0.9).
-    max_slope : float, optional
-        Slope of the ground that the tolerance of the networks allows for (unit °; at least 0; at most
-        60; default 5).
-    incidence : float, optional
-        Incidence angle of both images that it allows for (unit °; at least 0; at most 60; default 10).
-    reach : float, optional
-        Longest distance of a super point from its root (unit px; at least 20; default 200).
-    correlation : float, optional
-        Smallest correlation of two interest points' surroundings (at least 0; at most 1; default 0.6).
-    consistency : float, optional
-        Largest difference from the neighbours, beyond their own spread (unit px; at least 0.1; default
-        1.5).
-    least : int, optional
-        Fewer correspondences than these are no match (at least 6; default 12).
-    mask_saturated : bool, optional
-        Leave out areas of the largest grey value, where many pixels have it (default yes).
-    threads : int, optional
-        Number of threads; 0 takes all cores (at least 0; default 0).
-    dem : path or rasterio dataset, optional
-        DEM of the ground, in any CRS.
-    dem_datum : str, optional
-        Height datum of the DEM, if it differs from ``height_datum``.
-    height : float, optional
-        Ellipsoidal height of the ground, instead of a DEM (unit m).
-    height_datum : str, optional
-        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
-        the file of a geoid grid (default layer).
-    strict_datum : bool, optional
-        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
-        using the next best one (default no).
-    output_dir : path, optional
-        Directory for the results; created where missing.
-    overwrite : bool, optional
-        Replace the results of an earlier run in the output directory (default no).
-    report : bool, optional
-        Write report.html with a picture of both windows (default yes).
-    progress : callable, optional
-        Called with a fraction and a message; False cancels.
-
-    Returns
-    -------
-    Result
-        The report, its tables and files. Without ``output_dir`` they go when the result does.
-
-    Raises
-    ------
-    HrsiError
-        What is wrong with the input, and what to do about it.
-    """
-    ...
-
 def measure_targets(
     images: Images = (),
     *,
@@ -2228,6 +1987,247 @@ def run(
         Write report.html, with a chapter for each step (default yes).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def interest_points(
+    images: Images,
+    *,
+    detector: Literal["harris", "foerstner", "centres", "all"] = "all",
+    window: str | None = None,
+    band: int = 1,
+    sun_azimuth: float | None = None,
+    kappa: float = 0.04,
+    radius: float = 4.0,
+    threshold: float | None = None,
+    super_threshold: float | None = None,
+    share: float = 0.5,
+    super_share: float = 0.07,
+    smallest: float = 5.0,
+    largest: float = 160.0,
+    contrast: float = 0.8,
+    quality: float = 0.5,
+    per_cell: int = 0,
+    cell: float = 256.0,
+    mask_saturated: bool = True,
+    threads: int = 0,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """Corners, super points and gravity centres of images as a point layer.
+
+    Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects:
+    roundabouts, tanks, roofs, pools, ponds, trees, plots, and bright and dark spots with a closed
+    outline (blobs). The quality of a centre is the probability that it is found again in another view,
+    measured on real pairs of one date: 56 to 76 % for the default. Positions have sub-pixel accuracy,
+    with standard deviation, size, orientation and quality. Thresholds follow from the statistics of
+    each image in the surroundings of every pixel, so that forest, fields and cities all have points.
+    Images of any size are read in overlapping windows; the result does not depend on them. Nodata and
+    saturated areas are excluded.
+
+    The position of the sun is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), or
+    computed from time and place of the acquisition. The field shadow marks dark centres that are the
+    shadow side of an object (yes, no; unknown without an RPC or the sun). On real images 50 to 90 % of
+    the marked centres are shadows. In images of one date they are as repeatable as others, so their
+    quality is not lower. Between dates with different sun positions they move, and should be excluded
+    first.
+
+    For an image with RPC the layer has the ground positions of the points (at its mean height, a given
+    height or a DEM). It can be used as image points again. Sample 0, line 0 is the CENTRE of the first
+    pixel.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images, with or without RPC.
+    detector : str, optional
+        Kind of interest points (one of harris, foerstner, centres, all; default all).
+    window : str, optional
+        Only this window of the image.
+    band : int, optional
+        Band of the image (at least 1; default 1).
+    sun_azimuth : float, optional
+        Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it
+        nor the time; used to flag dark centres that are shadows (unit deg; at least 0; at most 360).
+    kappa : float, optional
+        Weight of the trace in Harris's strength (at least 0; at most 0.25; default 0.04).
+    radius : float, optional
+        Corners are the strongest within this radius (unit px; at least 1; at most 50; default 4).
+    threshold : float, optional
+        The threshold TB itself.
+    super_threshold : float, optional
+        The threshold TA itself.
+    share : float, optional
+        Share of all local maxima that become interest points (sets the threshold TB) (at least 0; at
+        most 1; default 0.5).
+    super_share : float, optional
+        Share of all local maxima that become super points (sets the threshold TA) (at least 0; at most
+        1; default 0.07).
+    smallest : float, optional
+        Smallest diameter of an object with a gravity centre (unit px; at least 4; default 5).
+    largest : float, optional
+        Largest diameter (unit px; at least 8; at most 512; default 160).
+    contrast : float, optional
+        Smallest contrast of an object, in standard deviations of its surroundings (at least 0; default
+        0.8).
+    quality : float, optional
+        Smallest quality of a gravity centre: its chance to be found again in a second view, as measured
+        on real pairs of one date. Of those from 0.5 two in three have been; 0.33 adds dark spots, of
+        which in towns one in three has (at least 0; at most 1; default 0.5).
+    per_cell : int, optional
+        Keep so many of the best points of each detector in every cell, to spread them; 0 keeps all (at
+        least 0; default 0).
+    cell : float, optional
+        Side of the cells (unit px; at least 8; default 256).
+    mask_saturated : bool, optional
+        Leave out areas of the largest grey value, where many pixels have it (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        Height datum of the DEM, if it differs from ``height_datum``.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
+    strict_datum : bool, optional
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    progress : callable, optional
+        Called with a fraction and a message; False cancels.
+
+    Returns
+    -------
+    Result
+        The report, its tables and files. Without ``output_dir`` they go when the result does.
+
+    Raises
+    ------
+    HrsiError
+        What is wrong with the input, and what to do about it.
+    """
+    ...
+
+def match(
+    images: Images,
+    *,
+    window_1: str | None = None,
+    window_2: str | None = None,
+    band: int = 1,
+    scale: str | float | tuple[float, float] | None = None,
+    detector: Literal["harris", "foerstner", "centres", "all"] = "harris",
+    radius: float = 3.0,
+    share: float = 0.9,
+    max_slope: float = 5.0,
+    incidence: float = 10.0,
+    reach: float = 200.0,
+    correlation: float = 0.6,
+    consistency: float = 1.5,
+    least: int = 12,
+    mask_saturated: bool = True,
+    threads: int = 0,
+    dem: RasterSource | None = None,
+    dem_datum: str | None = None,
+    height: float | None = None,
+    height_datum: str = "layer",
+    strict_datum: bool = False,
+    output_dir: Path | None = None,
+    overwrite: bool = False,
+    report: bool = True,
+    progress: Progress | None = None,
+) -> Result:
+    """Corresponding points of two images or windows, without RPC, by control networks.
+
+    Finds hundreds to thousands of corresponding points in two images of the same ground with any
+    rotation. The strongest interest points form a network whose shape is searched in the other image.
+    All other points are found from its nodes, compared by their grey values and measured with sub-pixel
+    accuracy. No RPC is needed. If the network fits in several places, because of repeated texture, the
+    status is 'ambiguous'; if it fits nowhere, 'no match'. In both cases there are no correspondences,
+    the report gives the reason, and the exit code is 1.
+
+    Windows are read completely: choose them with ``window_1`` and ``window_2`` in large images. Sample
+    0, line 0 is the CENTRE of the first pixel.
+
+    Parameters
+    ----------
+    images : path or Image or sequence of them
+        Images, with or without RPC.
+    window_1 : str, optional
+        Only this window of the first image.
+    window_2 : str, optional
+        Only this window of the second image.
+    band : int, optional
+        Band of the images (at least 1; default 1).
+    scale : (float, float), optional
+        Scale of the second image relative to the first, or the range to search; by default from
+        features, else 1 and then 0.6 to 1.7 (at least 0.05; at most 20).
+    detector : str, optional
+        Interest points to match (one of harris, foerstner, centres, all; default harris).
+    radius : float, optional
+        Corners are the strongest within this radius; it sets the tolerance too (unit px; at least 1; at
+        most 50; default 3).
+    share : float, optional
+        Share of all local maxima that become interest points (at least 0; at most 1; default 0.9).
+    max_slope : float, optional
+        Slope of the ground that the tolerance of the networks allows for (unit °; at least 0; at most
+        60; default 5).
+    incidence : float, optional
+        Incidence angle of both images that it allows for (unit °; at least 0; at most 60; default 10).
+    reach : float, optional
+        Longest distance of a super point from its root (unit px; at least 20; default 200).
+    correlation : float, optional
+        Smallest correlation of two interest points' surroundings (at least 0; at most 1; default 0.6).
+    consistency : float, optional
+        Largest difference from the neighbours, beyond their own spread (unit px; at least 0.1; default
+        1.5).
+    least : int, optional
+        Fewer correspondences than these are no match (at least 6; default 12).
+    mask_saturated : bool, optional
+        Leave out areas of the largest grey value, where many pixels have it (default yes).
+    threads : int, optional
+        Number of threads; 0 takes all cores (at least 0; default 0).
+    dem : path or rasterio dataset, optional
+        DEM of the ground, in any CRS.
+    dem_datum : str, optional
+        Height datum of the DEM, if it differs from ``height_datum``.
+    height : float, optional
+        Ellipsoidal height of the ground, instead of a DEM (unit m).
+    height_datum : str, optional
+        Height datum of ground points and DEM: layer (from their CRS), ellipsoidal, egm96, egm2008 or
+        the file of a geoid grid (default layer).
+    strict_datum : bool, optional
+        Stop if the geoid or the grid of a better coordinate operation is not installed, instead of
+        using the next best one (default no).
+    output_dir : path, optional
+        Directory for the results; created where missing.
+    overwrite : bool, optional
+        Replace the results of an earlier run in the output directory (default no).
+    report : bool, optional
+        Write report.html with a picture of both windows (default yes).
     progress : callable, optional
         Called with a fraction and a message; False cancels.
 

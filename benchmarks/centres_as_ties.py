@@ -26,9 +26,9 @@ from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine import open_image
 from hrsi.hrsi_engine.block.block import Image, ImagePoints
 from hrsi.hrsi_engine.io.point_files.csv_text import write_measurements
+from hrsi.hrsi_engine.laboratory.control_network.matching import match_windows
+from hrsi.hrsi_engine.laboratory.control_network.options import ControlNetworkOptions
 from hrsi.hrsi_engine.measurement.block_matching.joining import build_tracks
-from hrsi.hrsi_engine.measurement.control_network.matching import match_windows
-from hrsi.hrsi_engine.measurement.control_network.options import ControlNetworkOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import run
 

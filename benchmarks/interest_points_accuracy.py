@@ -21,9 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hrsi.hrsi_engine.laboratory.interest_points import InterestPoints, detect_interest_points
 from hrsi.hrsi_engine.laboratory.registration import register_points
 from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
-from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.targets.measuring import TargetOptions, measure_target
 from hrsi.tests.object_scenes import (
     CANDIDATES,

@@ -28,13 +28,8 @@ from hrsi.benchmarks.matching import PAIRS, RealPair, timed
 from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.interest_points import (
-    STRONG_QUALITY,
-    CentreOptions,
-    DetectionOptions,
-    InterestPoints,
-    detect_interest_points,
-)
+from hrsi.hrsi_engine.laboratory.interest_points import DetectionOptions, InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, CentreOptions
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
     check_rpc_consistency,
     compute_epipolar_miss,

@@ -23,7 +23,8 @@ import numpy as np
 
 from hrsi.benchmarks import pages
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
-from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY, detect_interest_points
+from hrsi.hrsi_engine.laboratory.interest_points import DETECTORS, detect_interest_points
+from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY
 from hrsi.hrsi_engine.measurement.tile_matching.features import stretch_to_byte
 
 DATA = pages.DATA / "real"

@@ -20,9 +20,9 @@ import numpy as np
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.control_network import ControlNetworkMatch, match_windows
-from hrsi.hrsi_engine.measurement.control_network.leaves import Tolerance
-from hrsi.hrsi_engine.measurement.control_network.super_points import match_super_points
+from hrsi.hrsi_engine.laboratory.control_network import ControlNetworkMatch, match_windows
+from hrsi.hrsi_engine.laboratory.control_network.leaves import Tolerance
+from hrsi.hrsi_engine.laboratory.control_network.super_points import match_super_points
 from hrsi.tests.conftest import TEST_DATA
 from hrsi.tests.network_scenes import (
     FALSE_PX,

@@ -25,7 +25,7 @@ from hrsi.benchmarks.matching import PAIRS, RealPair, timed
 from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.control_network import match_windows
+from hrsi.hrsi_engine.laboratory.control_network import match_windows
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss
 from hrsi.tests.conftest import TEST_DATA
 

@@ -93,7 +93,7 @@ MUTANTS = (
         ".reshape(2, 4)", "tests/io/test_rpc_files.py -k ichipb",
     ),
     Mutant(
-        "match keeps what lies across epipolar lines", "measurement/control_network/growth.py",
+        "match keeps what lies across epipolar lines", "laboratory/control_network/growth.py",
         "keep &= np.abs(across[rows])", "keep &= 0.0 * np.abs(across[rows])",
         "tests/measurement/test_control_network.py -k epipolar",
     ),

@@ -37,9 +37,10 @@ from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.sun import sun_at_time
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
+from hrsi.hrsi_engine.laboratory.interest_points import DetectionOptions, detect_interest_points
+from hrsi.hrsi_engine.laboratory.interest_points.shadows import compute_image_direction, find_shadows
+from hrsi.hrsi_engine.measurement.interest_points import CentreOptions
 from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY
-from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
 from hrsi.hrsi_engine.surface.dem import intersect_surface
 from hrsi.tests.conftest import TEST_DATA
 

@@ -11,7 +11,7 @@ from ..hrsi_engine.foundation.progress import Progress, silent
 from .declarations import image_points, orthoimages, projects, rpcs, triangulation
 from .interface.declare import Algorithm, Context, Log, Report
 from .interface.options import check_options, find_algorithm
-from .laboratory.declarations import register, simulate
+from .laboratory.declarations import interest_points, match, register, simulate
 
 REGISTRY: dict[str, Algorithm] = {
     algorithm.name: algorithm
@@ -21,8 +21,7 @@ REGISTRY: dict[str, Algorithm] = {
         *rpcs.ALGORITHMS,
         *orthoimages.ALGORITHMS,
         *projects.ALGORITHMS,
-        simulate.ALGORITHM,
-        register.ALGORITHM,
+        *(study.ALGORITHM for study in (interest_points, match, simulate, register)),
     )
 }
 

@@ -16,9 +16,9 @@ from scipy import fft
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.camera.rpc import RPC
+from hrsi.hrsi_engine.laboratory.control_network.leaves import Tolerance
+from hrsi.hrsi_engine.laboratory.control_network.leaves import rotate_offset as turned_offset
 from hrsi.hrsi_engine.laboratory.simulation.texture import PeriodicField
-from hrsi.hrsi_engine.measurement.control_network.leaves import Tolerance
-from hrsi.hrsi_engine.measurement.control_network.leaves import rotate_offset as turned_offset
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import compute_epipolar_miss
 
 RELIEF_PX, RELIEF_WAVE_PX = 5.0, 220.0  # parallax between the views: amplitude, and length of its waves

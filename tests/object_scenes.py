@@ -10,6 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from hrsi.hrsi_engine.laboratory.interest_points import InterestPoints, detect_interest_points
+from hrsi.hrsi_engine.laboratory.interest_points.options import DetectionOptions
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     BlockSimulation,
@@ -24,8 +26,7 @@ from hrsi.hrsi_engine.laboratory.simulation import (
     simulate_block,
 )
 from hrsi.hrsi_engine.laboratory.simulation.landscape import Objects
-from hrsi.hrsi_engine.measurement.interest_points import InterestPoints, detect_interest_points
-from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions, DetectionOptions
+from hrsi.hrsi_engine.measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions
 
 #: As matching gets them: the partner of a strong centre may be weaker.
 CANDIDATES = DetectionOptions(centres=CentreOptions(quality=CANDIDATE_QUALITY))

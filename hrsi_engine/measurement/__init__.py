@@ -1,10 +1,8 @@
-"""Measurement in images: interest points, matching of all kinds, targets, tie points and control from a reference."""
+"""Measurement in images: matching, gravity centres, targets, tie points and control from a reference."""
 
 from ..foundation.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "interest_points": "DetectionOptions InterestPoints detect_interest_points",
-    "control_network": "ControlNetworkMatch ControlNetworkOptions match_windows",
     "tie_options": "TieOptions",
     "tie_points": "TiePoints find_tie_points",
     "targets.options": "TargetOptions",

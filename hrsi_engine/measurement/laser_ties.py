@@ -44,7 +44,7 @@ class LASER_TIES:
     margin_px: int = threshold(40, "px", "from the window's edge that matching needs")
 
 
-MATCHED_AT_LASER = TileMatchOptions(finders=(), windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
+MATCHED_AT_LASER = TileMatchOptions(features=0, windows_px=(31, 21), spacing_px=8.0, reach_px=(8.0, 8.0))
 LASER_TIE_IDS, SOURCE = "L", "laser points"  # before the ids that ties have
 
 

@@ -74,6 +74,6 @@ class TieOptions:
         advanced=True, metavar="SHARE",
     )  # fmt: skip
     match: TileMatchOptions = TileMatchOptions()
-    match_sampled: TileMatchOptions = TileMatchOptions(finders=(), most_points=24, windows_px=(31,), bands=("fine",))
-    match_linked: TileMatchOptions = TileMatchOptions(finders=(), most_points=150, windows_px=(31,))
+    match_sampled: TileMatchOptions = TileMatchOptions(features=0, most_points=24, windows_px=(31,), bands=("fine",))
+    match_linked: TileMatchOptions = TileMatchOptions(features=0, most_points=150, windows_px=(31,))
     match_dense: TileMatchOptions = TileMatchOptions(spacing_px=1.0, windows_px=(15, 21, 31, 41))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from ...hrsi_engine.foundation.options import nest_options, option, options
-from ...hrsi_engine.measurement.control_network.options import ControlNetworkOptions
-from ...hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, DetectionOptions
 from ...hrsi_engine.measurement.targets.options import TargetOptions
 from ..interface import option_groups as groups
 from ..interface.declare import Algorithm, Kind
@@ -90,93 +88,6 @@ GCPS_FROM_REFERENCE = Algorithm(
 )  # fmt: skip
 
 
-INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER = "interest_points.gpkg", "interest_points"
-
-
-@options(kw_only=True)
-class InterestPointsOptions:
-    """What `interest-points` takes."""
-
-    images: tuple[str, ...] = groups.images_option("Images, with or without RPC")
-    detector: str = option("all", "Kind of interest points", choices=tuple(DETECTOR_SETS))
-    window: str | None = groups.window_option("Only this window of the image")
-    band: int = groups.band_option()
-    sun_azimuth: float | None = option(
-        None,
-        "Azimuth of the sun at the acquisition, clockwise from north, if the delivery contains neither it nor the "
-        "time; used to flag dark centres that are shadows", minimum=0.0, maximum=360.0, unit="deg",
-    )  # fmt: skip
-    detection: DetectionOptions = nest_options(DetectionOptions)
-    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
-    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-
-
-INTEREST_POINTS = Algorithm(
-    name="interest-points", title="Detect interest points", group="Image points",
-    summary="Corners, super points and gravity centres of images as a point layer",
-    help=(
-        "Finds corners (Harris or Foerstner) and gravity centres of closed bright or dark objects: roundabouts, "
-        "tanks, roofs, pools, ponds, trees, plots, and bright and dark spots with a closed outline (blobs). The "
-        "quality of a centre is the probability that it is found again in another view, measured on real pairs of one "
-        "date: 56 to 76 % for the default. Positions have sub-pixel accuracy, with standard deviation, size, "
-        "orientation and quality. Thresholds follow from the statistics of each image in the surroundings of every "
-        "pixel, so that forest, fields and cities all have points. Images of any size are read in overlapping "
-        "windows; the result does not depend on them. Nodata and saturated areas are excluded.\n\nThe position of the "
-        "sun is read from the delivery (MEANSUNAZ, SUN_AZIMUTH, Sun Angle Azimuth), or computed from time and place "
-        "of the acquisition. The field `shadow` marks dark centres that are the shadow side of an object (yes, no; "
-        "unknown without an RPC or the sun). On real images 50 to 90 % of the marked centres are shadows. In images "
-        "of one date they are as repeatable as others, so their quality is not lower. Between dates with different "
-        "sun positions they move, and should be excluded first.\n\nFor an image with RPC the layer has the ground "
-        "positions of the points (at its mean height, a given height or a DEM). It can be used as image points again. "
-        "Sample 0, line 0 is the CENTRE of the first pixel."
-    ),
-    options=InterestPointsOptions,
-    examples=(
-        "hrsi interest-points block/image_1.tif --detector centres --dem block/dem.tif "
-        "--height-datum ellipsoidal --output-dir interest",
-    ),
-    layers=(f"{INTEREST_POINTS_FILE}|layername={INTEREST_POINTS_LAYER}",),
-)  # fmt: skip
-
-
-MATCH_FILE, MATCH_LAYER = "match.gpkg", "correspondences"
-
-
-@options(kw_only=True)
-class MatchAlgorithmOptions:
-    """What `match` takes."""
-
-    images: tuple[str, ...] = groups.images_option("Images, with or without RPC")
-    window_1: str | None = groups.window_option("Only this window of the first image")
-    window_2: str | None = groups.window_option("Only this window of the second image")
-    band: int = groups.band_option("Band of the images")
-    matching: ControlNetworkOptions = nest_options(ControlNetworkOptions)
-    terrain: groups.TerrainOptions = nest_options(groups.TerrainOptions)
-    folder: groups.ResultFolder = nest_options(groups.ResultFolder)
-    report: bool = groups.report_option("Write report.html with a picture of both windows")
-
-
-MATCH = Algorithm(
-    name="match", title="Match two images", group="Image points",
-    summary="Corresponding points of two images or windows, without RPC, by control networks",
-    help=(
-        "Finds hundreds to thousands of corresponding points in two images of the same ground with any rotation. The "
-        "strongest interest points form a network whose shape is searched in the other image. All other points are "
-        "found from its nodes, compared by their grey values and measured with sub-pixel accuracy. No RPC is needed. "
-        "If the network fits in several places, because of repeated texture, the status is 'ambiguous'; if it fits "
-        "nowhere, 'no match'. In both cases there are no correspondences, the report gives the reason, and the exit "
-        "code is 1.\n\nWindows are read completely: choose them with `window_1` and `window_2` in large images. "
-        "Sample 0, line 0 is the CENTRE of the first pixel."
-    ),
-    options=MatchAlgorithmOptions,
-    examples=(
-        "hrsi match block/image_1.tif block/image_2.tif --window-1 0,0,150,150 --window-2 0,0,150,150 "
-        "--output-dir matches",
-    ),
-    layers=(f"{MATCH_FILE}|layername={MATCH_LAYER}",),
-)  # fmt: skip
-
-
 AUTOMATIC_KIND = "auto"
 
 
@@ -227,4 +138,4 @@ MEASURE_TARGETS = Algorithm(
     layers=(f"{TARGETS_FILE}|layername={TARGETS_LAYER}",),
 )  # fmt: skip
 
-ALGORITHMS = (TIE_POINTS, GCPS_FROM_REFERENCE, INTEREST_POINTS, MATCH, MEASURE_TARGETS)
+ALGORITHMS = (TIE_POINTS, GCPS_FROM_REFERENCE, MEASURE_TARGETS)

@@ -22,7 +22,7 @@ from hrsi.benchmarks.matching_unknown import resampled
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.measurement.control_network import (
+from hrsi.hrsi_engine.laboratory.control_network import (
     AMBIGUOUS,
     FOUND,
     NO_MATCH,
@@ -30,21 +30,21 @@ from hrsi.hrsi_engine.measurement.control_network import (
     match_windows,
     matching,
 )
-from hrsi.hrsi_engine.measurement.control_network.growth import compute_epipolar_residuals, select_consistent
-from hrsi.hrsi_engine.measurement.control_network.leaves import (
+from hrsi.hrsi_engine.laboratory.control_network.growth import compute_epipolar_residuals, select_consistent
+from hrsi.hrsi_engine.laboratory.control_network.leaves import (
     Tolerance,
     compute_distance_difference,
     compute_effective_distances,
     make_tolerance,
 )
-from hrsi.hrsi_engine.measurement.control_network.leaves import rotate_offset as turned_offset
-from hrsi.hrsi_engine.measurement.control_network.matching import SCALE, vote_by_features
-from hrsi.hrsi_engine.measurement.control_network.network import (
+from hrsi.hrsi_engine.laboratory.control_network.leaves import rotate_offset as turned_offset
+from hrsi.hrsi_engine.laboratory.control_network.matching import SCALE, vote_by_features
+from hrsi.hrsi_engine.laboratory.control_network.network import (
     NO_FATHER,
     Network,
     fit_local_affine,
 )
-from hrsi.hrsi_engine.measurement.control_network.super_points import bound_root_pairs, match_super_points
+from hrsi.hrsi_engine.laboratory.control_network.super_points import bound_root_pairs, match_super_points
 from hrsi.hrsi_engine.measurement.interest_points import Area
 
 TOLERANCE = Tolerance(1.5, 0.01)

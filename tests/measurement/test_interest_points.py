@@ -11,19 +11,16 @@ import pytest
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
-from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
-from hrsi.hrsi_engine.measurement.interest_points import (
+from hrsi.hrsi_engine.laboratory.interest_points import (
     DETECTORS,
-    STRONG_QUALITY,
-    Area,
-    CentreOptions,
     DetectionOptions,
     InterestPoints,
     detect_interest_points,
     detectors,
     select_best_per_cell,
-    windows,
 )
+from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
+from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, CentreOptions, windows
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)

@@ -8,13 +8,11 @@ import cv2
 import numpy as np
 import pytest
 import simulated_blocks as blocks
-from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
 from hrsi.hrsi_engine.measurement.tile_matching.features import detect_tile_points
-from hrsi.hrsi_engine.measurement.tile_matching.matchers import MATCHERS
 from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     TileMatchOptions,
@@ -157,15 +155,8 @@ def test_transfer_finds_points_at_known_heights(pair, found):
     assert np.sqrt(np.mean(error**2)) < 0.15
 
 
-@pytest.mark.parametrize("name", mark_beyond(2, "rendered", MATCHERS))
-def test_every_finder_leads_to_matches(pair, name: str):
-    matches = match_tile(*pair, geometry(), TileMatchOptions(finders=(name,), windows_px=(31,), most_points=300))
-    assert len(matches) > 100, name
-    assert np.mean(np.linalg.norm(errors(matches), axis=1) > 1.0) < 0.01, name
-
-
-def test_without_finders_the_prediction_is_enough(pair):
-    options = TileMatchOptions(finders=(), windows_px=(31,), most_points=200, bands=("fine",))
+def test_without_features_the_prediction_is_enough(pair):
+    options = TileMatchOptions(features=0, windows_px=(31,), most_points=200, bands=("fine",))
     known = geometry(bias=(0.5, -0.4), margin_px=(4.0, 3.0), height_sigma_m=6.0)
     matches = match_tile(*pair, known, options)
     assert len(matches) > 80

@@ -9,8 +9,9 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.ground.geodesy import move_ground
-from hrsi.hrsi_engine.measurement.interest_points import CentreOptions, DetectionOptions, detect_interest_points
-from hrsi.hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
+from hrsi.hrsi_engine.laboratory.interest_points import DetectionOptions, detect_interest_points
+from hrsi.hrsi_engine.laboratory.interest_points.shadows import compute_image_direction, find_shadows
+from hrsi.hrsi_engine.measurement.interest_points import CentreOptions
 
 SIDE, STEP, RADIUS_PX = 480, 48, 7.0
 GROUND, CROWN, DARK = 800.0, 550.0, 250.0

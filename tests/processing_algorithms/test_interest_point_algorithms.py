@@ -12,12 +12,13 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.laboratory.interest_points import DETECTORS
+from hrsi.hrsi_engine.laboratory.interest_points.options import DETECTOR_SETS
 from hrsi.hrsi_engine.laboratory.registration import REGISTRATION_FORMS
 from hrsi.hrsi_engine.laboratory.registration_options import REGISTRATION_MODELS
-from hrsi.hrsi_engine.measurement.interest_points import DETECTORS, STRONG_QUALITY
-from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
+from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY
 from hrsi.processing_algorithms import run
-from hrsi.processing_algorithms.declarations.image_points import INTEREST_POINTS
+from hrsi.processing_algorithms.laboratory.declarations.interest_points import ALGORITHM as INTEREST_POINTS
 from hrsi.tests.measurement.test_targets import CENTRE, disc, image
 
 

@@ -15,11 +15,11 @@ from osgeo import gdal, ogr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.measurement.interest_points import DETECTORS
-from hrsi.hrsi_engine.measurement.interest_points.options import DETECTOR_SETS
+from hrsi.hrsi_engine.laboratory.interest_points import DETECTORS
+from hrsi.hrsi_engine.laboratory.interest_points.options import DETECTOR_SETS
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.cli import main
-from hrsi.processing_algorithms.match import summarise
+from hrsi.processing_algorithms.laboratory.match import summarise
 
 
 def write(path: Path, grey: np.ndarray, nodata: int | None = None) -> Path:

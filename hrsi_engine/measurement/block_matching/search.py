@@ -39,7 +39,7 @@ def choose_match_options(
     if not is_matched_everywhere(image):
         return options.match_sampled
     chosen = options.match_linked if linked else options.match
-    return replace(chosen, finders=()) if predicted else chosen
+    return replace(chosen, features=0) if predicted else chosen
 
 
 def count_points_per_cell(options: TieOptions, image: Image) -> int:

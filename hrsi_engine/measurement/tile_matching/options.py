@@ -31,8 +31,8 @@ class TILE_MATCH:
 class TileMatchOptions:
     """How two windows are matched. Lengths are in pixels of the first tile unless said otherwise.
 
-    finders : names in `MATCHERS` whose candidates are joined to learn the bias and the shape of the ground
-    features : most features of a tile that a finder compares
+    features : most SIFT features of a tile, from whose matches the bias and the shape of the ground follow; 0 for
+    none: points are where the geometry of the pair predicts them
     windows_px : sides (odd) of the windows of least-squares matching, one round of search and matching after the other;
     each round takes the points that the earlier ones did not find, with what they found as knowledge of the ground
     bands : names in `BANDS`, the filters that grey values may be matched in; the best on the pair is taken
@@ -44,7 +44,6 @@ class TileMatchOptions:
     largest_sigma_px : standard deviation of a matched position (pixels of the tile) above which it is dropped
     """
 
-    finders: tuple[str, ...] = ("sift",)
     features: int = 4000
     windows_px: tuple[int, ...] = (31, 41, 21)
     bands: tuple[str, ...] = ("fine", "middle", "coarse")

@@ -1,7 +1,8 @@
 """Matching of two windows with RPC geometry: interest points of the first, positions in the second to ~0.05 px.
 
-1. The second window is resampled to the geometry of the first (`tile_frame`); finders (`matchers`) name candidates,
-   and RPC geometry that tolerates a bias keeps the true ones: the seeds.
+1. The second window is resampled to the geometry of the first (`TileFrame`). SIFT features (Lowe 2004) with
+   square-rooted descriptors, mutual nearest neighbours, are candidates; RPC geometry that tolerates a bias keeps the
+   true ones: the seeds.
 2. Every interest point of the first window (`features`) is sought where its neighbours among the seeds predict it,
    in a box along the epipolar line (`window_search`), and brought to sub-pixel precision by least-squares matching on
    the original pixels of both windows. What is found are seeds of the next round.
@@ -21,9 +22,8 @@ from ...foundation.robust_scale import robust_sigma
 from ..window_matching.least_squares_matching import match_patches
 from ..window_matching.window_search import search_windows
 from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage
-from .epipolar import EPIPOLAR, Consistency, check_rpc_consistency
-from .features import detect_tile_points
-from .matchers import MATCHERS
+from .epipolar import EPIPOLAR, Consistency, check_rpc_consistency, match_descriptors
+from .features import FEATURES, compute_root_sift, detect_sift_features, detect_tile_points
 from .options import TILE_MATCH, TileMatchOptions
 from .types import ImageTile, TileFrame, TileMatches, TilePairGeometry, make_empty_matches
 
@@ -192,15 +192,19 @@ class _MatchTable:
 
 
 def _find_seeds(task: _Task) -> _Seeds:
-    """Return the candidates of all finders consistent with the RPCs; without finders, the prediction itself."""
-    frame, options = task.frame, task.options
-    if not options.finders:
+    """Return the SIFT matches consistent with the RPCs; without features, the prediction itself."""
+    frame, most = task.frame, task.options.features
+    if not most:
         return _Seeds(task.points, np.zeros((len(task.points), 2)))
-    reach = float(np.hypot(*frame.reach_px))
-    # in its own pixels, wherever in the image it is; what finders make of it serves all partners
-    own = frame.first.compute_once("own", lambda: ImageTile(frame.first.pixels, frame.first.valid))
-    found = [MATCHERS[name](own, frame.resampled, reach, options) for name in options.finders]
-    first, second = (np.concatenate(part) for part in zip(*found, strict=True))
+    # features of the first tile serve all its partners; the ratio test is lenient, for geometry decides
+    own, other = frame.first, frame.resampled
+    here = own.compute_once(("sift", most), lambda: detect_sift_features(own.pixels, own.valid, most))
+    there = detect_sift_features(other.pixels, other.valid, most)
+    ours, theirs = (compute_root_sift(features.descriptors) for features in (here, there))
+    i, j = match_descriptors(ours, theirs, FEATURES.lenient_ratio)
+    first, second = here.xy[i], there.xy[j] + other.origin_px
+    near = np.linalg.norm(first - second, axis=1) <= 1.5 * float(np.hypot(*frame.reach_px))
+    first, second = first[near], second[near]
     if len(first) < EPIPOLAR.fewest:
         return _Seeds(np.empty((0, 2)), np.empty((0, 2)))
     good = _check_consistency(task, first, frame.predict(second)).good
@@ -211,7 +215,7 @@ def _predict(task: _Task, rows: np.ndarray, seeds: _Seeds) -> _Prediction:
     """Return where points are searched: around the median displacement of their neighbours, over its spread."""
     options = task.options
     direction = task.direction[rows]
-    if not options.finders and seeds.points is task.points:
+    if not options.features and seeds.points is task.points:
         reach = np.tile(np.maximum(task.frame.reach_px, 1.5), (len(rows), 1))
         return _Prediction(np.zeros((len(rows), 2)), reach)
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])

@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 
 from ...foundation.pixel_filters import blur, filter_separable, largest_within, reduce_by_area, slopes
 from ...foundation.thresholds import threshold, thresholds
-from .options import CentreOptions
-from .outlines import interpolate_bilinear
+from ...measurement.interest_points.options import CentreOptions
+from ...measurement.interest_points.outlines import interpolate_bilinear
 
 BLOB_PAIRS = "real pairs s2p 01-03 and Kahramanmaras before, 2026-11-22 (docs/interest_points_accuracy.md)"
 

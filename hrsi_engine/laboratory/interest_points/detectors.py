@@ -18,19 +18,9 @@ from ...foundation.progress import Progress, advance, silent
 from ...foundation.thresholds import threshold, thresholds
 from ...foundation.workers.scheduling import open_calls
 from ...foundation.workers.threads import thread_count
-from .blobs import BLOB_PAIRS, Blobs, find_blobs
-from .corners import (
-    CornerPeaks,
-    Strength,
-    compute_corner_halo_px,
-    compute_foerstner_strength,
-    compute_harris_strength,
-    find_corner_peaks,
-)
-from .gravity_centres import GravityCentre, compute_centre_halo_px, find_gravity_centres
-from .options import STRONG_QUALITY, CentreOptions, CornerOptions, DetectionOptions
-from .points import CORNER, SUPER, InterestPoints, join_points, make_empty_points, select_best_per_cell
-from .windows import (
+from ...measurement.interest_points.gravity_centres import GravityCentre, compute_centre_halo_px, find_gravity_centres
+from ...measurement.interest_points.options import STRONG_QUALITY, CentreOptions
+from ...measurement.interest_points.windows import (
     Area,
     DetectionWindow,
     ImageStatistics,
@@ -40,6 +30,17 @@ from .windows import (
     read_window,
     tile_region,
 )
+from .blobs import BLOB_PAIRS, Blobs, find_blobs
+from .corners import (
+    CornerPeaks,
+    Strength,
+    compute_corner_halo_px,
+    compute_foerstner_strength,
+    compute_harris_strength,
+    find_corner_peaks,
+)
+from .options import CornerOptions, DetectionOptions
+from .points import CORNER, SUPER, InterestPoints, join_points, make_empty_points, select_best_per_cell
 
 BLOB = "blob"
 

@@ -19,11 +19,12 @@ from ...foundation.pixel_filters import reduce_by_area, reduce_mask
 from ...foundation.progress import Progress, advance, silent, stage
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
+from ...measurement.interest_points.options import CANDIDATE_QUALITY, CentreOptions
+from ...measurement.interest_points.windows import Area
+from ...measurement.tile_matching.epipolar import match_descriptors
+from ...measurement.tile_matching.features import compute_root_sift, detect_sift_features
 from ..interest_points.detectors import clip_to_image
-from ..interest_points.options import CANDIDATE_QUALITY, DETECTOR_SETS, CentreOptions, CornerOptions, DetectionOptions
-from ..interest_points.windows import Area
-from ..tile_matching.epipolar import match_descriptors
-from ..tile_matching.features import compute_root_sift, detect_sift_features
+from ..interest_points.options import DETECTOR_SETS, CornerOptions, DetectionOptions
 from .growth import GrowthOptions, GrowthStage, NodePositions, grow_network, refine_matches
 from .leaves import NETWORK_PAIRS, make_tolerance
 from .options import ControlNetworkOptions

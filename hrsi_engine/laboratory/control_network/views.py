@@ -10,11 +10,11 @@ from ...block.block import ArrayRaster, Raster
 from ...foundation.pixel_filters import blur, erode, interpolate
 from ...foundation.progress import Progress, silent, stage
 from ...foundation.thresholds import threshold, thresholds
+from ...measurement.interest_points.windows import Area
+from ...measurement.window_matching.windows import MatchImage
 from ..interest_points.detectors import detect_interest_points
 from ..interest_points.options import DetectionOptions
 from ..interest_points.points import InterestPoints, join_points
-from ..interest_points.windows import Area
-from ..window_matching.windows import MatchImage
 from .leaves import NETWORK
 
 

@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 from ...foundation.progress import Progress, advance, silent
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
-from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.windows import DONE, LsmOptions
+from ...measurement.window_matching.least_squares_matching import match_patches
+from ...measurement.window_matching.windows import DONE, LsmOptions
 from .leaves import NETWORK_PAIRS, Tolerance, find_mutual_best, rotate_offset, wrap_angle
 from .network import LocalAffine, Network, fit_local_affine
 from .views import NetworkWindow, correlate_patches

@@ -15,9 +15,9 @@ from ...block.block import Raster
 from ...camera.rpc import RPC
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
-from .outlines import interpolate_bilinear
+from ...measurement.interest_points.outlines import interpolate_bilinear
+from ...measurement.interest_points.windows import Area, tile_region
 from .points import InterestPoints
-from .windows import Area, tile_region
 
 SHADOW_IMAGES = "four real images, 2026-11-22 (docs/interest_points_accuracy.md)"
 

@@ -4,19 +4,20 @@ from collections import Counter
 
 import numpy as np
 
-from ..hrsi_engine.foundation.progress import stage
-from ..hrsi_engine.ground.sun import SunAngles
-from ..hrsi_engine.io.geopackage.declared_layers import InterestPointRows
-from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.io.rasters.sun_angles import SunReading, read_sun
-from ..hrsi_engine.measurement.interest_points.detectors import detect_interest_points
-from ..hrsi_engine.measurement.interest_points.options import DETECTOR_SETS, STRONG_QUALITY
-from ..hrsi_engine.measurement.interest_points.points import InterestPoints, join_points
-from ..hrsi_engine.measurement.interest_points.shadows import compute_image_direction, find_shadows
-from .declarations.image_points import INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER, InterestPointsOptions
-from .files.opening import ImagePixels, ground_of, ground_warnings, open_pixels, open_terrain, require_ids, window_area
-from .files.result_folder import check_folder, plan_folder, tell, write_folder
-from .interface.declare import Context, Report
+from ...hrsi_engine.foundation.progress import stage
+from ...hrsi_engine.ground.sun import SunAngles
+from ...hrsi_engine.io.geopackage.declared_layers import InterestPointRows
+from ...hrsi_engine.io.geopackage.layers import Layer
+from ...hrsi_engine.io.rasters.sun_angles import SunReading, read_sun
+from ...hrsi_engine.laboratory.interest_points.detectors import detect_interest_points
+from ...hrsi_engine.laboratory.interest_points.options import DETECTOR_SETS
+from ...hrsi_engine.laboratory.interest_points.points import InterestPoints, join_points
+from ...hrsi_engine.laboratory.interest_points.shadows import compute_image_direction, find_shadows
+from ...hrsi_engine.measurement.interest_points.options import STRONG_QUALITY
+from ..files.opening import ImagePixels, ground_of, ground_warnings, open_pixels, open_terrain, require_ids, window_area
+from ..files.result_folder import check_folder, plan_folder, tell, write_folder
+from ..interface.declare import Context, Report
+from .declarations.interest_points import INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER, InterestPointsOptions
 
 QUARTERS = ("upper left", "upper right", "lower left", "lower right")
 
