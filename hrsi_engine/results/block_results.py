@@ -88,12 +88,15 @@ class BlockResult:
 
     def make_layers(self, residual_crs: str) -> list[Layer]:
         """Return the layers of ``block.gpkg``, residuals in ``both``, ``wgs84`` or ``utm``."""
-        return block_layers(self.adjustment, self.left, residual_crs)
+        return block_layers(self.adjustment, self.left, residual_crs, self._delivered)
 
     def draw_figures(self, outline: Outline | None = None) -> ReportFigures:
         """Return the figures of the page, drawn where the refined RPCs see the ground."""
-        delivered = [replace(image, rpc=new.rpc) for image, new in zip(self.images, self.refined, strict=True)]
-        return report_figures(self.adjustment, self.left, delivered, outline)
+        return report_figures(self.adjustment, self.left, self._delivered, outline)
+
+    @property
+    def _delivered(self) -> list[Image]:
+        return [replace(image, rpc=new.rpc) for image, new in zip(self.images, self.refined, strict=True)]
 
 
 @one_thread_calls()  # cameras are refitted by small matrices, between which BLAS's other threads would spin

@@ -1,11 +1,13 @@
 """The layers of an adjusted block, from the engine's tables."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..adjustment.result import Adjustment
+from ..block.block import Image
 from ..block.points import POINT_OPERATIONS, GroundPoints, describe_operations
 from ..ground.geodesy import WGS84, WGS84_3D
 from ..ground.map_crs import map_epsg, middle_position, project_to_map
@@ -18,7 +20,9 @@ from .surface_figures import surface_residuals_table
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
-def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list[Layer]:
+def block_layers(
+    result: Adjustment, left: Residuals, residual_crs: str, delivered: Sequence[Image] = ()
+) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 
     Parameters
@@ -29,6 +33,8 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
         What it left over.
     residual_crs : str
         Layers of residuals to make: ``both``, ``wgs84`` or ``utm``.
+    delivered : sequence of Image
+        The images with their refined RPCs, whose footprints are drawn; by default those with the RPCs as they were.
 
     Returns
     -------
@@ -37,7 +43,7 @@ def block_layers(result: Adjustment, left: Residuals, residual_crs: str) -> list
     """
     middle = middle_position(tables.choose_positions(result))
     left_over = tables.residuals_table(result, left)
-    footprints = tables.images_table(result, middle[2])
+    footprints = tables.images_table(result, delivered or result.block.images, middle[2])
     chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
     crs = {"residuals_wgs84": WGS84_3D, "residuals_utm": residuals_epsg(result)}
     laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]

@@ -6,13 +6,14 @@ there once (`Words`, `PickedColumn`), and columns in two parts are not copied in
 those of a million measurements take hundreds of megabytes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..adjustment.result import Adjustment, LaserOutcome
-from ..block.block import Block
+from ..block.block import Block, Image
 from ..block.imaging_geometry import compute_footprints
 from ..block.points import ROLE_LABELS
 from ..foundation.large_arrays import finite_rows
@@ -38,9 +39,8 @@ class Table:
     columns: LayerRows
 
 
-def images_table(result: Adjustment, height_m: float) -> Table:
-    """Return footprints at a height, with id, path, size and the image's number of measurements."""
-    images = result.block.images
+def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -> Table:
+    """Return footprints of images at a height, with id, path, size and the image's number of measurements."""
     used = result.took_part
     count = np.bincount(result.block.measurements.image[used], minlength=len(images))
     columns = ImageRows(
