@@ -120,6 +120,10 @@ def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
 
 @pytest.mark.coverage
 def test_clean_control_is_not_accused():
+    """Clean GCPs are left alone.
+
+    Power (binomial, 1280 trials, 0 to 2): 0.0000633 fails with 0 %, 0.0069 with 99 %: tests at 2.7 instead of 4 sigma.
+    """
     accused = 0
     for seed in range(40):
         block, _, _ = blocks.block(gcps=8, checks=0, ties=20, seed=seed)
@@ -150,6 +154,10 @@ def noisy_groups(seed):
 
 @pytest.mark.coverage
 def test_variance_components_recover_the_sigmas():
+    """Eight blocks of some 200 redundant residuals a kind: their mean is known to 1.8 %.
+
+    Power (normal, 1.8 %, 0.95 to 1.05): 1.00 fails with 0.5 %, 1.10 with 99 %.
+    """
     found = []
     for seed in range(8):
         result = adjust(noisy_groups(seed), AdjustOptions(test_sigmas=False, model="affine", variance_components=True))

@@ -303,7 +303,12 @@ def test_redundancy_numbers_sum_to_the_redundancy():
 
 @pytest.mark.coverage
 def test_monte_carlo_over_100_seeds():
-    """Observed over predicted RMSE of check points (E, N, H), and of the parameters, over 100 blocks."""
+    """Observed over predicted RMSE of check points (E, N, H), and of the parameters, over 100 blocks.
+
+    Check points of a block depend on one another: 100 blocks count as 300 values an axis, 1800 parameters as 600.
+
+    Power (chi², 300 values, 0.9 to 1.1): 1.00 fails with 1.4 %, 1.25 with 99.9 %.
+    """
     observed, predicted, scaled = [], [], []
     for seed in range(100):
         block, truth, errors = blocks.block(gcps=8, checks=20, ties=40, seed=seed)

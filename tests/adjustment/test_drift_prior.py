@@ -44,7 +44,10 @@ def test_which_parameters_drift():
 
 @pytest.mark.parametrize("drift", mark_beyond(1, "coverage", [3e-5, 1e-4]))
 def test_the_drift_is_found(drift):
-    """Four images with four drifts each: a block knows the sigma to about 20 %, the mean of twelve to 6 %."""
+    """Four images with four drifts each: a block knows the sigma to about 20 %, the mean of twelve to 6 %.
+
+    Power (normal, 6 %, 0.8 to 1.2): 1.00 fails with 0 %, 1.35 with 97 %.
+    """
     found = []
     for seed in range(12):
         block, _, _ = blocks.block(gcps=10, checks=0, ties=80, count=4, drift=drift, seed=seed, noise_px=0.1)
@@ -56,7 +59,10 @@ def test_the_drift_is_found(drift):
 @pytest.mark.parametrize(("gcps", "drift"), [(3, 3e-5), (4, 0.0), (12, 3e-4)])
 @pytest.mark.coverage
 def test_it_is_never_worse_than_a_loose_prior_or_none_at_all(gcps, drift):
-    """Shift and affine are each wrong somewhere; the estimated prior keeps up with the better one."""
+    """Shift and affine are each wrong somewhere; the estimated prior keeps up with the better one.
+
+    Power (comparison): on the same twelve blocks; a prior that costs 10 % of the RMSE is seen, smaller losses are not.
+    """
     squares = {"shift": [], "affine": [], "estimated": []}
     for seed in range(12):
         block, truth, _ = blocks.block(gcps=gcps, checks=40, ties=60, drift=drift, seed=seed)

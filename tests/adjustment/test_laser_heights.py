@@ -61,6 +61,11 @@ def test_every_laser_point_says_what_became_of_it(scene):
 
 @pytest.mark.coverage
 def test_canopy_and_clouds_do_little_harm():
+    """The same scene with and without canopy and clouds.
+
+    Power (comparison): one seed; a loss of 10 % of the height's RMSE is seen, and canopy that is taken for ground moves
+    it by metres.
+    """
     clean = laser_scene(5, LaserSpec(3, canopy=0.0, clouds=0.0))
     dirty = laser_scene(5, LaserSpec(3, canopy=0.25, clouds=0.05))
     errors = [one.height_errors_m(adjusted(one))[:, 2] for one in (clean, dirty)]

@@ -104,7 +104,11 @@ def test_of_two_halves_nobody_can_tell_which_is_wrong():
 
 @pytest.mark.coverage
 def test_height_control_is_tested_as_such():
-    """1000 m in plan lends the heights no credit, is no reason to accuse anybody, and hides no wrong height."""
+    """1000 m in plan lends the heights no credit, is no reason to accuse anybody, and hides no wrong height.
+
+    Power (binomial, 10 trials, 9 to 10): 0.99 fails with 0.4 %, 0.60 with 95 %, for what is found;
+    Power (binomial, 10 trials, 0 to 0): 0.001 fails with 1 %, 0.30 with 97 %, for what is accused.
+    """
     accused, found = 0, 0
     for seed in range(10):
         block, _, _ = blocks.block(gcps=6, checks=0, ties=100, seed=seed, drift=2e-5)

@@ -39,7 +39,10 @@ def rms(values):
 
 @pytest.mark.parametrize("drift", mark_beyond(1, "coverage", [3e-5, 1e-4]))
 def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
-    """Ties taken as independent move it by more than what it states, those with a common error hardly at all."""
+    """Ties taken as independent move it by more than what it states, those with a common error hardly at all.
+
+    Power (comparison): on the same blocks with and without drift; a tenth of what the block states is seen.
+    """
     without, _ = height_errors(0.0)
     allowed, sigma = height_errors(drift)
     ignored, _ = height_errors(drift, sigma_drift=0.0)
@@ -51,6 +54,11 @@ def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
 
 @pytest.mark.parametrize(("gcps", "drift"), mark_beyond(1, "coverage", [(4, 3e-5), (4, 0.0), (10, 3e-5)]))
 def test_with_gcps_it_costs_nothing_and_the_prediction_holds(gcps, drift):
+    """Six blocks, each with the error of its own few GCPs.
+
+    Power (chi², 6 values, 0.42 to 1.58): 1.00 fails with 3.7 %, 3.00 with 95 %; what drift costs is compared on the
+    same blocks, where 5 % are seen.
+    """
     squares = {"allowed": [], "ignored": [], "predicted": []}
     for seed in SEEDS:
         block, truth, _ = blocks.block(gcps=gcps, checks=40, ties=500, drift=drift, seed=seed, noise_px=0.05)

@@ -17,7 +17,11 @@ ERR_BIAS_M = 4.0  # pixels of one metre
 
 @pytest.mark.coverage
 def test_stated_ce90_and_le90_hold_at_their_rate_over_100_seeds():
-    """Biases of the images are drawn from ERR_BIAS; sigmas of the image points are given three times too large."""
+    """Biases of the images are drawn from ERR_BIAS; sigmas of the image points are given three times too large.
+
+    Power (binomial, 100 trials, 82 to 97): 0.90 fails with 0.6 %, 0.73 with 98 %: a CE90 that is 25 % too small;
+    Power (chi², 100 values, 0.8 to 1.2): 1.00 fails with 0.5 %, 1.40 with 98 %.
+    """
     inside_circle, inside_line, scaled = [], [], []
     for seed in range(100):
         block, truth, _ = blocks.block(gcps=0, checks=0, ties=30, seed=seed, bias_px=ERR_BIAS_M, drift=0.0)

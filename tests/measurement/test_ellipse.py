@@ -36,7 +36,10 @@ def test_circles_are_ellipses_too(method: str):
 
 
 def test_covariance_is_that_of_repeated_measurements():
-    """Standard deviations from residuals, in the mean, agree with the scatter of the centres (400 draws: 5 %)."""
+    """Standard deviations from residuals, in the mean, agree with the scatter of the centres (400 draws: 5 %).
+
+    Power (normal, 5 %, 0.85 to 1.15): 1.00 fails with 0.3 %, 1.30 with 99 %.
+    """
     rng = np.random.default_rng(1)
     fits = [fit_ellipse(points_on(24) + rng.normal(0, 0.2, (24, 2))) for _ in range(400)]
     scatter = np.std([fit.centre for fit in fits], axis=0)
@@ -47,7 +50,10 @@ def test_covariance_is_that_of_repeated_measurements():
 
 @pytest.mark.coverage
 def test_variance_of_few_points_counts_what_the_ellipse_takes():
-    """Eight points of five parameters: three are left to tell the noise, not eight."""
+    """Eight points of five parameters: three are left to tell the noise, not eight.
+
+    Power (normal, 2 %, 0.92 to 1.08): 1.00 fails with 0 %, 1.15 with 99.9 %; all eight points counted give 0.61.
+    """
     rng = np.random.default_rng(8)
     fits = [fit_ellipse(points_on(8) + rng.normal(0, 0.05, (8, 2))) for _ in range(2000)]
     scatter = np.std([fit.centre for fit in fits], axis=0)

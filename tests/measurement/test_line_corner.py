@@ -25,7 +25,10 @@ def test_exact_edges_meet_in_the_corner():
 
 
 def test_covariance_is_that_of_repeated_measurements():
-    """The corner lies beyond the points, so its offset is an extrapolation; 500 draws are good to 7 %."""
+    """The corner lies beyond the points, so its offset is an extrapolation; 500 draws are good to 7 %.
+
+    Power (normal, 5 %, 0.85 to 1.15): 1.00 fails with 0.3 %, 1.30 with 99 %.
+    """
     rng = np.random.default_rng(3)
     first, second = edge(20.0, 8), edge(95.0, 6)
     corners = [

@@ -19,7 +19,10 @@ from hrsi.hrsi_engine.plausibility.slips import find_datum_shifts
 
 @pytest.mark.parametrize("sensor", mark_beyond(2, "coverage", ["worldview-2", "spot5", *sorted(FIGURES_M)[:4]]))
 def test_no_datum_is_blamed(sensor: str) -> None:
-    """5 and 10 times the sensor's CE90, to the east at a place where NTF and NAD27 lie east and west of WGS84."""
+    """5 and 10 times the sensor's CE90, to the east at a place where NTF and NAD27 lie east and west of WGS84.
+
+    Power (comparison): every block is judged by itself; one datum that is blamed is seen.
+    """
     for number, factor in enumerate((5.0, 10.0)):
         for direction in range(2, DIRECTIONS, 4):
             verdict = judge_block(make_block(sensor, factor * FIGURES_M[sensor], direction, 3 * number))

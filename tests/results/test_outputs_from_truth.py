@@ -312,7 +312,10 @@ def test_ce90_and_le90_are_quantiles_of_the_normal_distribution():
 
 @pytest.mark.coverage
 def test_ce90_and_le90_hold_90_percent():
-    """Errors of known size in every direction: the circle and the band that the report states hold 90 of 100."""
+    """Errors of known size in every direction: the circle and the band that the report states hold 90 of 100.
+
+    Power (binomial, 1500 trials, 1313 to 1387): 0.90 fails with 0.1 %, 0.85 with 99.7 %: a CE90 that is 9 % too small.
+    """
     block, truth, _ = blocks.block(gcps=20, checks=1500, ties=0, noise_px=0.02, noise_m=0.01, seed=3)
     rng = np.random.default_rng(9)
     check = block.points.role == Role.CHECK
