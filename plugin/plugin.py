@@ -39,6 +39,7 @@ class HrsiPlugin:
         self.initProcessing()
         try:
             from .first_steps import FirstSteps, is_tour_wanted
+            from .package_offer import PackageOffer
             from .points_panel.dock import PointsDock
             from .points_panel.guards import ExitGuard, RecoveryOffer
         except ImportError as error:  # the provider has said what is missing
@@ -55,8 +56,10 @@ class HrsiPlugin:
         self.iface.registerApplicationExitBlocker(self._exit_guard)
         self._steps = FirstSteps(self.dock, "", self.iface.mapCanvas(), self.iface.mainWindow())
         self._recovery = RecoveryOffer(self.dock, self.iface.messageBar())
+        packages = PackageOffer(self.iface.messageBar(), self.iface.mainWindow())
         for title, slot in (
             (tr("First steps"), self._steps.show),
+            (tr("Packages for speed"), packages.show),
             (tr("Recover unsaved measurements"), partial(self._recovery.show, is_asked=True)),
         ):
             action = QAction(title, self.iface.mainWindow())

@@ -18,8 +18,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = "hrsi"
 FILES = (
-    "__init__.py", "__init__.pyi", "py.typed", "metadata.txt", "constraints.txt", "LICENSE", "README.md",
-    "CHANGELOG.md", "SECURITY.md", "docs/verdict.md",
+    "__init__.py", "__init__.pyi", "py.typed", "metadata.txt", "LICENSE", "README.md", "CHANGELOG.md",
+    "SECURITY.md", "docs/verdict.md",
 )  # fmt: skip
 PARTS = ("plugin", "processing_algorithms", "hrsi_engine")
 #: What else the plugin repository wants beside what metadata.txt holds.

@@ -8,6 +8,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+import sysconfig
 import tomllib
 import zipfile
 from pathlib import Path
@@ -214,13 +215,26 @@ def test_modules_open_with_a_docstring(repository: Path):
 
 @pytest.mark.parametrize(
     ("package", "advice"),
-    [("shapely", "install python3-shapely where your QGIS comes from"), ("cv2", "pip install -c .* opencv")],
+    [
+        ("shapely", "install python3-shapely where your QGIS comes from"),
+        ("cv2", "pip install .*opencv-python-headless numpy=="),
+    ],
 )
 def test_advice_on_a_missing_package(package: str, advice: str):
     """A wheel of Shapely would bring a second GEOS into QGIS."""
     message = missing_package_message(ModuleNotFoundError("No module", name=package))
     assert message is not None and re.search(advice, message)
     assert ("pip install" in message) == (package == "cv2")
+
+
+def test_command_without_pip(monkeypatch: pytest.MonkeyPatch):
+    """Debian has no pip beside its Python unless somebody has installed it: its own packages do then."""
+    monkeypatch.setattr(dependencies, "_is_missing", lambda package: package in ("pip", "cv2", "numba"))
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
+    if not Path(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED").exists():
+        pytest.skip("this Python is not that of a Debian")
+    command = dependencies.install_command(dependencies.missing_fast_packages())
+    assert command == ["sudo", "apt-get", "install", "python3-numba", "python3-opencv"]
 
 
 def test_note_on_a_missing_package(monkeypatch: pytest.MonkeyPatch):

@@ -544,8 +544,16 @@
       <translation>HRSI: erste Schritte</translation>
     </message>
     <message>
+      <source>HRSI: installing packages</source>
+      <translation>HRSI: Pakete werden installiert</translation>
+    </message>
+    <message>
       <source>HRSI: making the example</source>
       <translation>HRSI: Beispiel wird erzeugt</translation>
+    </message>
+    <message>
+      <source>HRSI: packages for speed</source>
+      <translation>HRSI: Pakete für mehr Geschwindigkeit</translation>
     </message>
     <message>
       <source>Hand over to another program</source>
@@ -662,6 +670,14 @@
     <message>
       <source>Incidence</source>
       <translation>Einfallswinkel</translation>
+    </message>
+    <message>
+      <source>Install</source>
+      <translation>Installieren</translation>
+    </message>
+    <message>
+      <source>Installed. Restart QGIS to use the packages.</source>
+      <translation>Installiert. Ein Neustart von QGIS nimmt die Pakete in Gebrauch.</translation>
     </message>
     <message>
       <source>Jitter</source>
@@ -786,6 +802,14 @@
     <message>
       <source>Matches</source>
       <translation>Zuordnungen</translation>
+    </message>
+    <message>
+      <source>Matching is fast: numba and OpenCV are there.</source>
+      <translation>Die Bildzuordnung ist schnell: numba und OpenCV sind vorhanden.</translation>
+    </message>
+    <message>
+      <source>Matching is two to three times as fast with {}.</source>
+      <translation>Die Bildzuordnung ist zwei- bis dreimal so schnell mit {}.</translation>
     </message>
     <message>
       <source>Max height</source>
@@ -926,6 +950,10 @@
     <message>
       <source>Overwrite</source>
       <translation>Überschreiben</translation>
+    </message>
+    <message>
+      <source>Packages for speed</source>
+      <translation>Pakete für mehr Geschwindigkeit</translation>
     </message>
     <message>
       <source>Parameters</source>
@@ -1360,6 +1388,10 @@
       <translation>Der früher ausgeglichene Block, zu dem die Bilder kommen</translation>
     </message>
     <message>
+      <source>The command for the Python of this QGIS is</source>
+      <translation>Der Befehl für das Python dieses QGIS ist</translation>
+    </message>
+    <message>
       <source>The next point that is not measured on all images that show it</source>
       <translation>Der nächste Punkt, der nicht in allen Bildern gemessen ist, die ihn zeigen</translation>
     </message>
@@ -1646,6 +1678,10 @@
     <message>
       <source>images</source>
       <translation>Bilder</translation>
+    </message>
+    <message>
+      <source>installing packages …</source>
+      <translation>Pakete werden installiert …</translation>
     </message>
     <message>
       <source>kind</source>

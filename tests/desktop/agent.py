@@ -8,6 +8,7 @@ shows its user as a Python error.
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import gc
 import json
@@ -18,7 +19,7 @@ import traceback
 from typing import Any
 
 from qgis.core import QgsPointXY
-from qgis.PyQt.QtCore import QPoint, QTimer
+from qgis.PyQt.QtCore import QAbstractNativeEventFilter, QPoint, QTimer
 from qgis.PyQt.QtNetwork import QLocalServer
 from qgis.PyQt.QtWidgets import QAbstractButton, QApplication, QLabel, QTextBrowser, QToolBar, QWidget  # noqa: F401
 from qgis.utils import iface, plugins
@@ -154,6 +155,22 @@ class Agent:
         return {"value": value, "error": error, "uncaught": uncaught}
 
 
+class Releases(QAbstractNativeEventFilter):
+    """Counts the buttons and keys that the X server has told to be released: Qt passes them on before it goes on."""
+
+    CORE, EXTENDED, KINDS = {3, 5}, 35, {3, 5}  # KeyRelease and ButtonRelease, of the core and of XInput 2
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.number = 0
+
+    def nativeEventFilter(self, _kind: Any, message: Any) -> tuple[bool, int]:  # noqa: N802 (of Qt)
+        start = ctypes.string_at(int(message), 10)
+        code = start[0] & 0x7F
+        self.number += code in self.CORE or (code == self.EXTENDED and start[8] in self.KINDS)
+        return False, 0
+
+
 def watch_exceptions() -> None:
     """Note every exception that reaches QGIS."""
     before = sys.excepthook
@@ -169,4 +186,6 @@ if SOCKET_VARIABLE in os.environ:
     iface.mainWindow().setGeometry(0, 0, *map(int, os.environ["HRSI_DESKTOP_SIZE"].split("x")))
     watch_exceptions()
     faulthandler.register(signal.SIGUSR1, all_threads=True)  # what every thread does, into the log
+    RELEASES = Releases()
+    QApplication.instance().installNativeEventFilter(RELEASES)
     AGENT = Agent(os.environ[SOCKET_VARIABLE])

@@ -30,7 +30,8 @@ from hrsi.tests.desktop.screen import Screen
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = "qgis.bin"
-START_S, ANSWER_S = 240.0, 90.0
+START_S, ANSWER_S, WAIT_S = 600.0, 300.0, 180.0  # on cores that others keep busy
+EVENT_S = 5.0  # an event that QGIS does not get by then goes to nobody, such as a key without a window to take it
 SYSTEM_PATH = "/usr/local/bin:/usr/bin:/bin"  # no virtual environment: its Python would be QGIS's
 #: Questions and hints that QGIS has for a new user only, and those of the plugin.
 SETTINGS = """[PythonPlugins]
@@ -61,14 +62,23 @@ def build_zip(folder: Path) -> Path:
 class Desktop:
     """A running QGIS; ``work`` keeps profile and pictures, and a second one on it goes on with the profile.
 
-    ``zip_file`` None takes the profile's plugin as it is. ``pictures`` is where `picture` writes.
+    ``zip_file`` None takes the profile's plugin as it is. ``pictures`` is where `picture` writes; ``settings`` are
+    added to those of the profile, ``variables`` to the environment.
     """
 
-    def __init__(self, work: Path, zip_file: Path | None = None, pictures: Path | None = None, path: str = "") -> None:
+    def __init__(
+        self,
+        work: Path,
+        zip_file: Path | None = None,
+        pictures: Path | None = None,
+        path: str = "",
+        settings: str = "",
+        **variables: str,
+    ) -> None:
         self.work, self.pictures = work, pictures or work / "pictures"
         self.pictures.mkdir(parents=True, exist_ok=True)
         self.path = path or SYSTEM_PATH
-        self._zip = zip_file
+        self._zip, self._settings, self._variables = zip_file, settings, variables
         self._socket_folder = tempfile.mkdtemp(prefix="hrsi-desktop-")  # its path must be short
         self.actions = 0  # clicks and keys so far
 
@@ -92,11 +102,15 @@ class Desktop:
         if not settings.exists():
             settings.parent.mkdir(parents=True)
             settings.write_text(SETTINGS, encoding="utf-8")
+        if self._settings:
+            with settings.open("a", encoding="utf-8") as file:
+                file.write(self._settings)
         runtime = self.work / "runtime"
         runtime.mkdir(exist_ok=True)
         runtime.chmod(0o700)
         address = str(Path(self._socket_folder) / "agent")
         kept = {name: os.environ[name] for name in ("HOME", "LANG", "LC_ALL") if name in os.environ}
+        kept |= {name: value for name, value in os.environ.items() if name.startswith("PIP_")} | self._variables
         environment = kept | {
             "DISPLAY": self.screen.name, "PATH": self.path, "XDG_RUNTIME_DIR": str(runtime),
             "HRSI_DESKTOP_SOCKET": address, "HRSI_DESKTOP_SIZE": "{}x{}".format(*self.screen.size_px),
@@ -150,7 +164,7 @@ class Desktop:
             raise DesktopError("\n".join(filter(None, failures)))
         return answer["value"]
 
-    def wait(self, expression: str, seconds: float = 30.0) -> Any:
+    def wait(self, expression: str, seconds: float = WAIT_S) -> Any:
         """Ask until an expression is true; return its value."""
         end = time.monotonic() + seconds
         while not (value := self.ask(expression)):
@@ -183,10 +197,12 @@ class Desktop:
         self._settle()
 
     def _settle(self) -> None:
-        """Let QGIS take the event, and raise what it raised."""
+        """Wait until QGIS has taken the events, and raise what it raised."""
         self.actions += 1
-        time.sleep(0.05)
-        self.ask("None")
+        end = time.monotonic() + EVENT_S
+        while self.ask("RELEASES.number") < self.screen.releases and time.monotonic() < end:
+            time.sleep(0.01)
+        self.screen.releases = self.ask("RELEASES.number")
 
     def cpu_s(self) -> float:
         """Return the processor time that QGIS has taken so far."""

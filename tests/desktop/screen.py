@@ -38,6 +38,7 @@ class Screen:
         self._x.XOpenDisplay.restype = ctypes.c_void_p
         self._x.XStringToKeysym.restype = ctypes.c_ulong
         self._x.XKeysymToKeycode.argtypes = [ctypes.c_void_p, ctypes.c_ulong]
+        self.releases = 0  # of buttons and keys, sent so far
         self._display = ctypes.c_void_p(self._x.XOpenDisplay(self.name.encode()))
 
     def close(self) -> None:
@@ -54,6 +55,7 @@ class Screen:
         for _ in range(times):
             self._send(self._test.XTestFakeButtonEvent, button, True)
             self._send(self._test.XTestFakeButtonEvent, button, False)
+            self.releases += 1
 
     def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
         """Press the left button at a place and release it at another."""
@@ -62,6 +64,7 @@ class Screen:
         for part in (0.3, 0.6, 1.0):
             self.move(*(round(a + part * (b - a)) for a, b in zip(start, end, strict=True)))
         self._send(self._test.XTestFakeButtonEvent, LEFT, False)
+        self.releases += 1
 
     def press(self, keys: str) -> None:
         """Press a key with its modifiers, such as ``F5``, ``Ctrl+Shift+Z``, ``Return``."""
@@ -71,6 +74,7 @@ class Screen:
             self._send(self._test.XTestFakeKeyEvent, code, True, pause_s=KEY_PAUSE_S)
         for code in reversed(codes):
             self._send(self._test.XTestFakeKeyEvent, code, False, pause_s=KEY_PAUSE_S)
+            self.releases += 1
 
     def write(self, text: str) -> None:
         """Type a text on an American keyboard."""

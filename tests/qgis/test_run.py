@@ -23,7 +23,7 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QTimer
 
-from hrsi.plugin.dependencies import pip_command, python_executable
+from hrsi.plugin.dependencies import install_command, python_executable, quote_command
 from hrsi.plugin.provider import PluginAlgorithm
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.declare import fill_options, settings_of
@@ -145,7 +145,7 @@ def test_input_error_is_its_one_line(run_tiny) -> None:
 def test_missing_package_says_what_to_run(run_tiny) -> None:
     with pytest.raises(QgsProcessingException, match="opencv-python-headless") as caught:
         run_tiny(TEXT="no opencv")
-    assert pip_command("opencv-python-headless") in str(caught.value)
+    assert quote_command(install_command(["opencv-python-headless"])) in str(caught.value)
     assert Path(python_executable()).exists()
 
 
