@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..foundation.errors import InputError
 from ..foundation.pixel_filters import reduce_by_area, reduce_mask
 
 CHIP_SIDE_PX = 220.0  # of a chip on the page
@@ -84,11 +85,12 @@ def stretch_grey(grey: np.ndarray, valid: np.ndarray | None = None) -> np.ndarra
 
 
 def encode_png(grey: np.ndarray) -> bytes:
-    """Return an 8-bit grey image ``(lines, samples)`` as a PNG file (ISO/IEC 15948), rows unfiltered."""
+    """Return a grey image ``(lines, samples)``, uint8 or uint16, as a PNG file (ISO/IEC 15948), rows unfiltered."""
     lines, samples = grey.shape
-    rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), grey])  # each begins with the number of its filter
+    values = grey.astype(grey.dtype.newbyteorder(">")).view(np.uint8).reshape(lines, -1)
+    rows = np.hstack([np.zeros((lines, 1), dtype=np.uint8), values])  # each begins with the number of its filter
     parts = [
-        (b"IHDR", struct.pack(">IIBBBBB", samples, lines, 8, 0, 0, 0, 0)),
+        (b"IHDR", struct.pack(">IIBBBBB", samples, lines, 8 * grey.itemsize, 0, 0, 0, 0)),
         (b"IDAT", zlib.compress(rows.tobytes())),
         (b"IEND", b""),
     ]
@@ -97,6 +99,21 @@ def encode_png(grey: np.ndarray) -> bytes:
         for name, content in parts
     ]
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def decode_png(png: bytes) -> np.ndarray:
+    """Return the grey image ``(lines, samples)`` of what `encode_png` has made; raise `InputError` for all else."""
+    try:
+        samples, lines, bits, *rest = struct.unpack(">IIBBBBB", png[16:29])
+        (length,) = struct.unpack(">I", png[33:37])
+        width = samples * bits // 8 + 1
+        rows = zlib.decompressobj().decompress(png[41 : 41 + length], lines * width)  # and no more
+        values = np.frombuffer(rows, dtype=np.uint8).reshape(lines, width)
+        if bits not in (8, 16) or any(rest) or values[:, 0].any():
+            raise ValueError("another kind of PNG")
+        return np.ascontiguousarray(values[:, 1:]).view(f">u{bits // 8}").astype(f"u{bits // 8}")
+    except (struct.error, ValueError, zlib.error) as error:
+        raise InputError(f"pixels of a chip cannot be read ({error}): save the chip again") from None
 
 
 PICTURES_GAP = 12.0

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from ..block.block import Raster
 from ..foundation.thresholds import threshold, thresholds
+from .window_matching.correlation import compute_orientation_field
 from .window_matching.least_squares_matching import match_patches
 from .window_matching.window_search import search_windows
 from .window_matching.windows import DONE, LsmOptions, MatchImage
@@ -29,6 +30,13 @@ class TRANSFER:
     rival: float = threshold(0.9, "", "correlation over the best one, above which a second place makes it ambiguous")
     closure_px: float = threshold(0.5, "px", "between a point and where measuring it back puts it")
     sigma_px: float = threshold(0.3, "px", "standard deviation above which a position is refused")
+    surroundings: float = threshold(
+        0.1, "", "smallest correlation of gradient directions around the window", "3 sigma of 1000 independent pixels"
+    )
+    deformation: float = threshold(
+        0.12, "", "of a chip's window against the cameras' geometry", "slopes of 30 % at 20 degrees between the views"
+    )
+    finest_px: float = threshold(0.8, "px", "of the second image: windows have no smaller pixels")
     texture: float = threshold(1e-6, "grey values", "standard deviation of a window below which it shows nothing")
 
 
@@ -43,24 +51,30 @@ class Transfer:
 
 
 def transfer_point(
-    first: Raster, xy: np.ndarray, second: Raster, line: np.ndarray, by_first: np.ndarray, margin_px: float = 0.0
-) -> Transfer:
+    first: Raster, xy: np.ndarray, second: Raster, line: np.ndarray, by_first: np.ndarray, margin_px: float = 0.0,
+    around_px: int = 0,
+) -> Transfer:  # fmt: skip
     """Measure a point of one image on another; return its position there, or why there is none.
 
     xy : (2,) where the point is on the first (sample, line)
     line : (2, 2) where the second shows it at the lowest and at the highest height that it may have
     by_first : (2, 2) derivatives of positions on the second image by those on the first
     margin_px : how far the cameras may be off, in pixels of the second image
+    around_px : half the side of the surroundings, in pixels of the first, that must be alike too, and the window free
+        of parallaxes: for targets at ground level, seen long ago; 0: not looked at
     """
     scale = np.sqrt(abs(np.linalg.det(by_first)))
     if not np.isfinite(line).all() or not scale > 0.0:
         return Transfer(refusal="the cameras do not determine its position")
+    # A first image of smaller pixels is brought to about those of the second
+    step = max(1.0, float(TRANSFER.finest_px / scale))
+    by_first, scale = by_first * step, scale * step
     middle, span = line.mean(axis=0), np.linalg.inv(by_first) @ (line[1] - line[0])
     along = float(np.hypot(*span)) / 2.0 + (margin_px + TRANSFER.across_px) / scale
     across = (margin_px + TRANSFER.across_px) / scale
     half = int(np.ceil(along)) + 2 * TRANSFER.half_px + 4
     centre = np.round(xy)
-    template = _read_window(first, centre, np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
+    template = _read_window(first, centre, step * np.eye(2), TRANSFER.half_px + 2 * LsmOptions().half)
     shown = _read_window(second, middle, by_first, half)
     if template is None or shown is None:
         return Transfer(refusal="the image does not show it")
@@ -75,7 +89,7 @@ def transfer_point(
     if peak.rival[0] > TRANSFER.rival * peak.correlation[0]:
         return Transfer(refusal="two places are similar to it")
     found = match_patches(template, shown, origin, peak.xy, np.eye(2)[None])
-    at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre)
+    at = found.xy[0] + found.affine[0] @ (np.asarray(xy) - centre) / step
     sigma_px = float(found.sigma_px[0]) * scale
     if found.status[0] != DONE or not sigma_px < TRANSFER.sigma_px or found.correlation[0] < TRANSFER.correlation:
         return Transfer(refusal="it cannot be measured there: too little texture, or the images differ")
@@ -85,7 +99,31 @@ def transfer_point(
     if back.status[0] != DONE or np.hypot(*(back.xy[0] - there)) > TRANSFER.closure_px:
         return Transfer(refusal="the reverse measurement gives another place")
     position = middle + by_first @ (at - half)
+    if reach := int(around_px / step):
+        if np.abs(found.affine[0] - np.eye(2)).max() > TRANSFER.deformation:
+            return Transfer(refusal="objects of several heights lie within the window")
+        sides = (
+            _read_window(first, np.asarray(xy), step * np.eye(2), reach),
+            _read_window(second, position, by_first, reach),
+        )
+        if _correlate_surroundings(*sides) < TRANSFER.surroundings:
+            return Transfer(refusal="what lies around it differs")
     return Transfer((float(position[0]), float(position[1])), sigma_px, float(found.correlation[0]))
+
+
+def _correlate_surroundings(first: MatchImage | None, second: MatchImage | None) -> float:
+    """Return the correlation of gradient directions outside the windows that were matched; 0 without pixels.
+
+    Seasons change it less than that of grey values, and objects that look the same everywhere have no part in it.
+    """
+    if first is None or second is None:
+        return 0.0
+    fields = [compute_orientation_field(one.grey, one.valid) for one in (first, second)]
+    away = np.abs(np.arange(len(first.grey)) - len(first.grey) // 2)
+    beside = first.valid & second.valid & (np.maximum(*np.meshgrid(away, away)) > TRANSFER.half_px)
+    own, other = (np.where(beside, field, 0.0) for field in fields)
+    energy = float(np.sum(np.abs(own) ** 2) * np.sum(np.abs(other) ** 2))
+    return float(np.sum(own * np.conj(other)).real) / max(np.sqrt(energy), 1e-30)
 
 
 def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half: int) -> MatchImage | None:
@@ -106,6 +144,8 @@ def _read_window(raster: Raster, middle: np.ndarray, by_window: np.ndarray, half
         source = ndimage.gaussian_filter(source, 0.45 * np.sqrt(finer**2 - 1.0))
     pixels = ndimage.map_coordinates(source, at, order=3, mode="nearest")
     usable = ndimage.map_coordinates(valid.astype(np.float64), at, order=1, mode="constant", cval=0.0) > 0.999
-    if not usable.any() or float(np.std(pixels[usable])) < TRANSFER.texture:
+    contrast = float(np.std(pixels[usable])) if usable.any() else 0.0
+    if contrast < TRANSFER.texture:
         return None
-    return MatchImage(pixels.astype(np.float32), usable, TRANSFER.smoothing_px)
+    # Sensors count in other grey values: of one contrast, the gain between windows says what is alike
+    return MatchImage((pixels / contrast).astype(np.float32), usable, TRANSFER.smoothing_px)

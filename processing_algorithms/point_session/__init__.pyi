@@ -1,8 +1,8 @@
 """Measuring ground points on the images of a block: the state behind the panel of the QGIS plugin, without any GUI.
 
 `PointSession` holds images, known points and measurements and edits them; `files` opens and saves it as a block's
-GeoPackage; `recovery` keeps what is not saved yet; `targets` measures where the user clicked; `adjusting` adjusts a
-snapshot, in a thread of its own.
+GeoPackage; `recovery` keeps what is not saved yet; `chips` finds GCPs that were measured in other blocks; `targets`
+measures where the user clicked; `adjusting` adjusts a snapshot, in a thread of its own.
 Importing this package is quick: its functions, and what they need, are imported when they are first called.
 """
 
@@ -11,6 +11,9 @@ Importing this package is quick: its functions, and what they need, are imported
 from .adjusting import adjust_block as adjust_block
 from .adjusting import block_of as block_of
 from .adjusting import follow as follow
+from .chip_library import ChipLibrary as ChipLibrary
+from .chips import list_library_points as list_library_points
+from .chips import save_chips as save_chips
 from .files import new_session as new_session
 from .files import open_block as open_block
 from .files import read_ground_points as read_ground_points

@@ -32,6 +32,7 @@ class PANEL:
     difference_px: float = threshold(20.0, "px", "distance over which the derivatives between images are taken")
     beside_px: float = threshold(2.0, "px", "largest distance of a click from the outline of the target")
     north_m: float = threshold(10.0, "m", "distance over which the direction of north is taken")
+    rpc_reach: float = threshold(1.5, "of the RPC's scales", "beyond it positions by an RPC mean nothing")
     newton_steps: int = threshold(4, "iterations", "steps of Newton's method from a place on an image to the ground")
 
 

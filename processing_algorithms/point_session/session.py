@@ -14,6 +14,7 @@ import numpy as np
 from ...hrsi_engine.foundation.errors import InputError
 from .rows import (
     CLICK_KINDS,
+    PANEL,
     ROLES,
     TIE,
     TRANSFERRED,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ...hrsi_engine.block.points import ImagePoints
     from ...hrsi_engine.measurement.point_transfer import Transfer
     from .adjusted import AdjustmentView, CurrentView
+    from .chip_library import ChipLibrary
     from .targets import Fit
 
 TRANSFER_PX = 0.05  # relief within the window and the interpolation, of which the fit's own sigma knows nothing
@@ -57,6 +59,7 @@ class PointSession:
         self.ties = ties
         self.path, self.model = path, model
         self.sources: dict[str, Any] = {}
+        self.library: ChipLibrary | None = None  # of GCPs that were measured in other blocks
         self.on_change: Callable[[Change], None] = lambda change: None
         self.history = History(self._apply)
         self._saved: int | None = 0  # the state that the file holds
@@ -195,6 +198,23 @@ class PointSession:
         """Whether anything measured on an image tells how far its RPC is off."""
         ties = self.adjusted is not None and self.ties is not None and image_id in self.ties.image_ids
         return ties or any(image == image_id for _, image in self.measured)
+
+    def estimate_margin_px(self, image_id: str) -> float:
+        """Return how far points may lie from where they are predicted on an image."""
+        if not self.is_located(image_id):
+            return PANEL.vendor_px
+        return PANEL.adjusted_px if self.shown is not None else PANEL.shifted_px
+
+    def is_seen(self, point: SurveyPoint) -> bool:
+        """Whether a point, in the list or not, lies on any image."""
+        ground = np.array([[point.lon, point.lat, point.height]])
+        return any(
+            abs(point.lon - image.rpc.long_off)
+            < PANEL.rpc_reach * image.rpc.long_scale  # farther off RPCs see anything
+            and abs(point.lat - image.rpc.lat_off) < PANEL.rpc_reach * image.rpc.lat_scale
+            and (np.abs(self.project(name, ground)[0] - image.centre_px) <= image.half_size_px).all()
+            for name, image in self.images.items()
+        )
 
     def middle_height_m(self) -> float:
         """Return the middle height of the ground; where nothing is known of it that of the images' RPCs."""

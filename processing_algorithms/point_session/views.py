@@ -22,6 +22,7 @@ from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
 from ...hrsi_engine.refinement.models import MODELS
 from ...hrsi_engine.surface.dem import surface_heights
+from .chips import differentiate_by_metres, find_by_chips
 from .files import image_points
 from .rows import PANEL, TIE, SurveyPoint
 from .session import PointSession
@@ -47,16 +48,13 @@ def view_of(session: PointSession, name: str, image_id: str) -> View:
     """Return the view of a point on an image, around where it was measured, else where it is predicted."""
     measured, point, image = session.measured.get((name, image_id)), session.points[name], session.images[image_id]
     middle = session.predict_place(name, image_id) if measured is None else (measured.sample, measured.line)
-    here = np.array([[point.lon, point.lat, point.height]])
-    north = session.project(image_id, move_ground(here, np.array([[0.0, PANEL.north_m, 0.0]]))) - session.project(
-        image_id, here
-    )
+    north = differentiate_by_metres(session, image_id, point)[:, 1]
     others = [other for other, seen in session.measured if other == name and seen != image_id]
     first = next((seen for other, seen in session.measured if other == name), image_id)
     return View(
         "" if image.raster is None else pixel_view(image.path), middle,
         PANEL.half_view_px if session.is_located(image_id) else PANEL.vendor_px,
-        math.degrees(math.atan2(north[0, 0], -north[0, 1])),
+        math.degrees(math.atan2(north[0], -north[1])),
         trace_heights(session, name, first, image_id) if others and measured is None else None,
     )  # fmt: skip
 
@@ -138,18 +136,21 @@ def place_tie(session: PointSession, name: str) -> SurveyPoint:
 def find_transfers(session: PointSession, name: str, images: Sequence[str] = ()) -> dict[str, Transfer]:
     """Measure a point, by matching, on the images (default: all) that should show it and where it is not measured.
 
-    It is matched from the image on which it was measured first. Raises `InputError` where it is measured on none.
+    It is matched from the image on which it was measured first; where it is measured on none, from the chips of the
+    library. Raises `InputError` where there are none either.
     """
     here = [image for (other, image) in session.measured if other == name]
-    if not here:
-        raise InputError(f"{name}: it is not measured on any image yet: click on it in one first")
-    first = session.images[here[0]]
-    if first.raster is None:
-        raise InputError(f"{first.id} has no pixels: there is nothing to match")
     wanted = [row.image for row in session.measurements(name) if row.is_inside and row.measured is None]
     wanted = [image for image in wanted if not images or image in images]
     found = {}
     try:
+        if not here:
+            if (found := find_by_chips(session, name, wanted)) or not wanted:
+                return found
+            raise InputError(f"{name}: it is not measured on any image yet: click on it in one first")
+        first = session.images[here[0]]
+        if first.raster is None:
+            raise InputError(f"{first.id} has no pixels: there is nothing to match")
         for image_id in wanted:
             found[image_id] = _transfer_to_image(session, name, first.id, image_id)
     finally:
@@ -170,7 +171,5 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
         for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
     ]
     by_first = np.column_stack([side - at for side in sides]) / PANEL.difference_px
-    margin_px = PANEL.adjusted_px if session.shown is not None else PANEL.shifted_px
-    if not (session.is_located(first_id) and session.is_located(second_id)):
-        margin_px = PANEL.vendor_px
+    margin_px = max(session.estimate_margin_px(first_id), session.estimate_margin_px(second_id))
     return transfer_point(first, np.array(xy), second, np.array(line), by_first, margin_px)

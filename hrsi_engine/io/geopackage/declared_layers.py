@@ -56,6 +56,33 @@ class ImagePointRows(LayerRows, layer="image_points"):
     flag: TextColumn = column()
 
 
+class ChipRows(LayerRows, layer="chips"):
+    """Chips of GCPs that were measured, at the surveyed position, with the pixels that surround them."""
+
+    id: TextColumn = column()
+    image: TextColumn = column()
+    sensor: TextColumn = column("Name of the satellite")
+    acquired: TextColumn = column("Date of the image, UTC")
+    kind: TextColumn = column()
+    sigma_px: FloatColumn = column()
+    image_sample: FloatColumn = column("Position of the point in the image", "px")
+    image_line: FloatColumn = column("Position of the point in the image", "px")
+    sample: FloatColumn = column()
+    line: FloatColumn = column()
+    gsd_m: FloatColumn = column("Ground sampling distance", "m")
+    east_by_sample_m: FloatColumn = column("Metres east of one sample", "m")
+    north_by_sample_m: FloatColumn = column("Metres north of one sample", "m")
+    east_by_line_m: FloatColumn = column("Metres east of one line", "m")
+    north_by_line_m: FloatColumn = column("Metres north of one line", "m")
+    lon: FloatColumn = column()
+    lat: FloatColumn = column()
+    height: FloatColumn = column()
+    sigma_xy: FloatColumn = column()
+    sigma_h: FloatColumn = column()
+    operation: TextColumn = column("Operation that transformed the survey to WGS84 (JSON)")
+    pixels: TextColumn = column("PNG of 16 bits in base64; 0: no pixel")
+
+
 class ResidualRows(LayerRows, layer="residuals"):
     """Residuals, observed - computed: of known points (level ground), of measurements (level image)."""
 

@@ -1,0 +1,73 @@
+"""The rows of a library of image chips, `chips.gpkg`: pixels around measured GCPs with their survey."""
+
+import base64
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...hrsi_engine.block.block import ArrayRaster
+from ...hrsi_engine.drawing.target_chips import decode_png
+from ...hrsi_engine.foundation.errors import InputError
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
+from ...hrsi_engine.ground.geodesy import metres_per_degree
+from ...hrsi_engine.io.geopackage.declared_layers import ChipRows
+from ...hrsi_engine.io.geopackage.layer_tables import read_layer_table
+from .rows import ROLES, SurveyPoint
+
+
+@thresholds
+class CHIPS:
+    """What a chip holds, and of which point it is."""
+
+    half_px: int = threshold(64, "px", "half the side of a chip: enough for images of a third of its resolution")
+    same_id_m: float = threshold(10.0, "m", "farther away a chip of the same id is of another point")
+    same_place_m: float = threshold(0.5, "m", "up to here a chip of another id is of the same point")
+    most: int = threshold(6, "chips", "of a point that are compared, those of the most similar pixel size first")
+    agree_px: float = threshold(1.0, "px", "farther apart the places of two chips contradict each other")
+
+
+class ChipLibrary:
+    """The chips of a GeoPackage ``path``, in ``rows``; a file that does not exist has none."""
+
+    def __init__(self, path: str) -> None:
+        self.path, found = path, dict.fromkeys(ChipRows.declared, np.empty(0))
+        if os.path.exists(path):
+            found = read_layer_table(path, ChipRows.layer)
+            if missing := [name for name in ChipRows.declared if name not in found]:
+                raise InputError(f"{path}: layer {ChipRows.layer!r} has no field {missing[0]!r}: name another file")
+        self.rows = ChipRows(**{name: found[name] for name in ChipRows.declared})
+
+    def __len__(self) -> int:
+        return len(self.rows.id)
+
+    def point(self, row: int) -> SurveyPoint:
+        """Return the GCP of a chip."""
+        lon, lat, height, sigma_xy, sigma_h = self._numbers(row, ("lon", "lat", "height", "sigma_xy", "sigma_h"))
+        operation = str(self.rows.operation[row])
+        return SurveyPoint(str(self.rows.id[row]), lon, lat, height, ROLES[0], sigma_xy, sigma_h, operation)
+
+    def find_rows(self, point: SurveyPoint) -> np.ndarray:
+        """Return the rows of a point's chips ``(k,)``: of its id near it, and of any id at its place."""
+        here = np.array([[point.lon, point.lat, point.height]])
+        places = np.column_stack([self.rows.lon, self.rows.lat])
+        away_m = np.hypot(*((places - here[:, :2]) * metres_per_degree(here)[:, :2]).T)
+        limit_m = np.where(np.asarray(self.rows.id) == point.id, CHIPS.same_id_m, CHIPS.same_place_m)
+        return np.flatnonzero(away_m <= limit_m)
+
+    def read_pixels(self, row: int) -> ArrayRaster:
+        """Return the pixels of a chip; the value 0 is no pixel."""
+        grey = decode_png(base64.b64decode(str(self.rows.pixels[row])))
+        return ArrayRaster(grey.astype(np.float32), grey > 0)
+
+    def read_position(self, row: int) -> np.ndarray:
+        """Return where the point is in a chip: sample, line ``(2,)``."""
+        return np.array(self._numbers(row, ("sample", "line")))
+
+    def read_geometry(self, row: int) -> np.ndarray:
+        """Return the metres east and north (rows) of a sample and a line (columns) of a chip, ``(2, 2)``."""
+        names = ("east_by_sample_m", "east_by_line_m", "north_by_sample_m", "north_by_line_m")
+        return np.array(self._numbers(row, names)).reshape(2, 2)
+
+    def _numbers(self, row: int, names: Sequence[str]) -> list[float]:
+        return [float(self.rows[name][row]) for name in names]

@@ -1,0 +1,136 @@
+"""A library of image chips: GCPs that were measured once are found in new images by matching.
+
+A chip has the pixels around a measured GCP, the ground that they cover, and the survey of the GCP. In a new image it is
+compared with the pixels around the predicted position, resampled by the local geometry of both images: with the metres
+east and north that a pixel of the chip covers, G (2, 2), and the derivatives of the new image's camera by metres east
+and north, P (2, 2), a step in the chip is P G times that step in the image. Matching and refusals are those of points
+that are transferred between images (`measurement.point_transfer`).
+"""
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...hrsi_engine.drawing.target_chips import encode_png
+from ...hrsi_engine.ground.geodesy import WGS84, move_ground
+from ...hrsi_engine.io.geopackage.declared_layers import ChipRows
+from ...hrsi_engine.io.geopackage.layer_tables import replace_layers
+from ...hrsi_engine.io.geopackage.layers import Layer
+from ...hrsi_engine.io.rasters.images import close_images
+from ...hrsi_engine.io.rasters.sun_angles import read_time
+from ...hrsi_engine.measurement.point_transfer import Transfer, transfer_point
+from .chip_library import CHIPS, ChipLibrary
+from .rows import PANEL, ROLES, SurveyPoint
+from .session import PointSession
+
+
+def differentiate_by_metres(session: PointSession, image_id: str, point: SurveyPoint) -> np.ndarray:
+    """Return the derivatives of sample and line (rows) by metres east and north (columns) at a point, ``(2, 2)``."""
+    here = np.array([[point.lon, point.lat, point.height]])
+    aside = move_ground(np.repeat(here, 2, axis=0), np.array([[PANEL.north_m, 0.0, 0.0], [0.0, PANEL.north_m, 0.0]]))
+    return np.asarray((session.project(image_id, aside) - session.project(image_id, here)).T / PANEL.north_m)
+
+
+def find_by_chips(session: PointSession, name: str, images: Sequence[str]) -> dict[str, Transfer]:
+    """Measure a point on images by matching the library's chips of it; empty where the library has none."""
+    library, point = session.library, session.points[name]
+    rows = [] if library is None else library.find_rows(point).tolist()
+    if library is None or not rows:
+        return {}
+    return {image_id: _find_on_image(session, library, rows, point, image_id) for image_id in images}
+
+
+def _find_on_image(
+    session: PointSession, library: ChipLibrary, rows: Sequence[int], point: SurveyPoint, image_id: str
+) -> Transfer:
+    raster = session.images[image_id].raster
+    if raster is None:
+        return Transfer(refusal="no pixels")
+    line = np.array([session.predict_place(point.id, image_id)] * 2)
+    by_metres, margin_px = differentiate_by_metres(session, image_id, point), session.estimate_margin_px(image_id)
+    by_chip = {row: by_metres @ library.read_geometry(row) for row in rows}
+    alike = sorted(rows, key=lambda row: abs(np.log(abs(np.linalg.det(by_chip[row])))))
+    found = [
+        transfer_point(
+            library.read_pixels(row), library.read_position(row), raster, line, by_chip[row], margin_px, CHIPS.half_px
+        )
+        for row in alike[: CHIPS.most]
+    ]
+    best, *others = sorted(found, key=lambda one: (bool(one.refusal), -one.correlation))
+    if any(np.hypot(*np.subtract(one.xy, best.xy)) > CHIPS.agree_px for one in others if not one.refusal):
+        return Transfer(refusal="its chips are found at different places")
+    return best
+
+
+def list_library_points(session: PointSession) -> list[SurveyPoint]:
+    """Return the GCPs of the library that lie on an image of the session and are not in its list, each once."""
+    library, found = session.library, dict[str, SurveyPoint]()
+    if library is None:
+        return []
+    listed = {row for point in session.points.values() for row in library.find_rows(point).tolist()}
+    for row in range(len(library)):
+        point = library.point(row)
+        if row not in listed and point.id not in session.points and session.is_seen(point):
+            found.setdefault(point.id, point)
+    return list(found.values())
+
+
+def save_chips(session: PointSession) -> int:
+    """Add a chip of every measured GCP and check point to the library; return how many are new, or others than before.
+
+    Not of measurements that the adjustment suspects. A chip takes the place of that of the same point and image.
+    """
+    if session.library is None:
+        return 0
+    library = session.library = ChipLibrary(session.library.path)  # as others have left it
+    old = library.rows
+    keys = list(zip(*(np.asarray(old[name]).tolist() for name in ("id", "image")), strict=True))
+    places = zip(*(np.asarray(old[name]).tolist() for name in ("image_sample", "image_line")), strict=True)
+    known, made, dates = dict(zip(keys, places, strict=True)), list[dict[str, Any]](), dict[str, str]()
+    try:
+        for key, measured in session.measured.items():
+            is_known = known.get(key) == (measured.sample, measured.line)
+            if session.points[key[0]].role in ROLES[:2] and not is_known and not session.judge(key)[2]:
+                made += _cut_chip(session, session.points[key[0]], key[1], dates)
+    finally:
+        close_images()
+    if made:
+        new, replaced = ChipRows.of_entries(made), {(row["id"], row["image"]) for row in made}
+        kept = np.array([key not in replaced for key in keys], dtype=bool)
+        columns = {name: np.concatenate([np.asarray(old[name])[kept], new[name]]) for name in new}
+        library.rows = ChipRows(**columns)
+        place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+        replace_layers(library.path, [Layer(ChipRows.layer, "PointZ", WGS84, place, library.rows)])
+    return len(made)
+
+
+def _cut_chip(session: PointSession, point: SurveyPoint, image_id: str, dates: dict[str, str]) -> list[dict[str, Any]]:
+    """Return the row of a chip; none where the image shows nothing. ``dates`` of images are looked up once."""
+    image, measured = session.images[image_id], session.measured[(point.id, image_id)]
+    xy = np.array([measured.sample, measured.line])
+    low = np.maximum(np.round(xy).astype(int) - CHIPS.half_px, 0)
+    high = np.minimum(np.round(xy).astype(int) + CHIPS.half_px + 1, image.size or 0)
+    if image.raster is None or (high <= low).any():
+        return []
+    grey, valid = image.raster.read(*low.tolist(), *(high - low).tolist())
+    shown = np.where(valid, grey, np.nan).astype(np.float64)
+    darkest, brightest = (np.nanmin(shown), np.nanmax(shown)) if valid.any() else (0.0, 0.0)
+    if darkest == brightest:
+        return []
+    pixels = np.nan_to_num(1.0 + 65534.0 * (shown - darkest) / (brightest - darkest)).round().astype(np.uint16)
+    if image_id not in dates:
+        time = read_time(image.path)
+        dates[image_id] = "" if time is None else f"{time:%Y-%m-%d}"
+    ground = np.linalg.inv(differentiate_by_metres(session, image_id, point))
+    return [{
+        "id": point.id, "image": image_id, "sensor": image.sensor, "acquired": dates[image_id],
+        "kind": measured.kind, "sigma_px": measured.sigma, "image_sample": measured.sample,
+        "image_line": measured.line, "sample": xy[0] - low[0], "line": xy[1] - low[1],
+        "gsd_m": float(np.sqrt(abs(np.linalg.det(ground)))), "east_by_sample_m": ground[0, 0],
+        "north_by_sample_m": ground[1, 0], "east_by_line_m": ground[0, 1], "north_by_line_m": ground[1, 1],
+        "lon": point.lon, "lat": point.lat, "height": point.height, "sigma_xy": point.sigma_xy,
+        "sigma_h": point.sigma_h, "operation": point.operation,
+        "pixels": base64.b64encode(encode_png(pixels)).decode("ascii"),
+    }]  # fmt: skip
