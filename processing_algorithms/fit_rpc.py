@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..hrsi_engine.camera.adjusted_rpc import AdjustedRpc
 from ..hrsi_engine.camera.linescan import LinescanCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.errors import InputError
@@ -12,7 +13,7 @@ from ..hrsi_engine.foundation.options import InMemory
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.thresholds import threshold, thresholds
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
-from ..hrsi_engine.io.exact_cameras import read_exact_camera
+from ..hrsi_engine.io.exact_cameras import read_adjusted_rpc, read_exact_camera
 from ..hrsi_engine.io.output_dir import require_plain_name
 from ..hrsi_engine.io.point_files.find import Correspondences, read_correspondences
 from ..hrsi_engine.io.rpc_files import read_back_px, write_rpc_text
@@ -38,7 +39,9 @@ SEED = 1  # of the choice of check points: the same ones every time
 def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     check_folder(options.folder, context)
-    camera = None if isinstance(options.points, InMemory) else read_exact_camera(options.points)
+    camera: AdjustedRpc | LinescanCamera | None = None
+    if not isinstance(options.points, InMemory):
+        camera = read_adjusted_rpc(options.points) or read_exact_camera(options.points)
     table = _sample_camera(camera, options) if camera is not None else read_correspondences(
         options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
     )  # fmt: skip
@@ -84,7 +87,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     return report
 
 
-def _sample_camera(camera: LinescanCamera, options: FitRpcOptions) -> Correspondences:
+def _sample_camera(camera: AdjustedRpc | LinescanCamera, options: FitRpcOptions) -> Correspondences:
     """Return correspondences of an exact camera between the heights of the options, else those that it states."""
     low, high = camera.heights_m or (None, None)
     low = low if options.min_height is None else options.min_height

@@ -99,7 +99,17 @@ class LinescanCamera:
 
     def sample_correspondences(self, low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and between heights."""
-        axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in self.size]
-        image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
-        return np.concatenate([self.localize(image, height) for height in heights]), np.tile(image, (len(heights), 1))
+        return sample_rays(self.localize, self.size, low_m, high_m)
+
+
+def sample_rays(
+    localize: Callable[[np.ndarray, float], np.ndarray], size: tuple[int, int], low_m: float, high_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over an image and between heights.
+
+    ``localize`` returns the ground points of samples and lines ``(n, 2)`` at a height.
+    """
+    axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in size]
+    image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
+    return np.concatenate([localize(image, height) for height in heights]), np.tile(image, (len(heights), 1))

@@ -8,6 +8,9 @@
   GAEL-P135-DOC-001, equations 5 to 11.)
 * CSM states of the USGS line scanner, ASP's adjusted ones among them: JSON behind the model's name. Pixels count from
   the corner. (DOI-USGS/usgscsm, ``UsgsAstroLsSensorModel``.)
+* ``.adjust`` of ASP, where the camera that it adjusts is an RPC, named behind it: ``FILE|camera=IMAGE``. Text: the
+  translation (m), the quaternion with its scalar first, and, of cropped or scaled images, offset and scale of the
+  pixels. (StereoPipeline, ``asp::read_adjustments``.)
 """
 
 from __future__ import annotations
@@ -21,13 +24,15 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
 from scipy.spatial.transform import Rotation
 
+from ..camera.adjusted_rpc import AdjustedRpc
 from ..camera.linescan import LinescanCamera
 from ..foundation.errors import InputError
 from .rpc_files.content import Element, element_text, read_bytes, read_head, read_xml
-from .rpc_files.find import side_files
+from .rpc_files.find import read_rpc_or_none, side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _HANDBOOK_POINTS = 8
+_UNIT = 1e-3  # how far the norm of a quaternion is from 1 at most: six digits were written once
 
 
 def read_exact_camera(path: str) -> LinescanCamera | None:
@@ -43,6 +48,38 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
         return reader(path)
     except (TypeError, ValueError, LookupError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise InputError(f"{path}: its ephemeris, attitude or detectors are damaged ({error}): get it again") from None
+
+
+def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
+    """Return the RPC that an ``.adjust`` file moves, ``FILE|camera=IMAGE``; None for any other file.
+
+    Raises `InputError` where no camera is named, or one without RPC.
+    """
+    path, _, camera = spec.partition("|camera=")
+    try:
+        lines = [[*map(float, line.split())] for line in read_head(path).decode("ascii").splitlines() if line.strip()]
+    except (InputError, ValueError):
+        lines = []
+    numbers = np.array([number for line in lines for number in line])
+    is_adjustment = [*map(len, lines[:2])] == [3, 4] and len(numbers) in (7, 10) and np.isfinite(numbers).all()
+    if not is_adjustment or abs(np.linalg.norm(numbers[3:7]) - 1.0) > _UNIT:
+        if path.lower().endswith(".adjust"):
+            raise InputError(f"{path}: is no translation and unit quaternion of one camera: obtain it again")
+        return None
+    if not camera:
+        raise InputError(f"{path}: moves a camera that it does not contain: name it, {path}|camera=IMAGE")
+    exact = read_exact_camera(camera)
+    found = None if exact is not None and camera.lower().endswith(".json") else read_rpc_or_none(camera)
+    if found is None:
+        told = f"is a {exact.source}" if exact is not None else "has no RPC"
+        raise InputError(
+            f"{camera}: {told}, and {path} can only be applied to an RPC: name the adjusted_state.json that "
+            "bundle_adjust writes for CSM cameras"
+        )
+    rpc, turn = found.rpc, Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
+    size = found.size or (round(rpc.samp_off + abs(rpc.samp_scale)) + 1, round(rpc.line_off + abs(rpc.line_scale)) + 1)
+    offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
+    return AdjustedRpc(f"adjustment of {found.source}", rpc, size, turn, numbers[:3], offset, scale)
 
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:

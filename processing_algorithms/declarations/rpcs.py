@@ -336,7 +336,8 @@ class FitRpcOptions:
 
     points: str = option(
         help="Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and "
-        "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner", kind=Kind.POINTS, metavar=groups.POINTS,
+        "attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner; or RUN.adjust|camera=IMAGE of ASP",
+        kind=Kind.POINTS, metavar=groups.POINTS,
     )  # fmt: skip
     ground_crs: str | None = groups.ground_crs_option()
     height_datum: str = groups.height_datum_option()
@@ -368,7 +369,9 @@ FIT_RPC = Algorithm(
         "repeated without every fifth point, and the differences there are reported. A full RPC needs at least 45 "
         "points, spread over the image and at several heights; with fewer points only its lower terms are estimated. "
         "`points` may also be a file with ephemeris, attitude and detectors: the RPC is then fitted to its exact "
-        "camera, between `min_height` and `max_height`, which may be missing for an ISD file that has an RPC."
+        "camera, between `min_height` and `max_height`, which may be missing for an ISD file that has an RPC. An "
+        ".adjust file of bundle_adjust (ASP 3) moves the RPC of the image that is named behind it; the "
+        "result is its adjusted RPC."
     ),
     options=FitRpcOptions,
     examples=(

@@ -14,7 +14,7 @@ from ...ground.operation_uses import OperationUse
 from ..opening.budgets import require_heights
 from ..opening.datasets import check_advice
 from ..opening.plain_files import require_plain_around
-from . import csv_text, gcp_files, match_files, micmac_files, ogr_layer
+from . import csv_text, gcp_files, gcp_texts, match_files, micmac_files, ogr_layer
 from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
@@ -26,6 +26,8 @@ POINT_READERS: dict[str, PointReader] = {
     "micmac": micmac_files.MICMAC_TIE_POINTS,
     "micmac-homol": micmac_files.MICMAC_HOMOL,
     "asp-match-text": match_files.ASP_TEXT_MATCHES,
+    "metashape": gcp_texts.METASHAPE_REFERENCE,
+    "orthoengine": gcp_texts.ORTHOENGINE_TEXT,
     "csv": csv_text.READER,
     "qgis-points": gcp_files.QGIS_POINTS,
     "asp-gcp": gcp_files.ASP_GCPS,
@@ -174,6 +176,8 @@ def read_table(spec: str) -> PointTable:
             raise InputError(f"{path}: cannot be read ({error.strerror}): check its permissions") from None
     name = os.path.basename(path).lower()
     reader = next((reader for reader in POINT_READERS.values() if reader.recognises(path, name, head)), None)
+    if gcp_texts.is_orthoengine(layer.removeprefix(csv_text.NAMED_COLUMNS).split(",")):
+        reader = gcp_texts.ORTHOENGINE_TEXT
     if reader is None:
         titles = ", ".join(reader.title for reader in POINT_READERS.values())
         advice = check_advice(path, "convert it to GeoPackage or CSV")

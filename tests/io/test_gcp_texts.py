@@ -1,0 +1,132 @@
+"""GCP texts of Metashape and OrthoEngine, written as their makers describe them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from hrsi.hrsi_engine.block.block import Role
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.point_files import read_points
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
+from hrsi.processing_algorithms import run
+
+#: As Metashape writes it: WKT 1 with TOWGS84, names of degrees in full, no AXIS.
+WKT = (
+    'PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",DATUM["World Geodetic System 1984",'
+    'SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG","7030"]],TOWGS84[0,0,0,0,0,0,0],'
+    'AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],'
+    'UNIT["degree",0.01745329251994328,AUTHORITY["EPSG","9102"]],AUTHORITY["EPSG","4326"]],'
+    'PROJECTION["Transverse_Mercator",AUTHORITY["EPSG","9807"]],PARAMETER["latitude_of_origin",0],'
+    'PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],PARAMETER["false_easting",500000],'
+    'PARAMETER["false_northing",0],UNIT["metre",1,AUTHORITY["EPSG","9001"]],AUTHORITY["EPSG","32632"]]'
+)
+UTM = pyproj.Transformer.from_crs(32632, 4326, always_xy=True)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+def test_metashape_reference(tmp_path, separator):
+    """Rows end where nothing follows; errors and estimates behind the position are not read."""
+    header = [
+        "#Label",
+        "X/Easting",
+        "Y/Northing",
+        "Z/Altitude",
+        "Accuracy_X/Y_(m)",
+        "Accuracy_Z_(m)",
+        "Error_(m)",
+        "X_est",
+    ]
+    rows = [["P1", "593656.566250", "5089108.835697", "909.422", "0.02", "0.05", "0.1", "593656.6"],
+            ["P2", "593700.0", "5089200.5", "900.0", "0.03", "0.06"]]  # fmt: skip
+    path = tmp_path / "markers.txt"
+    path.write_text("\n".join([f"# CoordinateSystem: {WKT}", *(separator.join(row) for row in [header, *rows])]) + "\n")
+    ground = read_points(str(path), height_datum="ellipsoidal").ground
+    assert ground.ids.tolist() == ["P1", "P2"]
+    lon, lat = UTM.transform([593656.566250, 593700.0], [5089108.835697, 5089200.5])
+    np.testing.assert_allclose(ground.ground, np.column_stack([lon, lat, [909.422, 900.0]]), rtol=1e-13)
+    np.testing.assert_allclose(ground.sigma_m, [[0.02, 0.05], [0.03, 0.06]])
+
+
+def test_metashape_reference_in_degrees_and_without_a_system(tmp_path):
+    path = tmp_path / "markers.csv"
+    path.write_text("#Label,X/Longitude,Y/Latitude,Z/Altitude,\nA,8.5452,47.3975,432.7\n")
+    ground = read_points(str(path), height_datum="ellipsoidal").ground
+    np.testing.assert_allclose(ground.ground, [[8.5452, 47.3975, 432.7]], rtol=1e-15)
+    path.write_text("# Markers\n#Label,X,Y,Z\nA,593656.5,5089108.8,432.7\n")
+    ground = read_points(str(path), ground_crs="EPSG:32632", height_datum="ellipsoidal").ground
+    np.testing.assert_allclose(ground.ground[0, :2], UTM.transform(593656.5, 5089108.8), rtol=1e-13)
+    with pytest.raises(InputError, match="ground_crs"):
+        read_points(str(path))
+    path.write_text("#Label,X,Y,Z\nA,1,2,3\nB,1,x,3\n")
+    with pytest.raises(InputError, match=r"markers\.csv, field 'y', line 3: 'x' is not a number"):
+        read_points(str(path), ground_crs="EPSG:32632")
+
+
+def test_orthoengine_gcps(tmp_path):
+    """Blanks, tabs and commas; quoted ids; letters behind numbers; status; half a pixel off."""
+    path = tmp_path / "gcps.txt"
+    path.write_text('G1 100.5 200.5 8.5452E 47.3975N 432.7 0.2 0.4 G\n"big rock",10,20.25\t8.5 47.4 400 1 1 C\n'
+                    "G3 1 2 8.6 47.5 1.5E2 1 1 I\n")  # fmt: skip
+    tables = read_points(f"{path}|columns=ID,P,L,X,Y,Z,eP,eL,S", image_ids=["img"], ground_crs="EPSG:4326")
+    assert tables.ground.ids.tolist() == ["G1", "big rock", "G3"]
+    assert tables.ground.role.tolist() == [Role.GCP, Role.CHECK, Role.OFF]
+    expected = [[8.5452, 47.3975, 432.7], [8.5, 47.4, 400.0], [8.6, 47.5, 150.0]]
+    np.testing.assert_allclose(tables.ground.ground, expected, rtol=1e-15)
+    np.testing.assert_allclose(tables.image.xy, [[100.0, 200.0], [9.5, 19.75], [0.5, 1.5]])
+    np.testing.assert_allclose(tables.image.sigma_px[0], np.sqrt(0.1))
+    path.write_text("G1 1 2 8.5 47.4 400 Q\n")
+    with pytest.raises(InputError, match=r"gcps\.txt, line 1 .*'q' is not G, C or I"):
+        read_points(f"{path}|columns=ID,P,L,X,Y,Z,S", image_ids=["img"], ground_crs="EPSG:4326")
+    path.write_text("G1 1 2 8.5 47.4 400\nG2 1 2 8.5 47.4\n")
+    with pytest.raises(InputError, match=r"gcps\.txt, line 2: has not the 6 columns"):
+        read_points(f"{path}|columns=ID,P,L,X,Y,Z", image_ids=["img"], ground_crs="EPSG:4326")
+
+
+def write_tables(folder: Path) -> dict[str, dict[str, str]]:
+    """Return the options of one block's points as CSV, and as OrthoEngine's and Metashape's texts."""
+    made = folder / "made"
+    run("simulate", sensor="pleiades", images=2, size=2000, gcps=8, checks=0, ties=40, seed=5, pixels=False,
+        output_dir=str(made))  # fmt: skip
+    ground = [row.split(",") for row in (made / "ground_points.csv").read_text().splitlines()]
+    image = [row.split(",") for row in (made / "image_points.csv").read_text().splitlines()]
+    at, of = ({name: place for place, name in enumerate(table[0])} for table in (ground, image))
+    known = {row[at["id"]] for row in ground[1:]}
+    ties, on_known = [], []
+    for row in image[1:]:
+        (on_known if row[of["id"]] in known else ties).append(row)
+    for name, rows in (("ties", ties), ("known", on_known)):
+        four = [",".join(row[of[field]] for field in ("id", "image", "sample", "line")) for row in rows]
+        (folder / f"{name}.csv").write_text("\n".join(["id,image,sample,line", *four]) + "\n")
+        (folder / f"{name}.txt").write_text("".join(
+            f"{row[of['id']]}\t{row[of['image']]} {float(row[of['sample']]) + 0.5!r} {float(row[of['line']]) + 0.5!r}\n"
+            for row in rows
+        ))  # fmt: skip
+    markers = [[row[at[name]] for name in ("id", "lon", "lat", "height")] for row in ground[1:]]
+    header = "#Label,X/Longitude,Y/Latitude,Z/Altitude"
+    (folder / "markers.csv").write_text("\n".join([header, *map(",".join, markers)]) + "\n")
+    (folder / "ground.csv").write_text("\n".join(["id,lon,lat,height", *map(",".join, markers)]) + "\n")
+    columns = "columns=TP_ID,Image,P,L"
+    return {
+        "csv": {"gcps": str(folder / "ground.csv"), "image_points": str(folder / "known.csv"),
+                "tie_points": str(folder / "ties.csv")},
+        "texts": {"gcps": str(folder / "markers.csv"), "image_points": f"{folder / 'known.txt'}|{columns}",
+                  "tie_points": f"{folder / 'ties.txt'}|{columns}"},
+    }  # fmt: skip
+
+
+def test_the_adjustment_is_that_of_csv(tmp_path):
+    """The refined RPCs see the block's ground at the same pixels to 1e-6 px."""
+    cameras = {}
+    for kind, points in write_tables(tmp_path).items():
+        run("adjust", images=[str(tmp_path / "made" / f"image_{number}_RPC.TXT") for number in (1, 2)], **points,
+            height_datum="ellipsoidal", report=False, output_dir=str(tmp_path / kind))  # fmt: skip
+        cameras[kind] = sorted((tmp_path / kind).glob("*_RPC.TXT"))
+    assert len(cameras["csv"]) == 2
+    xy = np.stack(np.meshgrid(np.linspace(0, 1999, 5), np.linspace(0, 1999, 5)), axis=-1).reshape(-1, 2)
+    for one, other in zip(cameras["csv"], cameras["texts"], strict=True):
+        one, other = read_rpc(str(one)).rpc, read_rpc(str(other)).rpc
+        np.testing.assert_allclose(other.project(one.localize(xy, 250.0).ground), xy, atol=1e-6)
