@@ -1,15 +1,16 @@
 """Surface models that CARS and s2p make of handed-over projects, compared with the reference of the s2p triplet.
 
-`python benchmarks/hand_over.py [cars s2p] [--bin cars=DIR …] [--best-pair] [--work DIR] [--docs]`: each program is
-installed from the package registry in an environment of its own below --work, unless --bin names the folder of its
-commands. The triplet is adjusted by tie points alone, handed over, and the printed command is run as it stands; then
-the same project with the vendor's RPCs in its images, and for CARS with those that its own ``cars-bundleadjustment``
-finds. With --best-pair CARS gets the best pair only (a fifth of the time). What is finished in --work is
-not run again, and a program that fails gets a row that says so. With --docs the table goes into
+`python benchmarks/hand_over.py [cars s2p heights] [--bin cars=DIR …] [--all-pairs] [--work DIR] [--docs]`: each
+program is installed from the package registry in an environment of its own below --work, unless --bin names the folder
+of its commands. The triplet is adjusted by tie points alone, handed over, and the printed command is run as it stands;
+then the same project with the vendor's RPCs in its images, and for CARS with those that its own
+``cars-bundleadjustment`` finds. CARS gets the best pair (with --all-pairs all of them, five times as long). What is
+finished in --work is not run again, and a program that fails gets a row that says so. With --docs the tables go into
 docs/how-to/hand-over.md.
 
 The reference was made by s2p with the vendor's RPCs, whose position no GCP controls; refined RPCs lie a little beside
 it as a whole. So the median difference is told apart, and the spread also after the best shift in plan and height.
+``heights`` says where the vendor's RPCs put the tie points, by pairs of images: they contradict each other.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from scipy.optimize import least_squares
 
 from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
+from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 from hrsi.tests.conftest import TEST_DATA
 
@@ -74,7 +77,8 @@ def installed(program: str, work: Path) -> str:
         constraints.write_text("\n".join(BUILDING))
         words = os.environ | {
             "CPATH": ":".join(map(str, headers)), "LIBRARY_PATH": str(libraries), "LD_LIBRARY_PATH": str(libraries),
-            "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "PATH": f"{usr / 'bin'}:{os.environ['PATH']}",
+            "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "LD_RUN_PATH": str(libraries),
+            "PATH": f"{usr / 'bin'}:{os.environ['PATH']}",
             "PIP_CONSTRAINT": str(constraints),
         }  # fmt: skip
         subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
@@ -125,9 +129,9 @@ def handed(work: Path, target: str, programs: str, best_pair: bool) -> dict[str,
     return {name: folder / result for name, folder in made.items()}
 
 
-def bundle_adjusted(work: Path, programs: str) -> Path:
+def bundle_adjusted(work: Path, programs: str, best_pair: bool) -> Path:
     """Return the surface model of CARS with the RPCs of its own bundle adjustment."""
-    folder, vendor = work / "cars_bundle", work / "cars_vendor"
+    folder, vendor = (work / f"cars_{name}{'_pair' * best_pair}" for name in ("bundle", "vendor"))
     if not folder.exists():
         shutil.copytree(vendor, folder, ignore=shutil.ignore_patterns("out"))
         whole = json.loads((folder / "cars.json").read_text())
@@ -145,6 +149,48 @@ def bundle_adjusted(work: Path, programs: str) -> Path:
     (folder / "refined.json").write_text(json.dumps(configuration))
     typed(folder, [f"cd {folder}", "cars refined.json"], folder / "out/dsm/dsm.tif", programs)
     return folder / "out/dsm/dsm.tif"
+
+
+def intersect(cameras: list, seen: list[np.ndarray], ground: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the least-squares intersections (n, 3) of rays, from near ones, and the RMS of their residuals (px)."""
+    for _ in range(6):
+        slopes, misfits = [], []
+        for camera, xy in zip(cameras, seen, strict=True):
+            at = camera.project(ground)
+            steps = [ground + step for step in np.diag([1e-6, 1e-6, 1.0])]
+            slopes.append(np.stack([camera.project(one) - at for one in steps], axis=2) / [1e-6, 1e-6, 1.0])
+            misfits.append(xy - at)
+        slope, misfit = np.concatenate(slopes, axis=1), np.concatenate(misfits, axis=1)
+        step = np.linalg.solve(slope.swapaxes(1, 2) @ slope, slope.swapaxes(1, 2) @ misfit[..., None])
+        ground = ground + step[..., 0]
+    return ground, float(np.sqrt(np.mean((misfit - (slope @ step)[..., 0]) ** 2)))
+
+
+def compare_heights(work: Path) -> list[list[str]]:
+    """Return for each pair, and all images: median height by the vendor's RPCs less that by HRSI's, and residuals."""
+    folder = adjusted(work)
+    ids = [Path(image).stem for image in IMAGES]
+    told, known = (read_layer_table(str(folder / "block.gpkg"), f"{name}_points") for name in ("image", "ground"))
+    place = dict(zip(known["id"], np.column_stack([known[name] for name in ("lon", "lat", "height")]), strict=True))
+    measured: dict[str, dict[str, tuple[float, float]]] = {}
+    for name, image, *xy in zip(told["id"], told["image"], told["sample"], told["line"], strict=True):
+        measured.setdefault(name, {})[image] = tuple(xy)
+    tracks = [name for name, images in measured.items() if set(ids) <= images.keys()]
+    ground = np.array([place[name] for name in tracks])
+    seen = {image: np.array([measured[name][image] for name in tracks]) for image in ids}
+    cameras = {
+        whose: {image: read_rpc(str(path / f"{image}.tif")).rpc for image in ids}
+        for whose, path in (("vendor's", TRIPLET), ("HRSI's", folder))
+    }
+    rows = []
+    for images in ([ids[0], ids[2]], ids[:2], ids[1:], ids):
+        (vendor, before), (own, after) = (
+            intersect([of[image] for image in images], [seen[image] for image in images], ground)
+            for of in cameras.values()
+        )
+        higher = float(np.median(vendor[:, 2] - own[:, 2]))
+        rows.append([", ".join(images), f"{higher:+.2f}", f"{before:.2f}", f"{after:.2f}"])
+    return rows
 
 
 def heights_of(path: Path, like: gdal.Dataset) -> np.ndarray:
@@ -187,8 +233,8 @@ def figures(path: Path) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
-    parser.add_argument("--best-pair", action="store_true", help="CARS: the best pair only")
+    parser.add_argument("programs", nargs="*", default=["cars", "s2p", "heights"])
+    parser.add_argument("--all-pairs", action="store_true", help="CARS: all pairs, not only the best one")
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", default="build/hand_over", help="folder of projects and results")
     parser.add_argument("--docs", action="store_true", help="put the table into docs/how-to/hand-over.md")
@@ -197,23 +243,32 @@ def main() -> None:
     work.mkdir(parents=True, exist_ok=True)
     rows = []
     given = dict(entry.split("=", 1) for entry in options.bin)
-    for target in options.programs:
+    best_pair = not options.all_pairs
+    for target in (name for name in options.programs if name != "heights"):
         programs = given.get(target) or installed(target, work)
-        models = handed(work, target, programs, options.best_pair and target == "cars")
-        if target == "cars" and not options.best_pair:
+        models = handed(work, target, programs, best_pair and target == "cars")
+        if target == "cars":
             try:
-                models["cars-bundleadjustment's"] = bundle_adjusted(work, programs)
+                models["cars-bundleadjustment's"] = bundle_adjusted(work, programs, best_pair)
             except subprocess.CalledProcessError as error:
                 print(f"cars-bundleadjustment failed ({error.returncode}): see {work}/cars_bundle.log")
         rows += [
-            [target, name, *(figures(path) if path.exists() else ["failed", *[""] * 5])]
+            [
+                f"{target}{', best pair' * (target == 'cars' and best_pair)}",
+                name,
+                *(figures(path) if path.exists() else ["failed", *[""] * 5]),
+            ]
             for name, path in models.items()
         ]
     header = ["program", "RPCs", "RMSE m", "median m", "NMAD m", "RMSE m, shifted", "NMAD m, shifted", "complete"]
-    text = render(header, rows)
-    print(text)
-    if options.docs:
-        put_between(PAGE, "surface models", text)
+    parts = {"surface models": render(header, rows)} if rows else {}
+    if "heights" in options.programs:
+        header = ["images", "vendor's height less HRSI's, m", "residuals px, vendor's", "HRSI's"]
+        parts["heights by pairs"] = render(header, compare_heights(work))
+    for part, text in parts.items():
+        print(text)
+        if options.docs:
+            put_between(PAGE, part, text)
 
 
 if __name__ == "__main__":

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..hrsi_engine.camera.adjusted_rpc import AdjustedRpc
-from ..hrsi_engine.camera.linescan import LinescanCamera
+from ..hrsi_engine.camera.linescan import SampledCamera
 from ..hrsi_engine.camera.rpc_fit import RpcFit, best_fit, extrapolation_warnings, fit_rpc
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.options import InMemory
@@ -39,9 +38,8 @@ SEED = 1  # of the choice of check points: the same ones every time
 def run(options: FitRpcOptions, context: Context) -> Report:
     """Fit without some of the points, check on them, then fit to all and write."""
     check_folder(options.folder, context)
-    camera: AdjustedRpc | LinescanCamera | None = None
-    if not isinstance(options.points, InMemory):
-        camera = read_adjusted_rpc(options.points) or read_exact_camera(options.points)
+    path = "" if isinstance(options.points, InMemory) else options.points
+    camera = (read_adjusted_rpc(path) or read_exact_camera(path)) if path else None
     table = _sample_camera(camera, options) if camera is not None else read_correspondences(
         options.points, ground_crs=options.ground_crs, height_datum=options.height_datum
     )  # fmt: skip
@@ -87,7 +85,7 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     return report
 
 
-def _sample_camera(camera: AdjustedRpc | LinescanCamera, options: FitRpcOptions) -> Correspondences:
+def _sample_camera(camera: SampledCamera, options: FitRpcOptions) -> Correspondences:
     """Return correspondences of an exact camera between the heights of the options, else those that it states."""
     low, high = camera.heights_m or (None, None)
     low = low if options.min_height is None else options.min_height

@@ -35,8 +35,26 @@ class LINESCAN:
     layers: int = threshold(7, "heights", "of these correspondences")
 
 
+class SampledCamera:
+    """A camera that an RPC is fitted to: of known ``size``, and of heights where its source tells them."""
+
+    size: tuple[int, int]
+    heights_m: tuple[float, float] | None
+
+    def localize(self, image: np.ndarray, height_m: float) -> np.ndarray:
+        """Return lon, lat, height ``(n, 3)`` on the rays of samples and lines ``(n, 2)``, about at a height."""
+        raise NotImplementedError
+
+    def sample_correspondences(self, low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and between heights."""
+        axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in self.size]
+        image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
+        return np.concatenate([self.localize(image, height) for height in heights]), np.tile(image, (len(heights), 1))
+
+
 @dataclass(frozen=True, eq=False)
-class LinescanCamera:
+class LinescanCamera(SampledCamera):
     """A pushbroom camera; times in seconds of any epoch, vectors geocentric.
 
     source : what it was read from
@@ -96,20 +114,3 @@ class LinescanCamera:
         mean = off.mean(axis=0).tolist()
         rms, largest = float(np.sqrt(np.mean(distance**2))), float(distance.max())
         return {"mean_sample_px": mean[0], "mean_line_px": mean[1], "rms_px": rms, "max_px": largest}
-
-    def sample_correspondences(self, low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over the image and between heights."""
-        return sample_rays(self.localize, self.size, low_m, high_m)
-
-
-def sample_rays(
-    localize: Callable[[np.ndarray, float], np.ndarray], size: tuple[int, int], low_m: float, high_m: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ground points ``(n, 3)`` and their pixels ``(n, 2)`` on a grid over an image and between heights.
-
-    ``localize`` returns the ground points of samples and lines ``(n, 2)`` at a height.
-    """
-    axes = [np.linspace(0.0, count - 1.0, LINESCAN.nodes) for count in size]
-    image = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    heights = np.linspace(low_m, high_m, LINESCAN.layers).tolist()
-    return np.concatenate([localize(image, height) for height in heights]), np.tile(image, (len(heights), 1))

@@ -51,35 +51,31 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
 
 
 def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
-    """Return the RPC that an ``.adjust`` file moves, ``FILE|camera=IMAGE``; None for any other file.
-
-    Raises `InputError` where no camera is named, or one without RPC.
-    """
+    """Return the RPC that an ``.adjust`` file moves, ``FILE|camera=IMAGE``; None for any other file."""
     path, _, camera = spec.partition("|camera=")
-    try:
-        lines = [[*map(float, line.split())] for line in read_head(path).decode("ascii").splitlines() if line.strip()]
-    except (InputError, ValueError):
-        lines = []
-    numbers = np.array([number for line in lines for number in line])
-    is_adjustment = [*map(len, lines[:2])] == [3, 4] and len(numbers) in (7, 10) and np.isfinite(numbers).all()
-    if not is_adjustment or abs(np.linalg.norm(numbers[3:7]) - 1.0) > _UNIT:
-        if path.lower().endswith(".adjust"):
-            raise InputError(f"{path}: is no translation and unit quaternion of one camera: obtain it again")
+    if not path.lower().endswith(".adjust"):
         return None
+    try:
+        numbers = np.array([float(word) for word in read_bytes(path).split()])
+    except ValueError:
+        numbers = np.empty(0)
+    known = len(numbers) in (7, 10) and np.isfinite(numbers).all()
+    if not known or abs(np.linalg.norm(numbers[3:7]) - 1.0) > _UNIT:
+        raise InputError(f"{path}: is no translation and unit quaternion of one camera: obtain it again")
     if not camera:
         raise InputError(f"{path}: moves a camera that it does not contain: name it, {path}|camera=IMAGE")
     exact = read_exact_camera(camera)
     found = None if exact is not None and camera.lower().endswith(".json") else read_rpc_or_none(camera)
     if found is None:
-        told = f"is a {exact.source}" if exact is not None else "has no RPC"
         raise InputError(
-            f"{camera}: {told}, and {path} can only be applied to an RPC: name the adjusted_state.json that "
-            "bundle_adjust writes for CSM cameras"
+            f"{camera}: {f'is a {exact.source}' if exact else 'has no RPC'}, and {path} can only be applied to an RPC: "
+            "name the adjusted_state.json that bundle_adjust writes for CSM cameras"
         )
     rpc, turn = found.rpc, Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
     size = found.size or (round(rpc.samp_off + abs(rpc.samp_scale)) + 1, round(rpc.line_off + abs(rpc.line_scale)) + 1)
     offset, scale = (numbers[7:9], float(numbers[9])) if len(numbers) > 7 else (np.zeros(2), 1.0)
-    return AdjustedRpc(f"adjustment of {found.source}", rpc, size, turn, numbers[:3], offset, scale)
+    low, high = sorted([rpc.height_off - rpc.height_scale, rpc.height_off + rpc.height_scale])
+    return AdjustedRpc(rpc, size, turn, numbers[:3], offset, scale, (low, high))
 
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:

@@ -30,6 +30,7 @@ from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.surface.dem import surface_heights
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.declarations.rpcs import NEXT_PROGRAMS
+from hrsi.processing_algorithms.interface.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -415,15 +416,44 @@ def test_a_block_without_gcps_is_handed_over(block, tmp_path):
     assert report["warnings"] == []
 
 
-def test_gcps_for_gdal_and_qgis(block):
+def test_gcps_for_gdal_and_qgis(block, tmp_path):
+    """GDAL takes its file as it stands, QGIS's is read by its own rules; both have the measurements of ASP's file."""
     folder, _ = hand_over(block, "points", "gcps")
-    words = (folder / "image_1_gcps.txt").read_text().split()
-    assert words[0] == "-gcp" and len(words) % 6 == 0
-    qgis = (folder / "image_1.points").read_text().splitlines()
-    first = [float(value) for value in qgis[1].split(",")]
-    assert first[2:4] == pytest.approx([float(words[1]), -float(words[2])]) and first[:2] == pytest.approx(
-        [float(words[3]), float(words[4])]
-    )
+    asp = {}
+    for line in (folder / "gcps.gcp").read_text().splitlines():
+        words = line.replace(",", " ").split()
+        for at in range(7, len(words), 5):  # id lat lon height sigmas, then image x y sigmas
+            position = (float(words[2]), float(words[1]), float(words[3]))
+            asp.setdefault(Path(words[at]).stem, []).append((*position, float(words[at + 1]), float(words[at + 2])))
+    assert sorted(asp) == ["image_1", "image_2", "image_3"]
+    for image, rows in asp.items():
+        expected = np.array(sorted(rows))
+        source = gdal.Open(str(block / "made" / f"{image}.tif"))
+        words = (folder / f"{image}_gcps.txt").read_text().split()
+        made = gdal.Translate(str(tmp_path / f"{image}.tif"), source, options=["-a_srs", "EPSG:4979", *words])
+        gcps = sorted((gcp.GCPX, gcp.GCPY, gcp.GCPZ, gcp.GCPPixel - 0.5, gcp.GCPLine - 0.5) for gcp in made.GetGCPs())
+        np.testing.assert_allclose(gcps, expected, atol=2e-4)  # four digits of pixels and metres
+        np.testing.assert_allclose(np.array(gcps)[:, :2], expected[:, :2], atol=1e-9)
+        lines = [line for line in (folder / f"{image}.points").read_text().splitlines() if not line.startswith("#")]
+        assert lines[0].split(",")[:5] == ["mapX", "mapY", "pixelX", "pixelY", "enable"]
+        qgis = np.array(sorted([float(value) for value in line.split(",")[:5]] for line in lines[1:]))
+        np.testing.assert_allclose(qgis[:, :2], expected[:, :2], atol=1e-7)
+        # from the corner, downwards negative, all of them switched on
+        np.testing.assert_allclose(qgis[:, 2:4], expected[:, 3:] * [1.0, -1.0] + [0.5, -0.5], atol=2e-4)
+        assert (qgis[:, 4] == 1.0).all()
+
+
+@pytest.mark.parametrize("link", [False, True])
+@pytest.mark.parametrize("target", NEXT_PROGRAMS)
+def test_a_dry_run_names_the_files_of_the_project(block, tmp_path, capsys, target, link):
+    words = ["hand-over", str(block / "result"), "--to", target, "--output-dir", str(tmp_path / "out"), "--json"]
+    words += ["--link"] * link
+    assert main([*words, "--dry-run"]) == 0
+    planned = json.loads(capsys.readouterr().out)["files"]
+    assert not (tmp_path / "out").exists()
+    assert main(words) == 0
+    written = {str(path) for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    assert {one["path"] for one in planned} == written and not any(one["replaces"] for one in planned)
 
 
 def test_micmac_project(block):

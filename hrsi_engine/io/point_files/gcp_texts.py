@@ -1,15 +1,11 @@
 """Text files of GCPs and tie points of other programs.
 
 * Reference of Agisoft Metashape: ``# CoordinateSystem: WKT``, then the names of the columns behind another ``#``, the
-  first of them Label: X/Easting (or X/Longitude, X), Y/Northing, Z/Altitude, accuracies in metres, and, of an export,
-  errors and estimated positions, which are not used; rows end where nothing follows. Columns are separated by commas,
-  semicolons, tabs or blanks. Pixels are not in it.
-* OrthoEngine of PCI (CATALYST): a point a line, its fields separated by blanks, tabs or commas and quoted where they
-  hold such, and their order told beside the file as in OrthoEngine's dialog: ``FILE|columns=ID,P,L,X,Y,Z`` (tie points:
-  ``TP_ID,Image,P,L,E``). P and L (pixel and line) count from the corner of the first pixel, half a pixel is taken off.
-  eP and eL are their errors in pixels; eX, eY and eZ have units that differ between versions, and are not used. S is G
-  (GCP), C (check point) or I (inactive). Letters behind a number (N, W) mean nothing; a line that does not fit is
-  refused, where OrthoEngine leaves it out. (CATALYST Professional help, "Understanding formats for text files".)
+  first of them Label. Errors and estimated positions are not used; rows end where nothing follows.
+* OrthoEngine of PCI (CATALYST): a point a line, fields between blanks, tabs or commas, in an order that the user tells
+  as in OrthoEngine's dialog, ``FILE|columns=ID,P,L,X,Y,Z`` or ``TP_ID,Image,P,L,E``. P and L (pixel and line) count
+  from the corner of the first pixel: half a pixel is taken off. eP is taken for the standard deviation of both; eX, eY
+  and eZ have no certain unit. S is G (GCP), C (check point) or I (inactive). (CATALYST Professional help.)
 """
 
 import re
@@ -18,61 +14,46 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...foundation.errors import InputError
 from ..rpc_files.content import read_text
 from .csv_text import NAMED_COLUMNS, read_plain_text
 from .table import PointReader, PointTable
 
-# ---- Agisoft Metashape ---------------------------------------------------------------------------------------------
-
-_HEADER = re.compile(r"#\s*label\s*([,;\t ])", re.IGNORECASE)
+_HEADER = re.compile(rb"^#\s*label\s*([,;\t ])", re.IGNORECASE | re.MULTILINE)
 _METASHAPE = {
     "label": "id", "x/easting": "x", "y/northing": "y", "x/longitude": "lon", "y/latitude": "lat",
     "z/altitude": "height", "z": "height", "accuracy_x/y_(m)": "sigma_xy", "accuracy_x_(m)": "sigma_east",
     "accuracy_y_(m)": "sigma_north", "accuracy_z_(m)": "sigma_h",
 }  # fmt: skip
+_ORTHOENGINE = {
+    "tp_id": "id", "p": "sample", "l": "line", "z": "height", "e": "height", "s": "role", "ep": "sigma",
+}  # fmt: skip
+_ROLES = {"G": "gcp", "C": "check", "I": "off"}
 
 
 def read_metashape(path: str, _layer: str = "") -> PointTable:
     """Return the surveyed positions of a reference file; raise `InputError` naming the line where it is damaged."""
     lines = read_text(path).splitlines()
-    start, header = next((number, found) for number, line in enumerate(lines) if (found := _HEADER.match(line)))
-    separator, ends = None if header[1] == " " else header[1], f"{header[1]} "
-    names = [name.strip().lower() for name in lines[start].lstrip("# ").rstrip(ends).split(separator)]
-    body = [""] * (start + 1)  # so that lines keep their numbers
-    for line in lines[start + 1 :]:
-        full = line.rstrip(ends)
-        body.append(full + f"{header[1]}nan" * (len(names) - len(full.split(separator))) if full else "")
-    table = read_plain_text(path, body, [_METASHAPE.get(name, name) for name in names])
+    start, header = next((at, found) for at, line in enumerate(lines, 1) if (found := _HEADER.match(line.encode())))
+    mark = header[1].decode()
+    names = lines[start - 1].lstrip("# ").rstrip(f"{mark} ").split(mark.strip(" ") or None)
     told = next(
         (line.partition(":")[2].strip() for line in lines if line.lower().startswith("# coordinatesystem:")), ""
     )
+    rows = [line.rstrip(f"{mark} ") for line in lines[start:]]
+    body = [row and row + f"{mark}nan" * (len(names) - len(row.split(mark.strip(" ") or None))) for row in rows]
+    known = [_METASHAPE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, [""] * start + body, known)  # so that lines keep their numbers
     if not told or told.startswith("LOCAL_CS"):
         return table
-    columns = dict(table.columns)
-    empty = np.full(len(table), np.nan)
+    columns, empty = dict(table.columns), np.full(len(table), np.nan)
     position = [columns.pop(a, columns.pop(b, empty)) for a, b in (("x", "lon"), ("y", "lat"), ("height", ""))]
     return replace(table, columns=columns, geometry=np.column_stack(position), crs=told)
 
 
 METASHAPE_REFERENCE = PointReader(
-    "Metashape reference",
-    lambda _path, name, head: (
-        name.endswith((".csv", ".txt", ".tsv"))
-        and any(_HEADER.match(line) for line in head.decode("utf-8-sig", "replace").splitlines())
-    ),
+    "Metashape reference", lambda _path, name, head: name.endswith((".csv", ".txt")) and bool(_HEADER.search(head)),
     read_metashape,
-)
-
-# ---- OrthoEngine ---------------------------------------------------------------------------------------------------
-
-_ORTHOENGINE = {
-    "id": "id", "tp_id": "id", "image": "image", "p": "sample", "l": "line", "x": "x", "y": "y", "z": "height",
-    "e": "height", "s": "role", "ep": "ep", "el": "el",
-}  # fmt: skip
-_ROLES = {"": "", "g": "gcp", "c": "check", "i": "off"}
-_FIELD = re.compile(r'"[^"]*"|[^\s,]+')
-_NUMBER_AND_LETTERS = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[A-Za-z]+")
+)  # fmt: skip
 
 
 def is_orthoengine(names: Sequence[str]) -> bool:
@@ -83,26 +64,12 @@ def is_orthoengine(names: Sequence[str]) -> bool:
 def read_orthoengine(path: str, columns_option: str) -> PointTable:
     """Return the points of a text whose columns ``columns_option`` names; raise `InputError` where it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
-    fields = [_ORTHOENGINE.get(name.strip().lower(), f"({name.strip()})") for name in names]
-    lines = []
-    for line in read_text(path).splitlines():
-        texts = [text.strip('"') for text in _FIELD.findall(line)]
-        for place, field in enumerate(fields[: len(texts)]):
-            found = None if field in ("id", "image", "role") else _NUMBER_AND_LETTERS.fullmatch(texts[place])
-            texts[place] = found[1] if found else texts[place]
-        lines.append("\t".join(texts))
-    known = [{"ep": "sigma", "el": "quality"}.get(field, field) for field in fields]  # both are numbers in pixels
-    table = read_plain_text(path, lines, known)
+    fields = [re.findall(r'"[^"]*"|[^\s,]+', line) for line in read_text(path).splitlines()]
+    known = [_ORTHOENGINE.get(name.strip().lower(), name) for name in names]
+    table = read_plain_text(path, ["\t".join(row) for row in fields], known)
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in ("sample", "line")}
     if "role" in columns:
-        told = np.char.lower(columns["role"])
-        wrong = np.flatnonzero(~np.isin(told, list(_ROLES)))
-        if len(wrong):
-            raise InputError(f"{table.name_row(wrong[0])}: status {told[wrong[0]]!r} is not G, C or I: correct it")
-        columns["role"] = np.array([_ROLES[status] for status in told.tolist()], dtype=str)
-    across = columns.pop("quality", None)
-    if across is not None and "sigma" in columns:
-        columns["sigma"] = np.hypot(columns["sigma"], across) / np.sqrt(2.0)
+        columns["role"] = np.array([_ROLES.get(status.upper(), status) for status in columns["role"].tolist()])
     return replace(table, columns=columns)
 
 
