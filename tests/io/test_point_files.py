@@ -478,6 +478,9 @@ def test_every_reader_is_described() -> None:
     assert {
         "csv",
         "micmac",
+        "micmac-homol",
+        "metashape",
+        "orthoengine",
         "ogr",
         "qgis-points",
         "image-gcps",
