@@ -16,6 +16,7 @@ from independent_formulas import (
     Camera,
     compare,
     intersect,
+    kept,
     layer,
     leaves,
     metres,
@@ -33,7 +34,7 @@ FIT_PX = 2e-3  # the refined RPC is a fit of its correction, and 1e-6 px here; r
 
 @pytest.fixture(scope="module")
 def solution(scene: SimpleNamespace) -> SimpleNamespace:
-    return dense.solve(scene)
+    return kept(scene.folder, "solution", lambda: dense.solve(scene))
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from independent_formulas import (
     compare,
     intersect,
     jacobian,
+    kept,
     layer,
     metres,
     nmad,
@@ -58,6 +59,12 @@ def evaluated(scene: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) 
         gcps=scene.gcps, image_points=scene.image_points, dem=str(folder / "dem.tif"), height_datum="ellipsoidal",
         reject=0.0, output_dir=str(folder / "out"),
     )  # fmt: skip
+    fits = kept(scene.folder, "fits", lambda: fit_all(scene, sets))
+    return SimpleNamespace(report=report, package=folder / "out" / "evaluation.gpkg", fits=fits)
+
+
+def fit_all(scene: SimpleNamespace, sets: dict[str, dict[str, Camera]]) -> dict[str, SimpleNamespace]:
+    """Return each set's intersections, residuals and predictions."""
     fits = {}
     near = next(iter(scene.places.values()))
     for key, cameras in sets.items():
@@ -69,7 +76,7 @@ def evaluated(scene: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) 
             for p, seen in scene.measured.items()
         }
         fits[key] = SimpleNamespace(cameras=cameras, ground=ground, predicted=told, left=left)
-    return SimpleNamespace(report=report, package=folder / "out" / "evaluation.gpkg", fits=fits)
+    return fits
 
 
 def enlargement(rays: list[tuple[Camera, np.ndarray]], ground: np.ndarray) -> list[float]:

@@ -165,6 +165,8 @@ def test_interest_points(scene, tmp_path) -> None:
         f"{'upper' if row['line'] < 79.5 else 'lower'} {'left' if row['sample'] < 79.5 else 'right'}" for row in rows
     )
     assert told["quarters"] == dict(quarters)
+    sizes = np.array([[row["length_px"], row["width_px"]] for row in rows if row["length_px"] is not None])
+    assert np.all(sizes[:, 0] >= sizes[:, 1]) and np.mean(sizes[:, 0] / sizes[:, 1]) > 1.005  # not one of them twice
     for row in rows:
         place = [*row["geometry"]["coordinates"][:2], 250.0]
         xy = scene.cameras["image_1"].project(place)[0]
@@ -382,6 +384,15 @@ def test_hand_over(scene, adjusted, tmp_path) -> None:
         np.testing.assert_allclose(copy.project(ground), camera.project(ground), atol=1e-6)
     xy = adjusted.refined[report["pairs"][0]["left"]].project([[lon, lat, height] for lon, lat in corners])
     assert np.all((xy > -30.0) & (xy < 190.0))
+    # the initial DEM is a surface through the adjusted points: 60 m of relief, some metres between points
+    rows = [row for row in layer(adjusted.package, "ground_points") if row["role"] != "check"]
+    plan = np.array([row["geometry"]["coordinates"][:2] for row in rows])
+    dem, (x0, dx, _, y0, _, dy) = gdal.Open(str(out / "dem.tif")), gdal.Open(str(out / "dem.tif")).GetGeoTransform()
+    x, y = Transformer.from_crs(4326, dem.GetProjection(), always_xy=True).transform(*plan.T)
+    column, line = np.floor((x - x0) / dx).astype(int), np.floor((y - y0) / dy).astype(int)
+    heights = dem.ReadAsArray()[line, column]
+    away = heights - [row["height"] for row in rows]
+    assert np.median(np.abs(away)) < 1.5 and np.ptp([row["height"] for row in rows]) > 15.0
     config = json.loads((out / "s2p.json").read_text(encoding="utf-8"))
     assert config["images"][0]["img"] == f"{report['pairs'][0]['left']}.tif"
     assert config["out_crs"] == f"epsg:{report['epsg']}" == "epsg:32631"
