@@ -6,5 +6,4 @@ __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "assembly": "assemble",
     "block": "Block Image Raster",
     "points": "GroundPoints ImagePoints Role",
-    "imaging_geometry": "PairGeometry ViewDirection ViewGeometry compute_all_pairs",
 })  # fmt: skip

@@ -6,10 +6,6 @@ from .assembly import assemble as assemble
 from .block import Block as Block
 from .block import Image as Image
 from .block import Raster as Raster
-from .imaging_geometry import PairGeometry as PairGeometry
-from .imaging_geometry import ViewDirection as ViewDirection
-from .imaging_geometry import ViewGeometry as ViewGeometry
-from .imaging_geometry import compute_all_pairs as compute_all_pairs
 from .points import GroundPoints as GroundPoints
 from .points import ImagePoints as ImagePoints
 from .points import Role as Role

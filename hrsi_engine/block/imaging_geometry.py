@@ -145,18 +145,11 @@ class GEOMETRY:
 class ViewGeometry:
     """Imaging geometry in the middle of an image.
 
-    Parameters
-    ----------
-    centre : (3,) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
-    gsd_sample_m, gsd_line_m : float
-        Ground distance of neighbouring samples and lines.
-    incidence_deg : float
-        Between the line of sight and the vertical on the ground.
-    azimuth_deg : float
-        From the ground to the satellite, clockwise from north.
-    footprint : (k, 2) ndarray
-        The image's outline as lon, lat in degrees.
+    centre : (3,) lon, lat in degrees, ellipsoidal height in metres
+    gsd_sample_m, gsd_line_m : ground distance of neighbouring samples and lines
+    incidence_deg : between the line of sight and the vertical on the ground
+    azimuth_deg : from the ground to the satellite, clockwise from north
+    footprint : (k, 2) the image's outline as lon, lat in degrees
     """
 
     centre: np.ndarray
@@ -173,16 +166,9 @@ class PairGeometry:
 
     Angles belong to the middle of the shared ground, and are None where there is none.
 
-    Parameters
-    ----------
-    first, second : str
-        Ids of the images.
-    overlap : tuple of float
-        The shared share (0 to 1) of the first and of the second image.
-    convergence_deg : float or None
-        Angle between the two lines of sight.
-    base_to_height : float or None
-        Base over height, without unit.
+    first, second : ids of the images
+    overlap : the shared share (0 to 1) of the first and of the second image
+    convergence_deg : angle between the two lines of sight; base_to_height : base over height, without unit
     """
 
     first: str
@@ -195,12 +181,7 @@ class PairGeometry:
 class ViewDirection:
     """An image with its terrain.
 
-    Parameters
-    ----------
-    image : Image
-        The image.
-    surface : HeightSurface
-        The terrain.
+    image : the image; surface : the terrain
     """
 
     def __init__(self, image: Image, surface: HeightSurface) -> None:
@@ -237,15 +218,8 @@ class ViewDirection:
     def geometry(self) -> ViewGeometry:
         """Return the view's figures.
 
-        Returns
-        -------
-        ViewGeometry
-            Of the image's middle.
-
-        Raises
-        ------
-        SolveError
-            The image's middle has no position on the terrain.
+        Result: of the image's middle.
+        Raises `SolveError`: the image's middle has no position on the terrain.
         """
         _, by_ground = self.image.rpc.project_with_metric_jacobian(self.centre)
         steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
@@ -284,15 +258,8 @@ def compute_pair_geometry(first: ViewDirection, second: ViewDirection) -> PairGe
 def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     """Return the geometry of every pair of images; only of those that touch anything is computed.
 
-    Parameters
-    ----------
-    views : list of ViewDirection
-        The images with their terrain.
-
-    Returns
-    -------
-    list of PairGeometry
-        One for each two images, in their order.
+    views : the images with their terrain
+    Result: one for each two images, in their order.
     """
     touching = set(find_touching_pairs([view.footprint for view in views]))
     return [

@@ -4,8 +4,7 @@ from .lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, {
     "errors": "Cancelled HrsiError InputError OutputError SolveError",
-    "progress": "Progress advance silent stage",
+    "progress": "Progress",
     "reasons": "Level Reason",
-    "robust_scale": "robust_sigma",
     "version": "VERSION",
 })  # fmt: skip

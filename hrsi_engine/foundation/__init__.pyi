@@ -8,10 +8,6 @@ from .errors import InputError as InputError
 from .errors import OutputError as OutputError
 from .errors import SolveError as SolveError
 from .progress import Progress as Progress
-from .progress import advance as advance
-from .progress import silent as silent
-from .progress import stage as stage
 from .reasons import Level as Level
 from .reasons import Reason as Reason
-from .robust_scale import robust_sigma as robust_sigma
 from .version import VERSION as VERSION

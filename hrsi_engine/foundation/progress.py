@@ -10,17 +10,8 @@ Progress = Callable[[float, str], bool]
 def silent(fraction: float, message: str = "") -> bool:
     """Say nothing and never cancel.
 
-    Parameters
-    ----------
-    fraction : float
-        Share of the work that is done.
-    message : str
-        What is being done.
-
-    Returns
-    -------
-    bool
-        Always True: go on.
+    fraction : share of the work that is done; message : what is being done
+    Result: always True: go on.
     """
     return True
 
@@ -28,19 +19,8 @@ def silent(fraction: float, message: str = "") -> bool:
 def advance(progress: Progress, fraction: float, message: str = "") -> None:
     """Report progress; raise `Cancelled` when the callback answers False.
 
-    Parameters
-    ----------
-    progress : Progress
-        The callback.
-    fraction : float
-        Share of the work that is done.
-    message : str
-        What is being done.
-
-    Raises
-    ------
-    Cancelled
-        The callback answers False.
+    progress : the callback; fraction : share of the work that is done; message : what is being done
+    Raises `Cancelled`: the callback answers False.
     """
     if progress(fraction, message) is False:
         raise Cancelled("cancelled; nothing was written")
@@ -49,17 +29,9 @@ def advance(progress: Progress, fraction: float, message: str = "") -> None:
 def stage(progress: Progress, start: float, end: float) -> Progress:
     """Return a callback whose 0..1 is the part ``start``..``end`` of ``progress``.
 
-    Parameters
-    ----------
-    progress : Progress
-        The callback of the whole.
-    start, end : float
-        Where the part begins and ends in the whole, between 0 and 1.
-
-    Returns
-    -------
-    Progress
-        The callback of the part.
+    progress : the callback of the whole
+    start, end : where the part begins and ends in the whole, between 0 and 1
+    Result: the callback of the part.
     """
 
     def report_part(fraction: float, message: str = "") -> bool:

@@ -22,16 +22,8 @@ MAD_TO_SIGMA = 1.4826  #: of a normal distribution: standard deviation over medi
 def robust_sigma(deviations: np.ndarray, axis: int | None = None) -> Any:
     """Return the standard deviation of normal ``deviations`` from their middle, by their median absolute value.
 
-    Parameters
-    ----------
-    deviations : (...) ndarray
-        Deviations from a middle, in any unit.
-    axis : int, optional
-        Along which the median is taken; by default over all.
-
-    Returns
-    -------
-    float or ndarray
-        1.4826 times the median absolute deviation, in the same unit.
+    deviations : (...) deviations from a middle, in any unit
+    axis : along which the median is taken; by default over all
+    Result: 1.4826 times the median absolute deviation, in the same unit.
     """
     return MAD_TO_SIGMA * np.median(np.abs(deviations), axis=axis)

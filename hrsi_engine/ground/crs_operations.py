@@ -40,17 +40,9 @@ _KEPT = 128  # CRS whose operations stay in memory
 class CrsOperations:
     """The operations between one CRS and WGS84; `operations_of` keeps those that were used last.
 
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Horizontal, three-dimensional, geocentric or compound.
-    epoch : float, optional
-        Year in which positions on a plate-fixed datum are wanted on WGS84.
-
-    Raises
-    ------
-    InputError
-        PROJ knows no way to WGS84, or there is no geoid grid for the heights.
+    crs : horizontal, three-dimensional, geocentric or compound
+    epoch : year in which positions on a plate-fixed datum are wanted on WGS84
+    Raises `InputError`: PROJ knows no way to WGS84, or there is no geoid grid for the heights.
     """
 
     def __init__(self, crs: pyproj.CRS, epoch: float | None = None) -> None:
@@ -85,30 +77,16 @@ class CrsOperations:
     def to_wgs84(self, xyz: np.ndarray) -> np.ndarray:
         """Return lon, lat, ellipsoidal height of points; heights of a CRS without its own stay as they are.
 
-        Parameters
-        ----------
-        xyz : (n, 3) ndarray
-            In the CRS, x (east) first.
-
-        Returns
-        -------
-        (n, 3) ndarray
-            Degrees and metres; not finite where no operation covers a point.
+        xyz : (n, 3) in the CRS, x (east) first
+        Result: (n, 3) degrees and metres; not finite where no operation covers a point.
         """
         return self.convert(xyz)[0]
 
     def convert(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `to_wgs84` of points, and which of the `operations` converted each.
 
-        Parameters
-        ----------
-        xyz : (n, 3) ndarray
-            In the CRS, x (east) first.
-
-        Returns
-        -------
-        tuple of (n, 3) ndarray and (n,) ndarray of int
-            Lon, lat, height; and numbers of `operations`, -1 where none covers a point.
+        xyz : (n, 3) in the CRS, x (east) first
+        Result: (n, 3) and (n,) lon, lat, height; and numbers of `operations`, -1 where none covers a point.
         """
         ground, number = self._convert_static(np.asarray(xyz, dtype=np.float64))
         if self._motion is not None:
@@ -119,30 +97,16 @@ class CrsOperations:
     def height_offsets(self, xy: np.ndarray) -> np.ndarray:
         """Return the ellipsoidal heights of the CRS's height 0.
 
-        Parameters
-        ----------
-        xy : (n, 2) ndarray
-            In the CRS, x (east) first.
-
-        Returns
-        -------
-        (n,) ndarray
-            Metres; not finite where no grid covers a point, 0 for a CRS without heights.
+        xy : (n, 2) in the CRS, x (east) first
+        Result: (n,) metres; not finite where no grid covers a point, 0 for a CRS without heights.
         """
         return self.to_wgs84(np.column_stack([xy, np.zeros(len(xy))]))[:, 2]
 
     def from_wgs84(self, lonlat: np.ndarray) -> np.ndarray:
         """Return x, y in the horizontal CRS of positions: the inverse of `to_wgs84`.
 
-        Parameters
-        ----------
-        lonlat : (n, 2) or (n, 3) ndarray
-            Degrees; a height is not used.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            In the CRS, x (east) first; not finite where a position is nowhere in it.
+        lonlat : (n, 2) or (n, 3) degrees; a height is not used
+        Result: (n, 2) in the CRS, x (east) first; not finite where a position is nowhere in it.
         """
         if self.horizontal is not self:
             return self.horizontal.from_wgs84(lonlat)
@@ -243,15 +207,8 @@ class CrsOperations:
     def motion_in(self, epoch: float) -> PlateMotion | None:
         """Return the motion of the CRS's plate up to a year; None where the CRS is fixed to none that PROJ knows.
 
-        Parameters
-        ----------
-        epoch : float
-            Year.
-
-        Returns
-        -------
-        PlateMotion or None
-            To WGS84.
+        epoch : year
+        Result: to WGS84.
         """
         geodetic = self.crs.geodetic_crs
         if geodetic is None or geodetic.is_geocentric:
@@ -261,15 +218,8 @@ class CrsOperations:
     def is_plate_fixed(self, number: int) -> bool:
         """Tell whether one of `operations` takes a datum that moves with its plate for WGS84.
 
-        Parameters
-        ----------
-        number : int
-            Which of them.
-
-        Returns
-        -------
-        bool
-            True where it states an accuracy, and changes nothing.
+        number : which of them
+        Result: true where it states an accuracy, and changes nothing.
         """
         if number >= len(self._candidates):
             return self.horizontal.is_plate_fixed(number - len(self._candidates))
@@ -298,19 +248,9 @@ class CrsOperations:
     def uses(self, source: str, ground: np.ndarray, number: np.ndarray) -> tuple[OperationUse, ...]:
         """Return what converted points of a source, and what a better operation lacks there.
 
-        Parameters
-        ----------
-        source : str
-            The file and layer.
-        ground : (n, 2) or (n, 3) ndarray
-            As converted: lon, lat.
-        number : (n,) ndarray of int
-            As `convert` returns it.
-
-        Returns
-        -------
-        tuple of OperationUse
-            One an operation, the most used first.
+        source : the file and layer; ground : (n, 2) or (n, 3) as converted: lon, lat
+        number : (n,) as `convert` returns it
+        Result: one an operation, the most used first.
         """
         found = []
         for one in np.unique(number[number >= 0]).tolist():
@@ -328,17 +268,8 @@ class CrsOperations:
     def uses_at(self, source: str, lonlat: np.ndarray) -> tuple[OperationUse, ...]:
         """Return `uses` at positions on WGS84: nodes over a raster, or the place of an image.
 
-        Parameters
-        ----------
-        source : str
-            What lies there.
-        lonlat : (n, 2) or (n, 3) ndarray
-            Degrees.
-
-        Returns
-        -------
-        tuple of OperationUse
-            As `uses`.
+        source : what lies there; lonlat : (n, 2) or (n, 3) degrees
+        Result: as `uses`.
         """
         lonlat, xy = np.asarray(lonlat, dtype=np.float64), self.from_wgs84(lonlat)
         known = np.isfinite(xy).all(axis=1)

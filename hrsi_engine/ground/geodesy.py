@@ -75,15 +75,8 @@ def longitudes_near(lon_deg: np.ndarray, middle_deg: float, half_width_deg: floa
 def ground_difference_m(ground: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return ``ground - reference`` as east, north, up metres, ``(n, 3)``.
 
-    Parameters
-    ----------
-    ground, reference : (n, 3) ndarray
-        Lon, lat in degrees, height in metres.
-
-    Returns
-    -------
-    (n, 3) ndarray
-        East, north, up in metres.
+    ground, reference : (n, 3) lon, lat in degrees, height in metres
+    Result: (n, 3) east, north, up in metres.
     """
     difference = ground - reference
     difference[:, 0] = wrap_degrees(difference[:, 0])
@@ -106,15 +99,8 @@ def move_ground(ground: np.ndarray, step_m: np.ndarray) -> np.ndarray:
 def to_ecef(ground: np.ndarray) -> np.ndarray:
     """Return geocentric x, y, z in metres, ``(n, 3)``.
 
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
-
-    Returns
-    -------
-    (n, 3) ndarray
-        Geocentric x, y, z in metres.
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+    Result: (n, 3) geocentric x, y, z in metres.
     """
     return np.column_stack(ellipsoid.geocentric(ground[:, 0], ground[:, 1], ground[:, 2]))
 
@@ -122,15 +108,8 @@ def to_ecef(ground: np.ndarray) -> np.ndarray:
 def from_ecef(xyz: np.ndarray) -> np.ndarray:
     """Return lon, lat, height of geocentric points; Bowring's formula, iterated to below a micrometre.
 
-    Parameters
-    ----------
-    xyz : (n, 3) ndarray
-        Geocentric x, y, z in metres.
-
-    Returns
-    -------
-    (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
+    xyz : (n, 3) geocentric x, y, z in metres
+    Result: (n, 3) lon, lat in degrees, ellipsoidal height in metres.
     """
     return np.column_stack(ellipsoid.geodetic(xyz[:, 0], xyz[:, 1], xyz[:, 2]))
 
@@ -144,12 +123,7 @@ def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
 class LocalFrame:
     """Topocentric frame: metres east, north and up of an origin.
 
-    Parameters
-    ----------
-    lon_deg, lat_deg : float
-        The origin.
-    height_m : float
-        Its ellipsoidal height.
+    lon_deg, lat_deg : the origin; height_m : its ellipsoidal height
     """
 
     lon_deg: float
@@ -167,29 +141,15 @@ class LocalFrame:
     def from_ground(self, ground: np.ndarray) -> np.ndarray:
         """Return ``(n, 3)`` east, north, up metres of lon, lat, height points.
 
-        Parameters
-        ----------
-        ground : (n, 3) ndarray
-            Lon, lat in degrees, ellipsoidal height in metres.
-
-        Returns
-        -------
-        (n, 3) ndarray
-            East, north, up in metres.
+        ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+        Result: (n, 3) east, north, up in metres.
         """
         return (to_ecef(ground) - self.origin) @ self.axes.T
 
     def to_ground(self, local: np.ndarray) -> np.ndarray:
         """Return ``(n, 3)`` lon, lat, height of east, north, up points.
 
-        Parameters
-        ----------
-        local : (n, 3) ndarray
-            East, north, up in metres.
-
-        Returns
-        -------
-        (n, 3) ndarray
-            Lon, lat in degrees, ellipsoidal height in metres.
+        local : (n, 3) east, north, up in metres
+        Result: (n, 3) lon, lat in degrees, ellipsoidal height in metres.
         """
         return from_ecef(local @ self.axes + self.origin)

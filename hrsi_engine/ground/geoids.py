@@ -115,23 +115,11 @@ def find_substitute(datum: str) -> Geoid | None:
 def geoid_heights(ground: np.ndarray, datum: str) -> np.ndarray:
     """Return geoid undulations N (m): ellipsoidal height = height above the geoid + N.
 
-    Parameters
-    ----------
-    ground : (n, 3) or (n, 2) ndarray
-        Lon, lat in degrees; a height is not used.
-    datum : str
-        ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``). A model that is not installed
-        is replaced by the nearest one that is (`find_geoid`).
-
-    Returns
-    -------
-    (n,) ndarray
-        Metres.
-
-    Raises
-    ------
-    InputError
-        There is no grid, or it does not cover a point.
+    ground : (n, 3) or (n, 2) lon, lat in degrees; a height is not used
+    datum : ``egm96``, ``egm2008`` or the path of a grid that PROJ reads (``.gtx``, ``.tif``). A model that is not
+    installed is replaced by the nearest one that is (`find_geoid`).
+    Result: (n,) metres.
+    Raises `InputError`: there is no grid, or it does not cover a point.
     """
     return find_geoid(datum).heights(ground)
 
@@ -171,16 +159,8 @@ def _open_grid(file: str) -> pyproj.Transformer | None:
 class HeightDifference:
     """Surveyed heights less the DEM's at the same places: median, robust spread, number; and the geoid's median N.
 
-    Parameters
-    ----------
-    median_m : float
-        Median of the differences.
-    spread_m : float
-        Their robust standard deviation.
-    points : int
-        Their number.
-    undulation_m : float
-        Median of the geoid's N; NaN where no geoid grid is at hand.
+    median_m : median of the differences; spread_m : their robust standard deviation; points : their number
+    undulation_m : median of the geoid's N; NaN where no geoid grid is at hand
     """
 
     median_m: float
@@ -208,19 +188,9 @@ class HeightDifference:
 def height_difference(surveyed_m: np.ndarray, dem_m: np.ndarray, undulation_m: np.ndarray) -> HeightDifference | None:
     """Return how surveyed heights ``(n,)`` and a DEM's at the same places differ; NaN heights do not count.
 
-    Parameters
-    ----------
-    surveyed_m : (n,) ndarray
-        Surveyed heights.
-    dem_m : (n,) ndarray
-        The DEM's.
-    undulation_m : (n,) ndarray
-        The geoid's heights there, NaN where not known.
-
-    Returns
-    -------
-    HeightDifference or None
-        None without any pair of heights.
+    surveyed_m : (n,) surveyed heights; dem_m : (n,) the DEM's
+    undulation_m : (n,) the geoid's heights there, NaN where not known
+    Result: none without any pair of heights.
     """
     known = np.isfinite(surveyed_m) & np.isfinite(dem_m)
     if not known.any():

@@ -37,16 +37,9 @@ def utm_zone(lon_deg: float, lat_deg: float) -> int:
 def map_epsg(lon_deg: float, lat_deg: float) -> int:
     """Return the EPSG code of the CRS in which a place is mapped.
 
-    Parameters
-    ----------
-    lon_deg, lat_deg : float
-        The position.
-
-    Returns
-    -------
-    int
-        WGS84 / UTM: 32601 to 32660 in the north, 32701 to 32760 in the south; at 84 degrees north and beyond, and south
-        of 80, WGS84 / UPS with easting first: 5041 and 5042.
+    lon_deg, lat_deg : the position
+    Result: WGS84 / UTM: 32601 to 32660 in the north, 32701 to 32760 in the south; at 84 degrees north and beyond, and
+    south of 80, WGS84 / UPS with easting first: 5041 and 5042.
     """
     south, north = UTM_LATITUDES
     if lat_deg >= north:
@@ -70,16 +63,7 @@ def middle_position(ground: np.ndarray) -> tuple[float, ...]:
 def project_to_map(ground: np.ndarray, epsg: int) -> np.ndarray:
     """Return ``(n, 2)`` easting, northing of lon, lat, height points in a projected WGS84 CRS.
 
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees; the height is not used.
-    epsg : int
-        Code of the projected CRS.
-
-    Returns
-    -------
-    (n, 2) ndarray
-        Easting, northing in the CRS's unit.
+    ground : (n, 3) lon, lat in degrees; the height is not used; epsg : code of the projected CRS
+    Result: (n, 2) easting, northing in the CRS's unit.
     """
     return operations_of(f"EPSG:{epsg}").from_wgs84(ground)

@@ -29,26 +29,13 @@ COORDINATES_OF_ACCURACY = 3  # a stated accuracy is the root sum of squares of s
 class CrsOperation(NamedTuple):
     """A coordinate operation to WGS84.
 
-    Parameters
-    ----------
-    name : str
-        Of its steps from datum to datum.
-    code : str
-        Of the same steps, ``EPSG:1133``; empty where the database has none.
-    accuracy_m : float or None
-        As stated; None where it is not known.
-    sigma_m : tuple of float
-        Standard deviations that all of its points share: of each horizontal coordinate, and of the height.
-    grids : tuple of str
-        Files that it needs.
-    area : str
-        Its area of use.
-    bounds : tuple of float
-        West, south, east, north of that in degrees.
-    is_ballpark : bool
-        Whether it takes one datum for the other for want of anything better.
-    is_null : bool
-        Whether it leaves longitudes and latitudes as they are.
+    name : of its steps from datum to datum
+    code : of the same steps, ``EPSG:1133``; empty where the database has none
+    accuracy_m : as stated; None where it is not known
+    sigma_m : standard deviations that all of its points share: of each horizontal coordinate, and of the height
+    grids : files that it needs; area : its area of use; bounds : west, south, east, north of that in degrees
+    is_ballpark : whether it takes one datum for the other for want of anything better
+    is_null : whether it leaves longitudes and latitudes as they are
     """
 
     name: str
@@ -64,15 +51,8 @@ class CrsOperation(NamedTuple):
     def covers(self, lonlat: np.ndarray) -> np.ndarray:
         """Return which positions lie in the area of use.
 
-        Parameters
-        ----------
-        lonlat : (n, 2) or (n, 3) ndarray
-            Degrees.
-
-        Returns
-        -------
-        (n,) ndarray
-            Bool.
+        lonlat : (n, 2) or (n, 3) degrees
+        Result: (n,) bool.
         """
         west, south, east, north = self.bounds
         width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
@@ -83,28 +63,13 @@ class CrsOperation(NamedTuple):
 class OperationUse(NamedTuple):
     """Points of a source that went to WGS84 by one operation.
 
-    Parameters
-    ----------
-    source : str
-        The file and layer.
-    crs : str
-        Name of its CRS.
-    number : int
-        Of the operation among those of the CRS.
-    operation : CrsOperation
-        What converted them.
-    points : int
-        Their number; of a raster, nodes over it.
-    better : CrsOperation or None
-        The best operation there whose grid is missing, None where the best one was taken.
-    loss_m : float
-        Accuracy lost by that; NaN where it is not known.
-    geoid : Geoid or None
-        The model that converted the heights where the CRS does not: one that was named, or a substitute.
-    geoid_grids : tuple of str
-        Files of the geoid that is meant, where they are missing.
-    takes_plate_for_wgs84 : bool
-        Whether a datum that moves with its plate was taken for WGS84.
+    source : the file and layer; crs : name of its CRS; number : of the operation among those of the CRS
+    operation : what converted them; points : their number; of a raster, nodes over it
+    better : the best operation there whose grid is missing, None where the best one was taken
+    loss_m : accuracy lost by that; NaN where it is not known
+    geoid : the model that converted the heights where the CRS does not: one that was named, or a substitute
+    geoid_grids : files of the geoid that is meant, where they are missing
+    takes_plate_for_wgs84 : whether a datum that moves with its plate was taken for WGS84
     """
 
     source: str
@@ -131,10 +96,7 @@ class OperationUse(NamedTuple):
     def entry(self) -> dict[str, Any]:
         """Return it as a row of the report's ``crs_operations``.
 
-        Returns
-        -------
-        dict
-            Ready for JSON.
+        Result: ready for JSON.
         """
         made, better = self.operation, self.better
         return {

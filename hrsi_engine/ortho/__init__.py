@@ -7,13 +7,3 @@ Layers, each importing only those above it::
     mapping         image positions of the grid's pixels, exact or within a stated error
     misregistration shifts between two orthoimages, window by window, and the one that most share
 """
-
-from ..foundation.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, {
-    "grid": "MapGrid",
-    "mapping": "OrthoMapping",
-    "options": "MisregistrationOptions",
-    "misregistration": "WindowShifts measure_shifts shift_statistics window_centres",
-    "point_surface": "surface_of_points",
-})  # fmt: skip

@@ -74,16 +74,9 @@ class MapGrid:
 
     The upper left corner of the first pixel is at ``(left * resolution, top * resolution)``; rows run south.
 
-    Parameters
-    ----------
-    crs : str
-        The CRS as WKT.
-    resolution : float
-        Side of a pixel in the CRS's units.
-    left, top : int
-        Columns and rows from the CRS's origin to the upper left corner of the first pixel.
-    columns, rows : int
-        Size of the grid.
+    crs : the CRS as WKT; resolution : side of a pixel in the CRS's units
+    left, top : columns and rows from the CRS's origin to the upper left corner of the first pixel
+    columns, rows : size of the grid
     """
 
     crs: str
@@ -97,24 +90,10 @@ class MapGrid:
     def from_bounds(cls, crs: str, resolution: float, bounds: Sequence[float]) -> MapGrid:
         """Return the smallest grid that holds an area.
 
-        Parameters
-        ----------
-        crs : str
-            The CRS as WKT.
-        resolution : float
-            Side of a pixel in the CRS's units.
-        bounds : sequence of float
-            West, south, east, north in the CRS's units.
-
-        Returns
-        -------
-        MapGrid
-            The grid.
-
-        Raises
-        ------
-        InputError
-            The bounds hold not one pixel.
+        crs : the CRS as WKT; resolution : side of a pixel in the CRS's units
+        bounds : west, south, east, north in the CRS's units
+        Result: the grid.
+        Raises `InputError`: the bounds hold not one pixel.
         """
         west, south, east, north = (value / resolution for value in bounds)
         left, top = math.floor(west + ORTHO.whole_px), math.ceil(north - ORTHO.whole_px)
@@ -137,15 +116,8 @@ class MapGrid:
     def lonlat(self, pixels: np.ndarray) -> np.ndarray:
         """Return the positions of pixels.
 
-        Parameters
-        ----------
-        pixels : (n, 2) ndarray
-            Column, row; (0, 0) is the centre of the first pixel.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            Lon, lat in degrees.
+        pixels : (n, 2) column, row; (0, 0) is the centre of the first pixel
+        Result: (n, 2) lon, lat in degrees.
         """
         x = (self.left + 0.5 + pixels[:, 0]) * self.resolution
         y = (self.top - 0.5 - pixels[:, 1]) * self.resolution
@@ -154,32 +126,16 @@ class MapGrid:
     def chunks(self, columns: int, rows: int | None = None) -> Iterator[GridWindow]:
         """Yield windows of so many columns and rows (the same number) that cover the grid, row by row.
 
-        Parameters
-        ----------
-        columns : int
-            Of a window.
-        rows : int, optional
-            Of a window; by default as many.
-
-        Returns
-        -------
-        iterator of GridWindow
-            Windows that cover the grid, row by row; those at its edges are smaller.
+        columns : of a window; rows : of a window; by default as many
+        Result: windows that cover the grid, row by row; those at its edges are smaller.
         """
         return GridWindow(0, 0, self.columns, self.rows).parts(columns, columns if rows is None else rows)
 
     def common(self, other: MapGrid) -> MapGrid | None:
         """Return the part that two grids on the same lattice share, None where they do not meet.
 
-        Parameters
-        ----------
-        other : MapGrid
-            On the same lattice.
-
-        Returns
-        -------
-        MapGrid or None
-            None where they do not meet.
+        other : on the same lattice
+        Result: none where they do not meet.
         """
         left, top = max(self.left, other.left), min(self.top, other.top)
         right = min(self.left + self.columns, other.left + other.columns)

@@ -175,18 +175,9 @@ class _Chunk:
 class OrthoMapping:
     """The mapping of a whole orthoimage; chunks may be asked for by several threads.
 
-    Parameters
-    ----------
-    rpc : RPC
-        The image's camera.
-    size : tuple of int
-        Samples and lines of the image.
-    surface : HeightSurface
-        The terrain.
-    grid : MapGrid
-        The orthoimage's pixels.
-    error_px : float
-        What interpolation between nodes may be off; 0 computes every pixel.
+    rpc : the image's camera; size : samples and lines of the image; surface : the terrain
+    grid : the orthoimage's pixels
+    error_px : what interpolation between nodes may be off; 0 computes every pixel
     """
 
     rpc: RPC
@@ -198,15 +189,8 @@ class OrthoMapping:
     def exact(self, pixels: np.ndarray) -> np.ndarray:
         """Return the image positions of the grid's pixels.
 
-        Parameters
-        ----------
-        pixels : (n, 2) ndarray
-            Column, row.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            Sample, line in pixels; NaN where the terrain is not known.
+        pixels : (n, 2) column, row
+        Result: (n, 2) sample, line in pixels; NaN where the terrain is not known.
         """
         lonlat = self.grid.lonlat(pixels)
         return self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
@@ -214,15 +198,8 @@ class OrthoMapping:
     def chunk(self, window: GridWindow) -> ChunkMapping | None:
         """Return the mapping of a window of the grid.
 
-        Parameters
-        ----------
-        window : GridWindow
-            The window.
-
-        Returns
-        -------
-        ChunkMapping or None
-            None where the image shows nothing of it.
+        window : the window
+        Result: none where the image shows nothing of it.
         """
         if self.error_px == 0.0:  # every pixel
             column, row = np.arange(window.columns + 1.0), np.arange(window.rows + 1.0)
@@ -285,10 +262,7 @@ class OrthoMapping:
     def source_pixels_per_pixel(self) -> float:
         """Return how many pixels of the image, along each axis, one pixel of the map covers in the map's middle.
 
-        Returns
-        -------
-        float
-            Without unit; above 1 the orthoimage is coarser than the image.
+        Result: without unit; above 1 the orthoimage is coarser than the image.
         """
         middle = np.array([[self.grid.columns / 2.0, self.grid.rows / 2.0]]) + np.array([[0, 0], [1, 0], [0, 1]])
         lonlat = self.grid.lonlat(middle)

@@ -75,18 +75,9 @@ class WindowOutcome(IntEnum):
 class WindowShifts(NamedTuple):
     """Shifts of windows between two orthoimages.
 
-    Parameters
-    ----------
-    centre : (n, 2) ndarray
-        Column, row of the windows' centres.
-    shift_px : (n, 2) ndarray
-        NaN where not matched.
-    correlation : (n,) ndarray
-        Of the two windows.
-    sigma_px : (n,) ndarray
-        Standard deviation of a shift.
-    outcome : (n,) ndarray
-        Values of `WindowOutcome`.
+    centre : (n, 2) column, row of the windows' centres; shift_px : (n, 2) NaN where not matched
+    correlation : (n,) of the two windows; sigma_px : (n,) standard deviation of a shift
+    outcome : (n,) values of `WindowOutcome`
     """
 
     centre: np.ndarray
@@ -113,17 +104,8 @@ class Shift(NamedTuple):
 def window_centres(columns: int, rows: int, options: MisregistrationOptions) -> np.ndarray:
     """Return centres of windows spread evenly over an area.
 
-    Parameters
-    ----------
-    columns, rows : int
-        Size of the area in pixels.
-    options : MisregistrationOptions
-        How large and how many windows are.
-
-    Returns
-    -------
-    (n, 2) ndarray of int
-        Column, row.
+    columns, rows : size of the area in pixels; options : how large and how many windows are
+    Result: (n, 2) column, row.
     """
     reach = options.window_px // 2 + options.search_px + SHIFT.border_px
     spacing = max(options.window_px // 2, -(-max(columns, rows) // options.most))
@@ -141,23 +123,9 @@ def measure_shifts(
 ) -> WindowShifts:  # fmt: skip
     """Match windows of two orthoimages.
 
-    Parameters
-    ----------
-    first, second : callable
-        They read a part of the common area.
-    centres : (n, 2) ndarray of int
-        Column, row of the windows' centres.
-    options : MisregistrationOptions
-        How windows are matched.
-    tell : callable, optional
-        Is told the share that is done.
-    threads : int
-        That work side by side.
-
-    Returns
-    -------
-    WindowShifts
-        A shift for each window.
+    first, second : they read a part of the common area; centres : (n, 2) column, row of the windows' centres
+    options : how windows are matched; tell : is told the share that is done; threads : that work side by side
+    Result: A shift for each window.
     """
     found = []
     with open_calls(threads=threads) as calls:
@@ -270,17 +238,8 @@ def _interpolate_window(coefficients: np.ndarray, d: np.ndarray) -> tuple[np.nda
 def shift_statistics(shift_px: np.ndarray, pixel_m: float) -> dict[str, float | int | None]:
     """Return robust figures of shifts: medians, NMADs, median and 90th percentile of the lengths.
 
-    Parameters
-    ----------
-    shift_px : (n, 2) ndarray
-        Shifts, NaN where not matched.
-    pixel_m : float
-        Side of a pixel in metres.
-
-    Returns
-    -------
-    dict
-        Figures by name; the names say the unit.
+    shift_px : (n, 2) shifts, NaN where not matched; pixel_m : side of a pixel in metres
+    Result: figures by name; the names say the unit.
     """
     if not len(shift_px):
         return dict.fromkeys(STATISTICS) | {"windows": 0}

@@ -9,10 +9,7 @@ from ..foundation.options import option, options
 class MisregistrationOptions:
     """How windows are matched.
 
-    Parameters
-    ----------
-    max_sigma_px : float, optional
-        Standard deviation of a shift above which it does not count.
+    max_sigma_px : standard deviation of a shift above which it does not count
     """
 
     window_px: int = option(

@@ -47,23 +47,11 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     the nearest point. Left out are points far from the median height of their neighbours and from nearly all of them (a
     wrong match of a tie point across the epipolar direction is found by the adjustment, one along it is not).
 
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres.
-    sigma_height_m : (n,) ndarray, optional
-        Standard deviations of the heights, NaN where not known: points that are less certain than their neighbours
-        count less.
-
-    Returns
-    -------
-    tuple of GridSurface and int
-        The surface, and how many points it leaves out.
-
-    Raises
-    ------
-    InputError
-        There are fewer than three points.
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres
+    sigma_height_m : (n,) standard deviations of the heights, NaN where not known: points that are less certain than
+    their neighbours count less
+    Result: the surface, and how many points it leaves out.
+    Raises `InputError`: there are fewer than three points.
     """
     known = np.isfinite(ground).all(axis=1)
     sigma = np.full(len(ground), np.nan) if sigma_height_m is None else np.asarray(sigma_height_m, dtype=np.float64)

@@ -34,19 +34,8 @@ NO_ROWS = np.zeros(0, dtype=np.int64)
 def block_report(result: Adjustment, left: Residuals, refined: Sequence[RefitRPC]) -> dict[str, Any]:
     """Return the report's entries about the adjustment; paths, times and settings are the caller's.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-    left : Residuals
-        What it left over.
-    refined : sequence of RefitRPC
-        The RPCs that are written, one an image.
-
-    Returns
-    -------
-    dict
-        Entries by their names in ``report.json``, ready for JSON.
+    result : the adjustment; left : what it left over; refined : the RPCs that are written, one an image
+    Result: entries by their names in ``report.json``, ready for JSON.
     """
     rows = dict(by_image(result.block, np.ones(len(result.block.measurements), dtype=bool)))
     return {
@@ -130,17 +119,8 @@ def _cross_validation(result: Adjustment) -> dict[str, Any] | None:
 def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     """Return the figures of the known points, by their role.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-    left : Residuals
-        What it left over.
-
-    Returns
-    -------
-    dict
-        ``control`` and ``check``, in metres and pixels as their keys say.
+    result : the adjustment; left : what it left over
+    Result: ``control`` and ``check``, in metres and pixels as their keys say.
     """
     check = _survey_entry(result, left, Role.CHECK)
     points = result.block.points.role == Role.CHECK

@@ -25,21 +25,12 @@ def block_layers(
 ) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 
-    Parameters
-    ----------
-    result : Adjustment
-        The adjustment.
-    left : Residuals
-        What it left over.
-    residual_crs : str
-        Layers of residuals to make: ``both``, ``wgs84`` or ``utm``.
-    delivered : sequence of Image
-        The images with their refined RPCs, whose footprints are drawn; by default those with the RPCs as they were.
-
-    Returns
-    -------
-    list of Layer
-        Footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are any.
+    result : the adjustment; left : what it left over
+    residual_crs : layers of residuals to make: ``both``, ``wgs84`` or ``utm``
+    delivered : the images with their refined RPCs, whose footprints are drawn; by default those with the RPCs as they
+    were
+    Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are
+    any.
     """
     middle = middle_position(tables.choose_positions(result))
     left_over = tables.residuals_table(result, left)

@@ -22,74 +22,37 @@ class HeightSurface(Protocol):
     def grid_coordinates(self, lonlat: np.ndarray) -> np.ndarray:
         """Return column and row of positions.
 
-        Parameters
-        ----------
-        lonlat : (n, 2) ndarray
-            Lon, lat in degrees.
-
-        Returns
-        -------
-        (n, 2) ndarray
-            In cells; (0, 0) is the centre of the first.
+        lonlat : (n, 2) lon, lat in degrees
+        Result: (n, 2) in cells; (0, 0) is the centre of the first.
         """
 
     def heights(self, grid: np.ndarray) -> np.ndarray:
         """Return ellipsoidal heights ``(n,)`` at grid coordinates; NaN outside and where there is no data.
 
-        Parameters
-        ----------
-        grid : (n, 2) ndarray
-            Column, row.
-
-        Returns
-        -------
-        (n,) ndarray
-            Metres.
+        grid : (n, 2) column, row
+        Result: (n,) metres.
         """
 
     def covers(self, grid: np.ndarray) -> np.ndarray:
         """Tell for each grid position ``(n, 2)`` whether it lies in the surface's area.
 
-        Parameters
-        ----------
-        grid : (n, 2) ndarray
-            Column, row.
-
-        Returns
-        -------
-        (n,) ndarray
-            Booleans.
+        grid : (n, 2) column, row
+        Result: (n,) booleans.
         """
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
         """Return the lowest and highest height in a box of grid coordinates.
 
-        Parameters
-        ----------
-        low, high : (2,) ndarray
-            Column, row of two corners.
-
-        Returns
-        -------
-        tuple of float
-            Metres; NaN where there is no height.
+        low, high : (2,) column, row of two corners
+        Result: metres; NaN where there is no height.
         """
 
 
 def surface_heights(surface: HeightSurface, lonlat: np.ndarray) -> np.ndarray:
     """Return ellipsoidal heights ``(n,)`` at lon, lat points ``(n, 2)``; NaN outside and where there is no data.
 
-    Parameters
-    ----------
-    surface : HeightSurface
-        The terrain.
-    lonlat : (n, 2) ndarray
-        Lon, lat in degrees.
-
-    Returns
-    -------
-    (n,) ndarray
-        Metres; NaN outside and where there is no data.
+    surface : the terrain; lonlat : (n, 2) lon, lat in degrees
+    Result: (n,) metres; NaN outside and where there is no data.
     """
     return surface.heights(surface.grid_coordinates(lonlat))
 
@@ -139,12 +102,8 @@ class Status(IntEnum):
 class SurfaceIntersection(NamedTuple):
     """Where rays meet a surface, and what became of each.
 
-    Parameters
-    ----------
-    ground : (n, 3) ndarray
-        Lon, lat in degrees, ellipsoidal height in metres; NaN unless found.
-    status : (n,) ndarray
-        Values of `Status`.
+    ground : (n, 3) lon, lat in degrees, ellipsoidal height in metres; NaN unless found
+    status : (n,) values of `Status`
     """
 
     ground: np.ndarray
@@ -158,19 +117,8 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
     surface has no heights along a ray the ground may hide there: such a ray is found only when it comes out of the
     gap above the ground; else its status is ``NODATA``.
 
-    Parameters
-    ----------
-    rpc : RPC
-        The camera.
-    image : (n, 2) ndarray
-        Sample, line in pixels.
-    surface : HeightSurface
-        The terrain.
-
-    Returns
-    -------
-    SurfaceIntersection
-        Ground points and a status for each ray.
+    rpc : the camera; image : (n, 2) sample, line in pixels; surface : the terrain
+    Result: ground points and a status for each ray.
     """
     image = np.asarray(image, dtype=np.float64)
     ground = np.full((len(image), 3), np.nan)

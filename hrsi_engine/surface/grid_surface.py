@@ -26,10 +26,7 @@ class SURFACE:
 class ConstantHeight:
     """A surface of one height everywhere.
 
-    Parameters
-    ----------
-    height_m : float
-        The ellipsoidal height.
+    height_m : the ellipsoidal height
     """
 
     height_m: float
@@ -60,16 +57,9 @@ ToGrid = Callable[[np.ndarray], np.ndarray]
 class GridSurface:
     """A regular grid of heights, read tile by tile: of a DEM of a continent only the part in use is in memory.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    read : callable
-        ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none.
-    to_grid : callable
-        Column, row ``(n, 2)`` of lon, lat points ``(n, 2)``.
-    operations : tuple of OperationUse
-        How it came to WGS84.
+    shape : rows and columns
+    read : ``read(row, column, rows, columns)`` returns that window's ellipsoidal heights, NaN where there are none
+    to_grid : column, row ``(n, 2)`` of lon, lat points ``(n, 2)``; operations : how it came to WGS84
     """
 
     def __init__(
@@ -89,19 +79,10 @@ class GridSurface:
     ) -> GridSurface:
         """Return the surface of an array in memory whose rows and columns follow parallels and meridians.
 
-        Parameters
-        ----------
-        heights_m : (rows, columns) ndarray
-            Ellipsoidal heights, NaN where there are none.
-        origin_deg : tuple of float
-            Lon, lat of the first cell's centre.
-        cell_deg : tuple of float
-            The step to the next column and row; the latter below zero where the first row is the northernmost.
-
-        Returns
-        -------
-        GridSurface
-            The surface.
+        heights_m : (rows, columns) ellipsoidal heights, NaN where there are none
+        origin_deg : lon, lat of the first cell's centre
+        cell_deg : the step to the next column and row; the latter below zero where the first row is the northernmost
+        Result: the surface.
         """
         cells = np.asarray(heights_m, dtype=np.float64)
         half_width = 0.5 * cell_deg[0] * (cells.shape[1] - 1)
@@ -161,15 +142,8 @@ class GridSurface:
 
         The box is cut to the surface; at least 2 x 2 cells come back.
 
-        Parameters
-        ----------
-        low, high : (2,) ndarray
-            Column, row of two corners.
-
-        Returns
-        -------
-        tuple of int, int and (rows, columns) ndarray
-            First row, first column, and ellipsoidal heights in metres.
+        low, high : (2,) column, row of two corners
+        Result: int, int and (rows, columns) first row, first column, and ellipsoidal heights in metres.
         """
         last = np.array(self.shape[::-1]) - 2
         column0, row0 = np.clip(np.floor(low), 0, last).astype(int).tolist()

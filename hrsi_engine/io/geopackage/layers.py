@@ -39,21 +39,14 @@ _CHUNK_ROWS = 10_000
 class Layer:
     """A vector layer as columns.
 
-    Parameters
-    ----------
-    name : str
-        Of the layer.
-    geometry : str
-        ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry).
-    crs : int
-        EPSG code.
-    coordinates : (n, 2) or (n, 3) ndarray, PickedColumn or StackedColumn, or sequence of shapely.geometry.Polygon
-        Points or polygons. NaN, an empty polygon: no geometry.
-    fields : LayerRows, or mapping of str to (n,) ndarray, Words or StackedColumn
-        Columns by name: text, integers, floats (NaN is written as NULL) or bools. Those of a class of
-        `declared_layers` describe themselves in the file.
-    metadata : mapping of str to str
-        What the layer tells of itself in the file beside that (in the table gpkg_metadata).
+    name : of the layer
+    geometry : ``Point``, ``PointZ``, ``Polygon`` or ``None`` (a table without geometry)
+    crs : EPSG code
+    coordinates : (n, 2) or (n, 3), PickedColumn or StackedColumn, or sequence of shapely.geometry.Polygon points or
+    polygons. NaN, an empty polygon: no geometry.
+    fields : LayerRows, or mapping of str to (n,), Words or StackedColumn columns by name: text, integers, floats (NaN
+    is written as NULL) or bools. Those of a class of `declared_layers` describe themselves in the file.
+    metadata : what the layer tells of itself in the file beside that (in the table gpkg_metadata)
     """
 
     name: str
@@ -105,25 +98,10 @@ def write_geopackage(
 ) -> None:  # fmt: skip
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    layers : sequence of Layer
-        What it is to hold.
-    styles : mapping of str to Style, optional
-        By layer name; by default those of `layer_styles`.
-    progress : Progress
-        Callback; False cancels.
-    lineage : mapping of str to str, optional
-        What each layer tells of its making (in the table gpkg_metadata), by name.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    Cancelled
-        When ``progress`` asks to stop.
+    path : the file; layers : what it is to hold; styles : by layer name; by default those of `layer_styles`
+    progress : callback; False cancels
+    lineage : what each layer tells of its making (in the table gpkg_metadata), by name
+    Raises `OutputError`: the file cannot be written; `Cancelled`: when ``progress`` asks to stop.
     """
     for layer in layers:
         lengths = {name: len(column) for name, column in layer.fields.items()} | {"id of rows": len(layer)}

@@ -38,17 +38,8 @@ __all__ = ["ReportFigures", "write_report_html", "write_report_json"]
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     """Write a report as JSON in one step, a line an image; NumPy values become plain ones, NaN and infinity null.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    report : mapping
-        The report.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    path : the file; report : the report
+    Raises `OutputError`: the file cannot be written.
     """
     write_text(path, json_lines(report) + "\n")
 
@@ -56,19 +47,8 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
 def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:
     """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    report : mapping
-        The report.
-    figures : ReportFigures, optional
-        The figures.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    path : the file; report : the report; figures : the figures
+    Raises `OutputError`: the file cannot be written.
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)

@@ -56,20 +56,9 @@ class OrthoRaster:
 def open_ortho(path: str) -> OrthoRaster:
     """Open an orthoimage.
 
-    Parameters
-    ----------
-    path : str
-        Any raster that GDAL opens.
-
-    Returns
-    -------
-    OrthoRaster
-        Its grid and pixels.
-
-    Raises
-    ------
-    InputError
-        It is not georeferenced, or not north up.
+    path : any raster that GDAL opens
+    Result: its grid and pixels.
+    Raises `InputError`: it is not georeferenced, or not north up.
     """
     raster = GdalRaster(path)
     dataset = raster.dataset
@@ -138,24 +127,11 @@ class BandMean:
 def open_reference(path: str, band: int | None = None, epoch: float | None = None) -> Orthoimage:
     """Open an orthoimage.
 
-    Parameters
-    ----------
-    path : str
-        Any raster that GDAL opens, with a CRS and a geotransform.
-    band : int, optional
-        The band that is used, 1 is the first; by default the mean of all but alpha.
-    epoch : float, optional
-        Year in which a CRS fixed to a plate is brought to WGS84.
-
-    Returns
-    -------
-    Orthoimage
-        Its grey values on the ground.
-
-    Raises
-    ------
-    InputError
-        It cannot be opened, or has no CRS or geotransform.
+    path : any raster that GDAL opens, with a CRS and a geotransform
+    band : the band that is used, 1 is the first; by default the mean of all but alpha
+    epoch : year in which a CRS fixed to a plate is brought to WGS84
+    Result: its grey values on the ground.
+    Raises `InputError`: it cannot be opened, or has no CRS or geotransform.
     """
     first = GdalRaster(path, band or 1)
     place = Georeference(first.dataset, path, "orthoimage", epoch=epoch)

@@ -80,12 +80,7 @@ def chunk_windows(grid: Grid, warp: Warp) -> Iterator[Any]:
 class OrthoFormat:
     """How orthoimages are stored.
 
-    Parameters
-    ----------
-    name : str
-        One of `FORMATS`.
-    compression : str
-        One of `COMPRESSION`.
+    name : one of `FORMATS`; compression : one of `COMPRESSION`
     """
 
     name: str
@@ -94,17 +89,9 @@ class OrthoFormat:
     def creation_options(self, is_integer: bool, threads: int) -> list[str]:
         """Return GDAL's creation options.
 
-        Parameters
-        ----------
-        is_integer : bool
-            Whether grey values are whole numbers: what predictor compresses best.
-        threads : int
-            Threads that compress.
-
-        Returns
-        -------
-        list of str
-            ``NAME=VALUE``.
+        is_integer : whether grey values are whole numbers: what predictor compresses best
+        threads : threads that compress
+        Result: ``NAME=VALUE``.
         """
         driver, options = FORMATS[self.name]
         found = [*options, f"COMPRESS={self.compression.upper()}", f"NUM_THREADS={threads}"]
@@ -167,40 +154,13 @@ def write_orthoimage(
 ) -> OrthoFigures:  # fmt: skip
     """Write an orthoimage; return its figures.
 
-    Parameters
-    ----------
-    path : str
-        The file, replaced in one step.
-    source : OrthoSource
-        The image.
-    grid : Grid
-        The pixels of the map.
-    chunks : iterator of OrthoChunk
-        Those of `chunk_windows`, in that order; so many are taken as the orthoimage has.
-    warp : Warp
-        How grey values are interpolated.
-    form : OrthoFormat
-        How they are stored.
-    made_from : mapping
-        What to note in the file: from what and how it was made.
-    threads : int
-        That compress.
-    progress : Progress
-        Callback; False cancels.
-    lineage : mapping of str to str, optional
-        What the file tells people of itself.
-
-    Returns
-    -------
-    OrthoFigures
-        What was written.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    Cancelled
-        When ``progress`` asks to stop.
+    path : the file, replaced in one step; source : the image; grid : the pixels of the map
+    chunks : those of `chunk_windows`, in that order; so many are taken as the orthoimage has
+    warp : how grey values are interpolated; form : how they are stored
+    made_from : what to note in the file: from what and how it was made; threads : that compress
+    progress : callback; False cancels; lineage : what the file tells people of itself
+    Result: what was written.
+    Raises `OutputError`: the file cannot be written; `Cancelled`: when ``progress`` asks to stop.
     """
     figures = OrthoFigures()
 

@@ -28,28 +28,11 @@ KEEPS_NONE = "keeps no original RPC: it was not written in place by this program
 def write_in_place(path: str, rpc: RPC, progress: Progress = silent) -> tuple[str, ...]:
     """Replace the RPC of one image and keep the original inside the file; see `prepare_in_place`.
 
-    Parameters
-    ----------
-    path : str
-        A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``).
-    rpc : RPC
-        The new camera.
-    progress : Progress
-        Callback; False cancels.
-
-    Returns
-    -------
-    tuple of str
-        Notices for the log.
-
-    Raises
-    ------
-    InputError
-        The file is of another kind.
-    OutputError
-        There is no room, or no permission.
-    Cancelled
-        When ``progress`` asks to stop.
+    path : A GeoTIFF, or a ``_RPC.TXT`` or ``.RPB`` file alone (its original is kept as ``<name>.original``)
+    rpc : the new camera; progress : callback; False cancels
+    Result: notices for the log.
+    Raises `InputError`: the file is of another kind; `OutputError`: there is no room, or no permission; `Cancelled`:
+    when ``progress`` asks to stop.
     """
     with Transaction(os.path.dirname(os.path.abspath(path))) as changes:
         notices = prepare_in_place(path, rpc, changes, progress)

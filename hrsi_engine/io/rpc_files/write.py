@@ -71,19 +71,8 @@ def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = UNTOLD, replace: Repl
 def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
     """Write an ``.RPB`` file with all digits, read it again and compare.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    rpc : RPC
-        The camera.
-    replace : callable, optional
-        What gives a hidden name to write to.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    path : the file; rpc : the camera; replace : what gives a hidden name to write to
+    Raises `OutputError`: the file cannot be written.
     """
     write_rpc_file(path, rpc, "rpb", replace)
 

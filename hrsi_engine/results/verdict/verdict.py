@@ -109,17 +109,9 @@ def find_reasons(evidence: Evidence, before: Sequence[Reason] = ()) -> list[Reas
     Where the inputs are unusable, residuals and corrections are consequences: they are left out. Wrong GCPs that the
     adjustment left out, with a sound rest, make no block unusable; nor do misfits where check points agree.
 
-    Parameters
-    ----------
-    evidence : Evidence
-        The adjustment, its residuals and refined RPCs.
-    before : sequence of Reason
-        What was found in the inputs before the adjustment.
-
-    Returns
-    -------
-    list of Reason
-        Empty where nothing speaks against it.
+    evidence : the adjustment, its residuals and refined RPCs
+    before : what was found in the inputs before the adjustment
+    Result: empty where nothing speaks against it.
     """
     found = [reason for check in CHECKS for reason in check(evidence)]
     if ground_truth.do_check_points_agree(evidence):
