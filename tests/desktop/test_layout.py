@@ -1,0 +1,127 @@
+"""What of the panel is seen: room for the images, whole columns, rows of one height."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hrsi.tests.desktop.conftest import float_panel, show_block
+from hrsi.tests.desktop.desktop import Desktop
+
+pytestmark = pytest.mark.programs
+IMAGES_SHARE = 0.5  # of the panel: measuring is done in them
+SAME_PX = 2  # rows and columns of the grid differ by rounding
+#: Statements for QGIS: fill a block with everything that was measured, one point 9 px off.
+BLUNDER = """
+from dataclasses import replace
+from hrsi.processing_algorithms.point_session import files
+session = files.new_session({images}, {gcps!r}, {measured!r})
+key = next(key for key in session.measured if key[0] in session.points)
+session.measured[key] = replace(session.measured[key], sample=session.measured[key].sample + 9.0)
+panel().show_session(session)
+"""
+AT_REST = (
+    "not (panel().is_adjusting() or panel()._again.isActive() or panel()._search.isActive() or "
+    "any(view.canvas.isDrawing() for view in panel().ui.list_views()))"
+)
+#: Columns, by table, whose heading or text is cut, of those that a table of its width shows.
+CUT = """
+def cut(table):
+    model, header = table.model(), table.horizontalHeader()
+    wide = header.fontMetrics()
+    short = []
+    for column in range(model.columnCount()):
+        title = str(model.headerData(column, 1))
+        texts = [str(model.index(row, column).data() or "") for row in range(min(model.rowCount(), 30))]
+        needed = max(wide.horizontalAdvance(title), *(table.fontMetrics().horizontalAdvance(text) for text in texts))
+        if header.sectionSize(column) < needed:
+            short.append([title, header.sectionSize(column), needed])
+    return short
+"""
+
+
+def share_of_images(desktop: Desktop) -> float:
+    """Return the share of the panel that shows pixels of images."""
+    return float(
+        desktop.ask(
+            "sum(one.canvas.width() * one.canvas.height() for one in panel().ui.list_views())"
+            " / (panel().width() * panel().height())"
+        )
+    )
+
+
+def test_room_for_what_is_looked_at(desktop: Desktop, block: Path) -> None:
+    """Images have half of the panel whatever the verdict says; columns are whole, headings sort, RMSE is below."""
+    images = [str(path) for path in sorted(block.glob("image_?.tif"))]
+    desktop.ask("panel().show()")
+    float_panel(desktop)
+    desktop.ask(
+        BLUNDER.format(images=images, gcps=str(block / "ground_points.csv"), measured=str(block / "image_points.csv"))
+    )
+    desktop.wait(AT_REST, 120.0)
+    before = share_of_images(desktop)
+    desktop.press("F5")
+    desktop.wait(f"panel().session.is_adjusted and {AT_REST}", 300.0)
+    desktop.picture("blunder")
+    assert desktop.ask("panel().session.adjusted.verdict.reasons != ()")
+    assert share_of_images(desktop) == pytest.approx(before, abs=0.01)  # the verdict takes nothing from them
+    assert before > IMAGES_SHARE
+    desktop.ask(CUT)
+    for table in ("points", "measurements"):
+        assert desktop.ask(f"cut(panel().ui.{table})") == []
+    tabs = "panel().ui.tabs.tabBar()"
+    desktop.click(f"[(place := {tabs}.mapToGlobal({tabs}.tabRect(1).center())).x(), place.y()]")
+    desktop.wait("panel().ui.residuals.isVisible()")
+    assert desktop.ask("cut(panel().ui.residuals)") == []
+    assert "RMSE" in desktop.ask("panel().ui.rmse.text()") and desktop.ask("middle_of(panel().ui.rmse)")
+    column = desktop.ask("panel().residuals_model.titles.index('ds px')")
+    header = "panel().ui.residuals.horizontalHeader()"
+    for _ in range(2):  # a click on the heading, and another one: the other way round
+        desktop.click(
+            f"[(place := {header}.viewport().mapToGlobal(QPoint({header}.sectionViewportPosition({column}) + 12, 8)))"
+            ".x(), place.y()]"
+        )
+    sizes = [
+        abs(float(text))
+        for text in desktop.ask(f"[one.index(row, {column}).data() for one in [panel().residuals_model]"
+                                " for row in range(one.rowCount())]")
+        if text
+    ]  # fmt: skip
+    assert len(sizes) > 10 and sizes in (sorted(sizes), sorted(sizes, reverse=True))
+    desktop.picture("residuals")
+    desktop.click(f"[(place := {tabs}.mapToGlobal({tabs}.tabRect(2).center())).x(), place.y()]")
+    desktop.wait("panel().ui.verdict.isVisible()")
+    desktop.picture("verdict")
+
+
+def test_nine_images_in_rows_of_one_height(desktop: Desktop, block: Path) -> None:
+    """New views are as large as the old ones, each has its contrast; fewer again leave no gaps."""
+    show_block(desktop, block)
+    float_panel(desktop)
+    heights = "[[one.canvas.width(), one.canvas.height()] for one in panel().ui.list_views()]"
+    for number, rows in (("9", 3), ("4", 2), ("2", 1), ("9", 3)):
+        desktop.ask(f"panel().ui.number.setCurrentText({number!r})")
+        desktop.wait(AT_REST, 60.0)
+        sizes = desktop.ask(heights)
+        assert len(sizes) == int(number)
+        for side in (0, 1):
+            assert max(size[side] for size in sizes) - min(size[side] for size in sizes) <= SAME_PX
+        used = rows * sizes[0][1] / desktop.ask("panel().ui.grid.height()")
+        assert used > 0.75, f"{number} images use {used:.2f} of the height"
+        desktop.picture(f"images_{number}")
+        assert desktop.ask("[len(middle_of(one.gamma)) for one in panel().ui.list_views()]") == [2] * int(number)
+
+
+def test_german_panel_has_all_its_buttons(start, installed: Path) -> None:
+    """Longer words push no button out of a panel as wide as the screen."""
+    desktop = start(settings="[locale]\noverrideFlag=true\nuserLocale=de\n")
+    desktop.ask("panel().show()")
+    float_panel(desktop)
+    desktop.picture("german")
+    assert desktop.ask("panel().ui.save.text()") == "Speichern"
+    hidden = desktop.ask(
+        "[one.text() for bar in (panel().ui.bar, panel().ui.second_bar) for one in bar.actions()"
+        " if not one.isSeparator() and not bar.widgetForAction(one).isVisible()]"
+    )
+    assert hidden == []
