@@ -216,6 +216,14 @@
       <translation>Kontrollpunkte</translation>
     </message>
     <message>
+      <source>Chip library</source>
+      <translation>Chip-Bibliothek</translation>
+    </message>
+    <message>
+      <source>Chip library…</source>
+      <translation>Chip-Bibliothek…</translation>
+    </message>
+    <message>
       <source>Choose a file</source>
       <translation>Datei wählen</translation>
     </message>
@@ -696,6 +704,10 @@
       <translation>Kappa</translation>
     </message>
     <message>
+      <source>Keep chips of measured GCPs in a file, and find these GCPs in new images by matching</source>
+      <translation>Bildausschnitte gemessener Passpunkte in einer Datei sammeln und diese Passpunkte in neuen Bildern durch Bildzuordnung finden</translation>
+    </message>
+    <message>
       <source>Kind</source>
       <translation>Art</translation>
     </message>
@@ -966,6 +978,10 @@
     <message>
       <source>Per cell</source>
       <translation>Je Zelle</translation>
+    </message>
+    <message>
+      <source>Photographs of the survey, and where the point was measured; a double click opens one</source>
+      <translation>Fotos der Vermessung und wo der Punkt gemessen wurde; ein Doppelklick öffnet ein Foto</translation>
     </message>
     <message>
       <source>Pixels</source>
@@ -1744,6 +1760,10 @@
       <translation>gespeichert: {}</translation>
     </message>
     <message>
+      <source>saved: {}; {} chips added to {}</source>
+      <translation>gespeichert: {}; {} Bildausschnitte neu in {}</translation>
+    </message>
+    <message>
       <source>sigma h m</source>
       <translation>sigma h m</translation>
     </message>
@@ -1784,6 +1804,10 @@
       <translation>{} Bilder gewählt</translation>
     </message>
     <message>
+      <source>{} is looked for by its chips.</source>
+      <translation>{} wird anhand seiner Bildausschnitte gesucht.</translation>
+    </message>
+    <message>
       <source>{} is not a number</source>
       <translation>{} ist keine Zahl</translation>
     </message>
@@ -1810,6 +1834,10 @@
     <message>
       <source>{} points, {} images: {}</source>
       <translation>{} Punkte, {} Bilder: {}</translation>
+    </message>
+    <message>
+      <source>{}: {} chips; {} of its GCPs are new in the list. Saving the block adds chips.</source>
+      <translation>{}: {} Bildausschnitte; {} der Passpunkte sind neu in der Liste. Beim Speichern des Blocks kommen Bildausschnitte hinzu.</translation>
     </message>
   </context>
 </TS>

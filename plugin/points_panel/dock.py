@@ -10,7 +10,14 @@ from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from typing import Any
 
-from qgis.core import QgsApplication, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsVectorLayer
+from qgis.core import (
+    QgsApplication,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProject,
+    QgsSettings,
+    QgsVectorLayer,
+)
 from qgis.PyQt.QtCore import QCoreApplication, QEvent, QModelIndex, QObject, Qt, QTimer, pyqtSignal
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog, QMessageBox
 
@@ -36,6 +43,7 @@ QUICK_S = (
     10.0  # CPU: an adjustment with all its tests that takes longer is left to the user; residuals follow all the same
 )
 BLOCK_FILTER = "GeoPackage (*.gpkg)"
+LIBRARY_SETTING = "hrsi/chip_library"  # the file, for all projects of the user
 
 
 def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
@@ -86,6 +94,7 @@ class PointsDock(QDockWidget):
         self._search = QTimer(self)  # one image at a time: the click is shown before
         self._search.setSingleShot(True)
         self._search.timeout.connect(self._search_next)
+        self._pictures: dict[Any, Any] = {}  # of the chosen point, by what they show
         self._failure = ""  # of the last adjustment
         self._clicked = ""  # what the last click gave
         self._again = QTimer(self)  # a live adjustment waits until the user is done with a series of edits
@@ -107,7 +116,7 @@ class PointsDock(QDockWidget):
             ui.forget: self.forget_measurement, ui.pick: self.pick_point, ui.go_to: self.go_to_place,
             ui.live: self._adjust_live, ui.tie: self.begin_tie, ui.transfer: self.transfer,
             ui.accept: lambda: self.accept_transfers(self.find_active_image()), ui.accept_all: self.accept_transfers,
-            ui.reject: self.reject_transfer,
+            ui.reject: self.reject_transfer, ui.library: self.choose_library,
         }  # fmt: skip
         for action, slot in actions.items():
             action.triggered.connect(lambda _checked=False, slot=slot: slot())
@@ -184,6 +193,7 @@ class PointsDock(QDockWidget):
         self.ui.filter.addItems([tr("All images"), *session.images])
         self.ui.gammas.clear()
         self._failure = ""
+        self._use_library()
         self.points_model.refresh()
         self._choose_images("")
         self.choose(point or next(iter(session.points), ""))
@@ -256,6 +266,44 @@ class PointsDock(QDockWidget):
         self.map.mark((point.lon, point.lat) if point else None)
         self._store()
         self.refresh()
+        self._show_pictures()
+        library, measured = self.session.library, any(other == name for other, _ in self.session.measured)
+        if point is not None and library is not None and not measured and library.find_rows(point).size:
+            self._clicked = tr("{} is looked for by its chips.").format(name)
+            self._begin_search()
+
+    @show_errors
+    def _show_pictures(self) -> None:
+        """Show photographs of the chosen point, and chips of where it was measured."""
+        name, before = self.point(), self._pictures
+        is_listed = name in self.session.points
+        self._pictures = point_session.list_pictures(self.session, name, before) if is_listed else {}
+        if self._pictures != before:
+            self.ui.show_pictures(self._pictures.values())
+
+    @show_errors
+    def _use_library(self) -> None:
+        """Let the session look into the user's library of chips, if he has one."""
+        path = str(QgsSettings().value(LIBRARY_SETTING, "") or "")
+        if path and self.session.images:
+            self.session.library = point_session.ChipLibrary(path)
+
+    @show_errors
+    def choose_library(self, path: str = "") -> None:
+        """Use a library of chips, made where there is none; its GCPs that the images show come into the list."""
+        how = QFileDialog.Option.DontConfirmOverwrite
+        path = path or QFileDialog.getSaveFileName(
+            self, tr("Chip library"), "chips.gpkg", BLOCK_FILTER, options=how
+        )[0]  # fmt: skip
+        if path:
+            self.session.library = library = point_session.ChipLibrary(path)
+            QgsSettings().setValue(LIBRARY_SETTING, path)
+            if new := point_session.list_library_points(self.session):
+                self.session.add_points(new)
+                self._on_edit()
+                self.choose(new[0].id)
+            told = tr("{}: {} chips; {} of its GCPs are new in the list. Saving the block adds chips.")
+            self.tell(told.format(path, len(library), len(new)))
 
     def _choose_images(self, name: str) -> None:
         """Bring forward images in which the point lies, those measured already first; none is shown twice."""
@@ -366,6 +414,7 @@ class PointsDock(QDockWidget):
         if self.ui.live.isChecked():
             self._follow()
         self.refresh()
+        self._show_pictures()
         if self.keeper is not None and self.keeper.failure:
             self.tell(self.keeper.failure, is_error=True)
         if self.ui.live.isChecked() and self._adjusted_in_s < QUICK_S:
@@ -625,6 +674,8 @@ class PointsDock(QDockWidget):
                 layer.dataProvider().reloadData()
                 layer.loadDefaultStyle()
                 layer.triggerRepaint()
+        if (count := point_session.save_chips(self.session)) and self.session.library is not None:
+            self.tell(tr("saved: {}; {} chips added to {}").format(self.session.path, count, self.session.library.path))
 
     @show_errors
     def adjust(self, save: bool = True) -> None:

@@ -391,14 +391,14 @@ class ChipLabel(QLabel):
         self.hide()
 
 
-def render_chip(svg: str) -> QPixmap:
-    """Return an SVG drawn at the label's size; a null pixmap where there is none."""
+def render_chip(svg: str, side_px: int = LABEL_SIDE_PX) -> QPixmap:
+    """Return an SVG drawn at this size; a null pixmap where there is none."""
     # An SVG made for web pages as Qt wants it: with name spaces, and the image in the older attribute
     for_qt = svg.replace("<svg ", f"<svg {_NAMESPACES} ", 1).replace(' href="data:', ' xlink:href="data:')
     renderer = QSvgRenderer(QByteArray(for_qt.encode("utf-8")))
     if not svg or not renderer.isValid():
         return QPixmap()
-    size = renderer.defaultSize().scaled(LABEL_SIDE_PX, LABEL_SIDE_PX, Qt.AspectRatioMode.KeepAspectRatio)
+    size = renderer.defaultSize().scaled(side_px, side_px, Qt.AspectRatioMode.KeepAspectRatio)
     pixmap = QPixmap(size)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)

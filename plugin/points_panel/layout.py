@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any
 
-from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, Qt
-from qgis.PyQt.QtGui import QKeyEvent, QKeySequence
+from qgis.PyQt.QtCore import QAbstractItemModel, QModelIndex, QSize, Qt, QUrl
+from qgis.PyQt.QtGui import QDesktopServices, QIcon, QImageReader, QKeyEvent, QKeySequence, QPixmap
 from qgis.PyQt.QtWidgets import (
     QAbstractItemView,
     QAction,
@@ -32,16 +33,19 @@ from qgis.PyQt.QtWidgets import (
 from ...processing_algorithms.point_session import MODEL, PointSession
 from ...processing_algorithms.point_session.rows import CLICK_KINDS, ROLES
 from ..translation import tr
-from .image_view import ImageView
+from .image_view import ImageView, render_chip
 
 if TYPE_CHECKING:
     from ...processing_algorithms.point_session.adjusted import AdjustmentView
+    from ...processing_algorithms.point_session.pictures import PointPicture
 
 VIEW_NUMBERS = (1, 2, 3, 4, 6, 9)
 FIRST_VIEWS = 2
 EMPTY = "New… begins a block with images and points; Open… continues with the block.gpkg of a result or of a session."
 PAGES = "Points", "Residuals", "Verdict"  #: above the tables
 SHOWN_LETTERS = 9  # of a model, beside the arrow; the list has it in full
+PICTURE_SIDE_PX = 150  # of a photograph or chip beside the images
+PHOTO_WIDTH_PX = 600  # of a photograph in a tool tip
 SIZED_ROWS = 30  # of a table, that the widths of its columns are made for
 KIND_TIP = "What is clicked: a round or closed object, two straight edges, or only this position"
 
@@ -86,6 +90,7 @@ class PanelLayout(QWidget):
         self.points, self.measurements, self.residuals = QTableView(), QTableView(), QTableView()
         self.filter, self.rmse, self.verdict, self.tabs = QComboBox(), QLabel(), QListWidget(), QTabWidget()
         self.filter.setToolTip(tr("Show the residuals of one image, or of what a reason of the verdict concerns"))
+        self.pictures = QListWidget()
         self.views: list[ImageView] = []
         self._verdict_of: tuple[AdjustmentView | None, str] = None, ""
         self.gammas: dict[str, float] = {}  # of the images, by id
@@ -96,6 +101,8 @@ class PanelLayout(QWidget):
             toggle.setChecked(toggle in (self.live, self.linked, self.north))
         self._arrange()
         self.show_progress(0.0)
+        self.show_pictures([])
+        self.pictures.itemDoubleClicked.connect(_open_photo)
 
     def _tool_bar(self) -> QToolBar:
         bar = QToolBar(self)
@@ -129,6 +136,9 @@ class PanelLayout(QWidget):
         )
         self.go_to = _action(bar, "Go to place", "Click in the map: the images show that place")
         self.tie = _action(bar, "Tie point", "Click in an image: a new tie point there, looked for in the others", "T")
+        self.library = _action(
+            bar, "Chip library…", "Keep chips of measured GCPs in a file, and find these GCPs in new images by matching"
+        )
         self.remove = _action(bar, "Remove", "Remove the chosen point and its measurements")
         bar.addSeparator()
         self.previous = _action(bar, "Previous", "The point before that is not measured everywhere", "P")
@@ -177,9 +187,17 @@ class PanelLayout(QWidget):
         self.places = QGridLayout(self.grid)
         self.places.setContentsMargins(0, 0, 0, 0)
         self.whole = QSplitter(Qt.Orientation.Horizontal)
-        for widget in (tables, self.grid):
+        self.pictures.setViewMode(QListWidget.ViewMode.IconMode)
+        self.pictures.setMovement(QListWidget.Movement.Static)
+        self.pictures.setResizeMode(QListWidget.ResizeMode.Adjust)
+        self.pictures.setIconSize(QSize(PICTURE_SIDE_PX, PICTURE_SIDE_PX))
+        self.pictures.setMinimumWidth(PICTURE_SIDE_PX + 30)
+        self.pictures.setToolTip(
+            tr("Photographs of the survey, and where the point was measured; a double click opens one")
+        )
+        for widget in (tables, self.grid, self.pictures):
             self.whole.addWidget(widget)
-        self.whole.setSizes([470, 600])
+        self.whole.setSizes([470, 600, PICTURE_SIDE_PX + 30])
         self.whole.setCollapsible(0, False)
         self.whole.setStretchFactor(1, 1)
         layout = QVBoxLayout(self)
@@ -256,6 +274,23 @@ class PanelLayout(QWidget):
             item = QListWidgetItem(text, self.verdict)
             item.setData(Qt.ItemDataRole.UserRole, reason)
 
+    def show_pictures(self, pictures: Iterable[PointPicture]) -> None:
+        """Show photographs and chips beside the images; without any there is more room for these."""
+        self.pictures.clear()
+        for one in pictures:
+            if one.path:  # read at the size of an icon: photographs are large
+                reader = QImageReader(one.path)
+                reader.setAutoTransform(True)
+                reader.setScaledSize(reader.size().scaled(*[PICTURE_SIDE_PX] * 2, Qt.AspectRatioMode.KeepAspectRatio))
+                icon = QPixmap.fromImage(reader.read())
+            else:
+                icon = render_chip(one.svg, PICTURE_SIDE_PX)
+            item = QListWidgetItem(QIcon(icon), one.title, self.pictures)
+            item.setData(Qt.ItemDataRole.UserRole, one.path)
+            url = escape(QUrl.fromLocalFile(one.path).toString())
+            item.setToolTip(f'<img src="{url}" width="{PHOTO_WIDTH_PX}">' if one.path else one.title)
+        self.pictures.setVisible(self.pictures.count() > 0)
+
     def show_progress(self, percent: float) -> None:
         self.progress.setVisible(percent > 0.0)
         self.progress.setValue(round(percent))
@@ -277,7 +312,7 @@ class PanelLayout(QWidget):
         self.enable_answers(has_proposals)
         self.whole.setVisible(has_images)
         self.empty.setVisible(not has_images)
-        for action in (self.save, self.save_as, self.add, self.live, self.tie):
+        for action in (self.save, self.save_as, self.add, self.live, self.tie, self.library):
             action.setEnabled(has_images)
         for action in (self.remove, self.previous, self.next, self.take, self.forget, self.transfer):
             action.setEnabled(has_point)
@@ -291,6 +326,11 @@ class PanelLayout(QWidget):
         ):
             action.setEnabled(bool(title))
             action.setToolTip(f"{word}: {title or tr('nothing')}")
+
+
+def _open_photo(item: QListWidgetItem) -> None:
+    if path := item.data(Qt.ItemDataRole.UserRole):
+        QDesktopServices.openUrl(QUrl.fromLocalFile(path))
 
 
 def _action(bar: QToolBar, text: str, tip: str, keys: str = "") -> QAction:

@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names, replace_layer
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.output_dir import read_report
 from ...hrsi_engine.io.point_files import read_points
+from ...hrsi_engine.io.point_files.find import read_table, split_spec
 from ...hrsi_engine.io.point_files.positions import SURVEYED
 from ...hrsi_engine.io.rasters.images import close_images, open_image
 from ...hrsi_engine.results.layers import block_layers, name_point_operations
@@ -139,6 +141,12 @@ def open_block(path: str) -> PointSession:
     session = _make_session(images, ground, image, path, _read_tie_list(path))
     report = read_report(os.path.join(os.path.dirname(path), "report.json")) or {}
     session.model = str(report.get("model") or "")
+    gcps = str((report.get("options") or {}).get("gcps") or "")
+    with suppress(InputError):  # another program's file, or one without photographs
+        if os.path.exists(split_spec(gcps)[0]):
+            find_photos(session, gcps)
+        columns = text_columns(path, "ground_points", ("id", "photo"))
+        _enter_photos(session, folder, dict(zip(columns["id"], columns["photo"], strict=True)))
     return session
 
 
@@ -169,11 +177,31 @@ def new_session(
     ground = tables[0].ground if gcps and tables else None
     measured = [table.image for table in tables if table.image is not None]
     session = _make_session(opened, ground, measured[-1] if measured else None, "")
+    if gcps and session.points:
+        find_photos(session, gcps)
     session.sources = {
         "images": [os.path.abspath(path) for path in images], "gcps": gcps, "image_points": image_points,
         "ground_crs": ground_crs, "height_datum": height_datum,
     }  # fmt: skip
     return session
+
+
+def find_photos(session: PointSession, source: str) -> None:
+    """Enter the photographs that a file of points names in its field ``photo``, relative to itself.
+
+    Without such a field they are in the folder ``photos`` beside the file, if there is one.
+    """
+    table = read_table(source)
+    ids = table.columns["id"].tolist()
+    named = table.columns.get("photo", np.full(len(ids), "")).tolist()
+    _enter_photos(session, os.path.dirname(os.path.abspath(split_spec(source)[0])), dict(zip(ids, named, strict=True)))
+
+
+def _enter_photos(session: PointSession, folder: str, named: Mapping[str, str]) -> None:
+    for name, point in session.points.items():
+        path = os.path.normpath(os.path.join(folder, named.get(name) or "photos"))
+        if name in named and os.path.exists(path):
+            session.points[name] = replace(point, photo=path)
 
 
 def read_ground_points(source: str) -> list[SurveyPoint]:
@@ -206,6 +234,10 @@ def save(session: PointSession, path: str = "") -> None:
         # … and add what took no part in it: points that are off, or that no image shows
         for name in ("ground_points", "image_points"):
             layers[name] = _with_others(layers[name], plain[name])
+    if any(point.photo for point in session.points.values()):
+        layer = layers["ground_points"]
+        photos = [session.points[name].photo if name in session.points else "" for name in layer.fields["id"].tolist()]
+        layers["ground_points"] = replace(layer, fields={**layer.fields, "photo": np.array(photos, dtype=str)})
     replace_layers(target, list(layers.values()))
     session.note_save(target)
 

@@ -40,7 +40,8 @@ class PANEL:
 class SurveyPoint:
     """A ground point with a surveyed position, or a tie point where its rays meet; NaN sigmas take the default.
 
-    ``operation`` is what brought it to WGS84, as a report's ``crs_operations`` have it (JSON).
+    ``operation`` is what brought it to WGS84, as a report's ``crs_operations`` have it (JSON); ``photo`` is a
+    photograph of it, or a folder with photographs whose names begin with ids.
     """
 
     id: str
@@ -51,6 +52,7 @@ class SurveyPoint:
     sigma_xy: float = nan
     sigma_h: float = nan
     operation: str = ""
+    photo: str = ""
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,7 @@ TEXT_FIELDS: dict[str, tuple[str, ...]] = {
     "role": ("role",),
     "kind": ("kind",),
     "track": ("track",),
+    "photo": ("photo",),
 }
 #: Number fields and what else they may be called.
 NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
