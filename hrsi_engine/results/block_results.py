@@ -25,6 +25,7 @@ from .drawings import Outline, report_figures
 from .figures import block_report, rejection_warnings
 from .image_facts import add_image_facts
 from .layers import block_layers, residuals_epsg
+from .line_profiles import describe_line_profiles
 from .lineage import state_accuracy
 from .residuals import Residuals, compute_residuals, rmse
 from .tables import thinning_warnings
@@ -128,6 +129,7 @@ def assemble_result(
         **block_report(adjustment, left, refined),
         **statistics.statistic_entries(adjustment, left),
         "accuracy": state_accuracy_by_standards(adjustment, left),
+        "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
         "warnings": [*warnings, *adjustment.warnings, *rejection_warnings(adjustment), *thinning_warnings(adjustment),
                      *beside_model, *describe_residual_fields(evidence)],
         **entries,

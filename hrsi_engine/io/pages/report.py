@@ -24,6 +24,7 @@ from markupsafe import Markup
 from osgeo import gdal
 
 from ...drawing.block_figures import Picture, ReportFigures, draw_figures
+from ...drawing.line_profile import draw_line_profile
 from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ...foundation.errors import OutputError
 from ...foundation.json_values import json_lines, json_ready
@@ -53,7 +54,15 @@ def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigur
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)
     drawings = draw_figures(figures or ReportFigures())
-    write_page(path, "report.html.j2", report, explained=explained, **drawings)
+    # Images with profiles along the lines, those with waves first, and the plots of both axes
+    told = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
+    profiles = [
+        (name, axis, draw_line_profile(name, axis, entry[axis], [w for w in entry["waves"] if w["axis"] == axis]))
+        for name, entry in told
+        for axis in ("across", "along")
+        if axis in entry
+    ]
+    write_page(path, "report.html.j2", report, explained=explained, line_profiles=profiles, **drawings)
 
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "verdict.md"

@@ -33,6 +33,8 @@ _AZIMUTH = re.compile(rf"(?<![a-z])(?:{_SUN}az(?:imuth)?|illuminationAzimuthAngl
 _ELEVATION = re.compile(
     rf"(?<![a-z])(?:{_SUN}el(?:ev(?:ation)?)?|illuminationElevationAngle){_TO_VALUE}({_NUMBER})", re.I
 )
+_LINE_RATE = re.compile(rf"(?<![a-z])(avg_?line_?rate|line_period){_TO_VALUE}({_NUMBER})", re.I)
+_LONGEST_LINE_S = 0.01  # SPOT's lines take 0.0015 s, those of Pleiades 0.07 ms
 _DATE, _CLOCK = r"(\d{4})-?(\d\d)-?(\d\d)", r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)?"
 _TIME_NAMES = "FIRSTLINETIME|ACQUISITIONDATETIME|Acquisition Date/Time|acquisition_date|acquired|acquisitionTime"
 _TIMES = (
@@ -90,6 +92,18 @@ def read_time(path: str) -> datetime | None:
     """Return the acquisition time (UTC) from the delivery or the file's name; None where neither states it."""
     told = (_time_in(text) for _source, text in _read_texts(path))
     return next((time for time in told if time is not None), None) or _time_of_name(path)
+
+
+def read_line_rate(path: str) -> float | None:
+    """Return the lines that an image's sensor takes in a second, as its delivery states; None where it states none.
+
+    Maxar states a rate (`avgLineRate`), Airbus the time of a line (`LINE_PERIOD`, in s with SPOT 5, else in ms).
+    """
+    for _source, text in _read_texts(path):
+        if (found := _LINE_RATE.search(text)) and (value := float(found[2])) > 0.0:
+            period = found[1].lower() == "line_period"
+            return (1.0 if value < _LONGEST_LINE_S else 1000.0) / value if period else value
+    return None
 
 
 def _read_texts(path: str) -> Iterator[tuple[str, str]]:

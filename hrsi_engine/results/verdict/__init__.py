@@ -9,6 +9,7 @@
 | ground_truth  | GCPs, check points, laser points and DEM against the block                                  |
 | connections   | tie points of each image: left out, too few, parts without control, extrapolation           |
 | fields        | systematic residuals of an image as a polynomial of the position                            |
+| jitter        | waves of an image along its lines                                                           |
 | systematic    | notes and reasons for them                                                                  |
 
 Each check yields `foundation.reasons.Reason`. A reason must be significant in a test with a stated error probability,

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, collect_line_profiles, find_block_waves
 from ...adjustment.result import Adjustment, Decision
 from ...block.block import Role
 from ...foundation.thresholds import threshold, thresholds
@@ -58,11 +59,28 @@ class Evidence:
 
     @cached_property
     def fields(self) -> list[ResidualField]:
-        """The significant fields in the residuals of images that were adjusted, the largest first."""
+        """The significant fields in the residuals of images that were adjusted, without their waves; largest first."""
         used = self.result.took_part & ~self.left_out & (self.row_role != Role.HELD_OUT)
         image = self.result.block.measurements.image
         held = np.bincount(image[self.adjusting], minlength=len(self.result.block.images)) > 0
-        return find_residual_fields(self.result, used & held[image])
+        residual, share = self.result.residual_px.copy(), np.nan_to_num(self.result.redundancy_numbers)
+        for index in (index for index, waves in enumerate(self.waves) if waves):
+            here = np.flatnonzero(image == index)
+            line = self.result.block.measurements.xy[here, 1]
+            for wave in self.waves[index]:
+                axis = WAVE_AXES.index(wave.axis)
+                residual[here, axis] -= share[here, axis] * wave.evaluate(line)
+        return find_residual_fields(self.result, used & held[image], residual)
+
+    @cached_property
+    def profiles(self) -> list[LineProfile]:
+        """What the residuals show of each image along its lines."""
+        return collect_line_profiles(self.result)
+
+    @cached_property
+    def waves(self) -> list[tuple[Wave, ...]]:
+        """The significant waves of each image along its lines (jitter)."""
+        return find_block_waves(self.profiles)
 
     @cached_property
     def field_px(self) -> float:
@@ -71,8 +89,18 @@ class Evidence:
 
     @cached_property
     def camera_px(self) -> float:
-        """Standard deviation of the cameras' unmodelled errors in sample and in line, fields included, px."""
-        return float(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)))
+        """Standard deviation of the cameras' unmodelled errors in sample and line, px; fields and jitter included."""
+        return float(np.hypot(np.hypot(CAMERA.unmodelled_px, self.field_px / np.sqrt(2.0)), self.jitter_px))
+
+    @cached_property
+    def jitter_px(self) -> float:
+        """RMS of the waves of an image and axis, the largest, px; 0 without any."""
+        squares = [
+            sum(wave.amplitude_px**2 for wave in waves if wave.axis == axis)
+            for waves in self.waves
+            for axis in WAVE_AXES
+        ]
+        return float(np.sqrt(max(squares, default=0.0) / 2.0))
 
     @property
     def can_be_simpler(self) -> bool:

@@ -49,8 +49,8 @@ class ResidualField:
     model: str
 
 
-def find_residual_fields(result: Adjustment, chosen: np.ndarray) -> list[ResidualField]:
-    """Return the significant fields of the ``chosen`` measurements (mask), the largest first."""
+def find_residual_fields(result: Adjustment, chosen: np.ndarray, residual_px: np.ndarray) -> list[ResidualField]:
+    """Return the significant fields of the ``chosen`` measurements (mask) in residuals (n, 2), the largest first."""
     count = np.bincount(result.block.measurements.image[chosen])
     step = max(1, int(count[count > 0].min(initial=0)) // FIELD.most_rows) if len(count) else 1
     thinned = np.zeros_like(chosen)
@@ -66,7 +66,7 @@ def find_residual_fields(result: Adjustment, chosen: np.ndarray) -> list[Residua
         reach = np.maximum([image.half_size_px for image in images], 1.0)
         position = result.block.measurements.xy[rows] - np.repeat(centre, lengths, axis=0)
         position /= np.repeat(reach, lengths, axis=0)
-        residual = result.residual_px[rows]
+        residual = residual_px[rows]
         begin = np.cumsum(lengths) - lengths
         for number in np.flatnonzero(_test_fields(position, residual, begin, lengths)).tolist():
             own = slice(begin[number], begin[number] + lengths[number])

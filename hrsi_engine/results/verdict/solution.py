@@ -68,7 +68,7 @@ def find_large_sigma0(evidence: Evidence) -> Iterator[Reason]:
     sigma0 = result.sigma0 * adjusted / stated  # of the sigmas as they were given, should they have been estimated
     if not is_significant(sigma0**2 * result.redundancy, result.redundancy):
         return
-    needed, allowed = sigma0 * stated, float(np.hypot(stated, CAMERA.unmodelled_px))
+    needed, allowed = sigma0 * stated, float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
     if needed < SOLUTION.doubtful_residuals * allowed:
         return
     yield Reason(
@@ -98,7 +98,9 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
             "sigmas-implausible", Level.DOUBTFUL,
             f"the residuals are larger than the given standard deviations: {'; '.join(wrong)}; the predicted "
             "accuracy accounts for this",
-            "check the largest residuals first: if these points are correct, give realistic standard deviations "
+            "remove the jitter first, which is in these residuals"
+            if evidence.jitter_px > 0.0
+            else "check the largest residuals first: if these points are correct, give realistic standard deviations "
             "(`sigma_image`, `sigma_gcp_xy`, `sigma_gcp_h`, or the columns of the files)",
         )  # fmt: skip
 

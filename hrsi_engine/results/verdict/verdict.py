@@ -12,7 +12,7 @@ from ...foundation.reasons import Level, Reason
 from ..figures import block_report
 from ..lineage import add_untested_error
 from ..residuals import compute_residuals
-from . import common_deformation, connections, datums, ground_truth, solution, surfaces, systematic
+from . import common_deformation, connections, datums, ground_truth, jitter, solution, surfaces, systematic
 from .evidence import Evidence
 
 #: Every check of a finished adjustment.
@@ -21,6 +21,7 @@ CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
     *ground_truth.ON_GROUND_TRUTH,
     *connections.ON_CONNECTIONS,
     *systematic.ON_FIELDS,
+    *jitter.ON_JITTER,
     *common_deformation.ON_SURVEY,
     *datums.ON_DATUMS,
     *surfaces.ON_SURFACES,

@@ -1,0 +1,1 @@
+"""Vibration of the attitude within an image: residuals along the lines, and waves in them."""

@@ -1,0 +1,334 @@
+"""Residuals of an image along its lines, and the significant waves in them.
+
+A vibration of the attitude displaces all samples of a line together, so its residuals are a function of the line. A
+measurement shows the share r of its own error, its redundancy number: v / r is the displacement of its image against
+the mean of the other rays of its point, with the standard deviation s / sqrt(r). Two rays of a tie point see the
+difference of the vibrations of two images, only across the epipolar line; where r is small nothing is seen.
+
+The spectrum is that of Lomb (1976) and Scargle (1982) as weighted least squares: to the means of cells (some lines of a
+strip of samples) a sine is fitted together with a polynomial D of what an RPC's correction follows::
+
+    y = D d + a cos(2 pi l / P) + b sin(2 pi l / P) + e      z = 1 - RSS(with the sine) / RSS(D alone)
+
+Its false alarm probability over all periods is that of Baluev (2008, MNRAS 385, 1279), with n cells, k columns of D and
+W = (1/P_min - 1/P_max) sqrt(4 pi var(l))::
+
+    p = (1 - z)^((n - k - 2) / 2) (1 + W sqrt((n - k) z / 2) / sqrt(1 - z))
+
+Cells of one strip can share errors (relief, matching), so p alone would believe too much. Each strip has its own sine
+in a second fit: that of all strips together must stand out against their differences (F test with 2 and 2 (K - 1)
+degrees of freedom). Waves are found one by one, the strongest first, each fitted together with all before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
+from ..result import Adjustment, Decision
+
+#: Image axes of a residual: sample lies across the track of a scanner, line along it.
+WAVE_AXES = ("across", "along")
+
+
+@thresholds
+class WAVES:
+    """Which waves are looked for in residuals along the lines, and which are significant."""
+
+    least_redundancy: float = threshold(
+        0.25, "", "redundancy number below which a residual does not show the image",
+        "two images have 0.5 across, three along the track 0.67 in the middle one, 0.17 in the others",
+    )  # fmt: skip
+    shortest_lines: float = threshold(100.0, "lines", "shortest period")
+    longest_share: float = threshold(
+        0.6667, "", "longest period over the lines with observations: an RPC's correction follows longer waves"
+    )
+    oversampling: int = threshold(5, "", "frequencies in the width of a peak", "loss of height below 2 %")
+    cells_in_period: int = threshold(8, "cells", "in the shortest period: they flatten its wave by 3 %", "sinc")
+    least_free: float = threshold(
+        0.05, "", "share of a sine's square that the trend and earlier waves must leave", "half of it is a free sine's"
+    )
+    strips: int = threshold(4, "strips", "parts along the samples whose waves are compared")
+    fewest_cells: int = threshold(30, "cells", "with which an image is examined")
+    fewest_in_strip: int = threshold(6, "cells", "of a strip whose wave is compared")
+    outlier: float = threshold(5.0, "sigma", "robust deviation from which a residual is left out")
+    risk: float = threshold(1e-4, "", "false alarm probability of a block", "as of the verdict's tests")
+    strip_risk: float = threshold(0.01, "", "probability of such agreement of strips by chance, in addition")
+    most_waves: int = threshold(8, "waves", "of an image and axis")
+
+
+_CELL_LINES = WAVES.shortest_lines / WAVES.cells_in_period  # lines of a cell
+
+
+@dataclass(frozen=True, eq=False)
+class LineProfile:
+    """Displacements of one image along its lines, as its residuals show them.
+
+    image_id : of the image; image : its number in the block
+    line, sample : (n,) positions of the measurements in px
+    shift_px : (n, 2) across and along the track (sample, line), residual over redundancy number; NaN: not seen
+    weight : (n, 2) inverse of its variance, px⁻²; 0 where it is not seen
+    """
+
+    image_id: str
+    image: int
+    line: np.ndarray
+    sample: np.ndarray
+    shift_px: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Wave:
+    """``amplitude_px * sin(2 pi line / period_lines + phase_rad)`` along an axis, ``across`` or ``along``.
+
+    sigma_px : standard deviation of the amplitude by the scatter of the cells
+    false_alarm : probability of such a wave by chance, over all periods and tests
+    """
+
+    axis: str
+    period_lines: float
+    amplitude_px: float
+    phase_rad: float
+    sigma_px: float
+    false_alarm: float
+
+    def evaluate(self, line: np.ndarray) -> np.ndarray:
+        """Return the displacement ``(n,)`` in px at lines."""
+        phase = 2.0 * np.pi * np.asarray(line) / self.period_lines + self.phase_rad
+        return np.asarray(self.amplitude_px * np.sin(phase))
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Amplitudes of the best sines by period, and the amplitude that is significant.
+
+    period_lines, amplitude_px, power : (f,), from long to short periods; power is z of the module's text
+    significant_px : amplitude (RMS over phases) that has the false alarm probability `WAVES.risk`
+    """
+
+    period_lines: np.ndarray
+    amplitude_px: np.ndarray
+    power: np.ndarray
+    significant_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Means of cells along an axis: ``(n,)`` line, sample, value, weight and number of the strip."""
+
+    line: np.ndarray
+    sample: np.ndarray
+    value: np.ndarray
+    weight: np.ndarray
+    strip: np.ndarray
+
+    @property
+    def root(self) -> np.ndarray:
+        return np.sqrt(self.weight)
+
+    def make_trend(self) -> np.ndarray:
+        """Return the columns D ``(n, k)`` of a cubic along the lines that changes linearly over the samples."""
+        u, v = (2.0 * (x - x.min()) / max(np.ptp(x), 1.0) - 1.0 for x in (self.line, self.sample))
+        return np.column_stack([np.ones_like(u), u, u**2, u**3, v, v * u, v * u**2])
+
+    def make_sines(self, frequency: float) -> np.ndarray:
+        angle = 2.0 * np.pi * frequency * self.line
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def collect_line_profiles(result: Adjustment) -> list[LineProfile]:
+    """Return what the residuals of an adjustment show of each image along its lines, in the order of the images.
+
+    Residuals of ties, GCPs and points on a surface count alike, each by its redundancy numbers; rejected ones do not.
+    """
+    rows, residual, share = result.block.measurements, result.judged_residual_px, result.redundancy_numbers
+    used = (result.decision == int(Decision.KEPT)) & (result.weight > 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        seen = used[:, None] & np.isfinite(residual) & (share >= WAVES.least_redundancy)
+        shift = np.where(seen, residual / share, np.nan)
+        weight = np.where(seen, share / result.sigma_px[:, None] ** 2, 0.0)
+    chosen = np.flatnonzero(seen.any(axis=1))
+    chosen = chosen[np.argsort(rows.image[chosen], kind="stable")]
+    bounds = np.searchsorted(rows.image[chosen], np.arange(len(result.block.images) + 1))
+    parts = [chosen[first:last] for first, last in pairwise(bounds.tolist())]
+    return [
+        LineProfile(image.id, number, rows.xy[part, 1], rows.xy[part, 0], shift[part], weight[part])
+        for number, (image, part) in enumerate(zip(result.block.images, parts, strict=True))
+    ]
+
+
+def estimate_spectrum(profile: LineProfile, axis: str) -> Spectrum | None:
+    """Return the spectrum of a profile along an axis, None with too few observations."""
+    cells = _make_cells(profile, axis)
+    frequencies = None if cells is None else _choose_frequencies(cells)
+    if cells is None or frequencies is None:
+        return None
+    trend = cells.make_trend()
+    power, rest = _scan_powers(cells, trend, frequencies)
+    # A sine of amplitude A takes z = A² sum(w) / 2 of the weighted sum of squares
+    amplitude = np.sqrt(2.0 * power * rest / cells.weight.sum())
+    levels = np.linspace(0.0, 1.0, 2001)[1:-1]
+    chance = _compute_false_alarm(levels, cells, trend.shape[1], frequencies)
+    level = levels[np.argmax(chance < WAVES.risk)] if (chance < WAVES.risk).any() else np.inf
+    return Spectrum(1.0 / frequencies, amplitude, power, float(np.sqrt(2.0 * level * rest / cells.weight.sum())))
+
+
+def find_waves(profile: LineProfile, tests: int = 1) -> tuple[Wave, ...]:
+    """Return the significant waves of an image, the largest first.
+
+    tests : number of images and axes that are examined together, by which the probabilities are multiplied
+    """
+    found = [wave for axis in WAVE_AXES for wave in _find_waves_along(profile, axis, tests)]
+    return tuple(sorted(found, key=lambda wave: -wave.amplitude_px))
+
+
+def find_block_waves(profiles: Sequence[LineProfile]) -> list[tuple[Wave, ...]]:
+    """Return the significant waves of each image of a block."""
+    tests = len(WAVE_AXES) * max(len(profiles), 1)
+    return [find_waves(profile, tests) for profile in profiles]
+
+
+def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]:
+    cells = _make_cells(profile, axis)
+    frequencies = None if cells is None else _choose_frequencies(cells)
+    if cells is None or frequencies is None:
+        return []
+    columns, taken, chances = cells.make_trend(), list[float](), list[float]()
+    for _ in range(WAVES.most_waves):
+        power, _ = _scan_powers(cells, columns, frequencies)
+        for one in taken:  # one wave is not two that the lines cannot separate
+            power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
+        near = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(-1.0, 1.0, 21)
+        near = np.clip(near, frequencies[0], frequencies[-1])
+        without = _remove_columns(cells, columns)
+        z, frequency = max((_compute_power(cells, *without, one), one) for one in near.tolist())
+        chance = tests * float(_compute_false_alarm(np.array([z]), cells, columns.shape[1], frequencies)[0])
+        if not chance < WAVES.risk or not _compare_strips(cells, columns, frequency) < WAVES.strip_risk:
+            break
+        columns = np.column_stack([columns, cells.make_sines(frequency)])
+        taken.append(frequency)
+        chances.append(chance)
+    if not taken:
+        return []
+    # All waves and the trend together
+    root = cells.root
+    design, value = columns * root[:, None], cells.value * root
+    solved = np.linalg.lstsq(design, value, rcond=None)[0]
+    variance = float(np.sum((value - design @ solved) ** 2)) / max(len(value) - design.shape[1], 1)
+    sigma = float(np.sqrt(2.0 * variance / cells.weight.sum()))
+    pairs = solved[-2 * len(taken) :].reshape(-1, 2)
+    return [
+        Wave(axis, 1.0 / frequency, float(np.hypot(a, b)), float(np.arctan2(a, b)), sigma, chance)
+        for frequency, (a, b), chance in zip(taken, pairs.tolist(), chances, strict=True)
+    ]
+
+
+def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
+    """Return the means of the cells of a profile, None where they are too few."""
+    column = WAVE_AXES.index(axis)
+    weight, shift = profile.weight[:, column], profile.shift_px[:, column]
+    used = np.flatnonzero((weight > 0.0) & np.isfinite(shift))
+    if len(used) < WAVES.fewest_cells:
+        return None
+    off = shift[used] - np.median(shift[used])
+    used = used[np.abs(off) <= WAVES.outlier * max(float(robust_sigma(off)), 1e-12)]
+    line, sample, weight, shift = profile.line[used], profile.sample[used], weight[used], shift[used]
+    # Strips of as many measurements each
+    limits = np.quantile(sample, np.arange(1, WAVES.strips) / WAVES.strips)
+    strip = np.searchsorted(limits, sample)
+    cell = np.floor((line - line.min()) / _CELL_LINES).astype(np.int64)
+    _, number = np.unique(cell * WAVES.strips + strip, return_inverse=True)
+    total = np.bincount(number, weight)
+    if len(total) < WAVES.fewest_cells:
+        return None
+    line, sample, value, strip = (np.bincount(number, weight * x) / total for x in (line, sample, shift, strip))
+    return _Cells(line, sample, value, total, np.rint(strip).astype(np.int64))
+
+
+def _choose_frequencies(cells: _Cells) -> np.ndarray | None:
+    """Return the frequencies ``(f,)`` of the spectrum in cycles a line, None where the lines are too short.
+
+    They are those of the fast Fourier transform of `_scan_powers`.
+    """
+    span = max(float(np.ptp(cells.line)), 1.0)
+    step = 1.0 / (int(np.ceil(WAVES.oversampling * span / _CELL_LINES)) * _CELL_LINES)
+    first, last = int(np.ceil(1.0 / (WAVES.longest_share * span * step))), int(1.0 / (WAVES.shortest_lines * step))
+    return step * np.arange(first, last + 1) if last > first else None
+
+
+def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return z ``(f,)`` of a sine beside ``columns (n, k)``, and the sum of squares that these leave.
+
+    By fast Fourier transforms of sums over the cells of some lines, as if these were at one line.
+    """
+    root = cells.root
+    basis, value, rest = _remove_columns(cells, columns)
+    bins = np.rint((cells.line - cells.line.min()) / _CELL_LINES).astype(np.int64)
+    count = int(np.rint(1.0 / ((frequencies[1] - frequencies[0]) * _CELL_LINES)))
+    chosen = np.rint(frequencies * count * _CELL_LINES).astype(np.int64)
+
+    def transform(weights: np.ndarray) -> np.ndarray:
+        return np.asarray(np.fft.rfft(np.bincount(bins, weights, count)))
+
+    of_weight, of_value = transform(cells.weight), transform(root * value)[chosen]
+    of_basis = np.stack([transform(root * column)[chosen] for column in basis.T])
+    # Normal equations of cosine and sine without the columns; none where these leave too little of a sine
+    twice, total = of_weight[2 * chosen], of_weight[0].real
+    cc = 0.5 * (total + twice.real) - np.sum(of_basis.real**2, axis=0)
+    ss = 0.5 * (total - twice.real) - np.sum(of_basis.imag**2, axis=0)
+    cs = 0.5 * twice.imag - np.sum(of_basis.real * of_basis.imag, axis=0)
+    c, s, determinant = of_value.real, of_value.imag, cc * ss - cs**2
+    sound = determinant > (WAVES.least_free * total) ** 2
+    explained = (ss * c**2 - 2.0 * cs * c * s + cc * s**2) / np.where(sound, determinant, 1.0)
+    return np.where(sound, np.clip(explained / rest, 0.0, 1.0), 0.0), rest
+
+
+def _compute_power(cells: _Cells, basis: np.ndarray, value: np.ndarray, rest: float, frequency: float) -> float:
+    """Return z of a sine as `_scan_powers`, exactly and at any frequency; the others are of `_remove_columns`."""
+    sines = cells.make_sines(frequency) * cells.root[:, None]
+    sines -= basis @ (basis.T @ sines)
+    return 1.0 - float(np.sum((value - sines @ np.linalg.lstsq(sines, value, rcond=None)[0]) ** 2)) / rest
+
+
+def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return an orthonormal basis of the weighted columns, the weighted values without them, and their square."""
+    basis = np.linalg.qr(columns * cells.root[:, None])[0]
+    value = cells.value * cells.root
+    value = value - basis @ (basis.T @ value)
+    return basis, value, max(float(value @ value), 1e-30)
+
+
+def _compute_false_alarm(power: np.ndarray, cells: _Cells, columns: int, frequencies: np.ndarray) -> np.ndarray:
+    """Return the probability that noise reaches z = ``power (m,)`` at any frequency."""
+    free = len(cells.value) - columns
+    if free < 4:
+        return np.ones_like(power)
+    width = (frequencies[-1] - frequencies[0]) * np.sqrt(4.0 * np.pi * np.var(cells.line))
+    rest = np.maximum(1.0 - power, 1e-300)
+    single = rest ** ((free - 2) / 2.0)
+    return np.asarray(np.minimum(single * (1.0 + width * np.sqrt(free * power / 2.0) / np.sqrt(rest)), 1.0))
+
+
+def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:
+    """Return the probability that strips without a common wave agree so well on one (F test)."""
+    counts = np.bincount(cells.strip, minlength=WAVES.strips)
+    strips = np.flatnonzero(counts >= WAVES.fewest_in_strip)
+    if len(strips) < 2:
+        return 1.0
+    used = np.isin(cells.strip, strips)
+    root = cells.root[used, None]
+    value = cells.value[used] * root[:, 0]
+    sines = cells.make_sines(frequency)[used]
+    each = np.concatenate([sines * (cells.strip[used] == strip)[:, None] for strip in strips], axis=1)
+    rest = [
+        float(np.sum((value - design @ np.linalg.lstsq(design, value, rcond=None)[0]) ** 2))
+        for design in (root * np.column_stack([columns[used], *more]) for more in ([], [sines], [each]))
+    ]
+    freedom = 2 * (len(strips) - 1)
+    ratio = (rest[0] - rest[1]) / 2.0 / max((rest[1] - rest[2]) / freedom, 1e-30)
+    return float(f_distribution.sf(ratio, 2, freedom))

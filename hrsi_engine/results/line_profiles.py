@@ -1,0 +1,78 @@
+"""What residuals along the lines tell of an image, for report and verdict: profile, spectrum and waves (jitter)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_spectrum
+from ..block.block import Image
+from ..foundation.thresholds import threshold, thresholds
+from ..io.rasters.sun_angles import read_line_rate
+
+
+@thresholds
+class LINE_PROFILE:
+    """How much of the residuals along the lines the report tells."""
+
+    most_images: int = threshold(12, "images", "images with profile and spectrum, those with waves first")
+    lines: int = threshold(100, "cells", "parts of the lines, with the mean of their residuals")
+    periods: int = threshold(160, "periods", "of a spectrum: of more frequencies the largest of some each")
+
+
+def describe_line_profiles(
+    images: Sequence[Image], profiles: Sequence[LineProfile], waves: Sequence[Sequence[Wave]]
+) -> dict[str, Any]:
+    """Return the report's entries by image: waves, and of some images the profile and the spectrum of both axes."""
+    order = sorted(range(len(images)), key=lambda index: -max((w.amplitude_px for w in waves[index]), default=0.0))
+    drawn, told = set(order[: LINE_PROFILE.most_images]), {}
+    for index, (image, profile) in enumerate(zip(images, profiles, strict=True)):
+        axes = {axis: entry for axis in WAVE_AXES if index in drawn and (entry := _describe_axis(profile, axis))}
+        if not axes and not waves[index]:
+            continue
+        rate = read_line_rate(image.path) if image.path and waves[index] else None
+        pixel_m = dict(zip(WAVE_AXES, measure_pixel_m(image), strict=True))
+        told[image.id] = {
+            "observations": len(profile.line),
+            "waves": [
+                {
+                    "axis": wave.axis, "period_lines": wave.period_lines,
+                    "period_s": wave.period_lines / rate if rate else None,
+                    "amplitude_px": wave.amplitude_px, "sigma_px": wave.sigma_px,
+                    "amplitude_m": wave.amplitude_px * pixel_m[wave.axis],
+                    "phase_rad": wave.phase_rad, "false_alarm": wave.false_alarm,
+                }
+                for wave in waves[index]
+            ],
+            **axes,
+        }  # fmt: skip
+    return told
+
+
+def measure_pixel_m(image: Image) -> tuple[float, float]:
+    """Return the ground distances in metres of neighbouring samples and of neighbouring lines in an image's middle."""
+    middle = image.rpc.localize(image.centre_px[None], image.middle_height_m).ground
+    by_pixel = np.linalg.inv(image.rpc.project_with_metric_jacobian(middle)[1][0][:, :2])
+    return float(np.linalg.norm(by_pixel[:, 0])), float(np.linalg.norm(by_pixel[:, 1]))
+
+
+def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:
+    """Return mean displacements by parts of the lines, and amplitudes by period; None with too few observations."""
+    spectrum, column = estimate_spectrum(profile, axis), WAVE_AXES.index(axis)
+    if spectrum is None:
+        return None
+    used = profile.weight[:, column] > 0.0
+    line, shift, weight = profile.line[used], profile.shift_px[used, column], profile.weight[used, column]
+    part = np.minimum(((line - line.min()) / np.ptp(line) * LINE_PROFILE.lines).astype(int), LINE_PROFILE.lines - 1)
+    total, lines, shifts = (np.bincount(part, weight * x) for x in (1.0, line, shift))
+    filled = total > 0.0
+    step = -(-len(spectrum.power) // LINE_PROFILE.periods)
+    first = np.arange(0, len(spectrum.power), step)
+    highest = [int(k + np.argmax(spectrum.amplitude_px[k : k + step])) for k in first]
+    return {
+        "lines": np.round(lines[filled] / total[filled], 1).tolist(),
+        "shift_px": np.round(shifts[filled] / total[filled], 4).tolist(),
+        "period_lines": np.round(spectrum.period_lines[highest], 1).tolist(),
+        "amplitude_px": np.round(spectrum.amplitude_px[highest], 4).tolist(),
+        "significant_px": spectrum.significant_px,
+    }

@@ -1,0 +1,56 @@
+"""The reason for jitter: waves along the lines, which neither an RPC nor its correction follows."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...block.block import Role
+from ...foundation.errors import list_ids
+from ...foundation.reasons import Level, Reason
+from ...foundation.thresholds import threshold, thresholds
+from ...io.rasters.sun_angles import read_line_rate
+from ..line_profiles import measure_pixel_m
+from .evidence import Evidence
+
+
+@thresholds
+class JITTER:
+    """When jitter is a reason."""
+
+    reported_px: float = threshold(
+        0.2,
+        "px",
+        "smallest amplitude that is reported",
+        "matching noise of one point, which many points do not average",
+    )
+
+
+def find_jitter(evidence: Evidence) -> Iterator[Reason]:
+    """Yield the reason for images whose residuals follow waves along their lines."""
+    block = evidence.result.block
+    found = [
+        (waves[0], image)
+        for waves, image in zip(evidence.waves, block.images, strict=True)
+        if waves and waves[0].amplitude_px >= JITTER.reported_px
+    ]
+    if not found:
+        return
+    wave, image = max(found, key=lambda one: one[0].amplitude_px)
+    rate = read_line_rate(image.path) if image.path else None
+    seconds = f" ({wave.period_lines / rate:.3g} s)" if rate else ""
+    metres = wave.amplitude_px * measure_pixel_m(image)[wave.axis == "along"]
+    ids = [image.id for _, image in found]
+    rays = block.rays_per_point()[block.points.role == Role.TIE]
+    between = "; their tie points show only the difference of the vibrations" if np.median(rays) == 2.0 else ""
+    yield Reason(
+        "jitter", Level.DOUBTFUL,
+        f"the residuals of image {list_ids(ids)} follow waves along the lines (jitter, a vibration of the attitude): "
+        f"{image.id} has {wave.amplitude_px:.2g} px ({metres:.2g} m) {wave.axis} the track with a period of "
+        f"{wave.period_lines:.0f} lines{seconds}{between if len(ids) > 1 else ''}",
+        "choose auto for `jitter`, which estimates and removes it by dense tie points along all lines; no model of an "
+        "RPC's correction follows it",
+        images=tuple(ids),
+    )  # fmt: skip
+
+
+ON_JITTER = (find_jitter,)
