@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from hrsi.benchmarks import clean_verdicts, real_blocks
-from hrsi.benchmarks.pages import DOCS
+from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust, judge
 from hrsi.hrsi_engine.adjustment.jitter.spectrum import (
@@ -248,7 +248,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(2000, 67), metavar=("FIRST", "COUNT"))
     parser.add_argument("--blocks", type=int, default=4, metavar="N", help="blocks of each curve and number of images")
-    parser.add_argument("--part", choices=("curves", "sound", "real"), help="only this part")
+    parser.add_argument("--part", choices=("curves", "blocks", "real"), help="only this part")
     parser.add_argument("--curve", metavar="FILE", help="write the curve of the Salar de Uyuni as CSV, and end")
     parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
@@ -261,11 +261,11 @@ def main(words: Sequence[str] | None = None) -> None:
     if options.part in (None, "curves"):
         head = ("curve", "images", "visible px", "found", "reason", "period off", "amplitude off px")
         parts["curves"] = render(head, curve_rows(range(first, first + options.blocks)))
-    if options.part in (None, "sound"):
+    if options.part in (None, "blocks"):
         sound = list(sound_waves(first, count))
         named = sum(amplitude >= JITTER.reported_px for _, amplitude in sound)
         waves = sum(amplitude > 0.0 for _, amplitude in sound)
-        parts["sound"] = (
+        parts["blocks"] = (
             f"Of {len(sound)} sound blocks {waves} have a significant wave, and {named} the reason `jitter`. "
             f"{WAVES.risk * len(sound):.2f} are expected by chance.\n"
         )
@@ -273,12 +273,8 @@ def main(words: Sequence[str] | None = None) -> None:
         parts["real"] = render(("block", "most points in an image", "waves", "reason"), real_rows())
     print("\n".join(parts.values()))
     if options.docs:
-        text = PAGE.read_text(encoding="utf-8")
         for name, made in parts.items():
-            begin, end = f"<!-- {name}: made by jitter_found.py -->\n", f"<!-- end of {name} -->"
-            before, _, rest = text.partition(begin)
-            text = f"{before}{begin}\n{made}\n{end}{rest.partition(end)[2]}"
-        PAGE.write_text(text, encoding="utf-8")
+            put_between(PAGE, name, made.strip())
 
 
 if __name__ == "__main__":

@@ -18,10 +18,7 @@ class JITTER:
     """When jitter is a reason."""
 
     reported_px: float = threshold(
-        0.2,
-        "px",
-        "smallest amplitude that is reported",
-        "matching noise of one point, which many points do not average",
+        0.15, "px", "smallest amplitude that is reported", "purpose: y-parallax that a DSM's matching tolerates"
     )
 
 
