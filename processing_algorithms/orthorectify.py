@@ -153,5 +153,6 @@ def _image_entry(job: OrthoJob, status: str, figures: OrthoFigures | None, secon
     return {
         "path": job.image.path, "output": job.path, "status": status, "columns": job.grid.columns,
         "rows": job.grid.rows, "bounds": list(job.grid.bounds), "nodata": job.warp.nodata,
-        "source_pixels_per_pixel": job.warp.scale, "seconds": round(seconds, 3), **found,
+        "source_pixels_per_pixel": job.warp.scale, "jitter": job.mapping.jitter is not None,
+        "seconds": round(seconds, 3), **found,
     }  # fmt: skip

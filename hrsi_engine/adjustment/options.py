@@ -11,6 +11,7 @@ from ..refinement.model_table import BLOCK_MODEL_NAMES, RULE_NAMES
 if TYPE_CHECKING:
     from ..block.laser import LaserPoints
     from ..block.orthoimage import ReferencePlaces
+    from ..camera.jitter_curve import JitterEstimate
     from ..surface.dem import HeightSurface
     from .joint_prior import JointCameras
 
@@ -22,6 +23,8 @@ WEIGHT_NAMES = ("none", "huber", "cauchy", "tukey")
 GROUPING_NAMES = ("kind-sensor", "kind", "sensor", "image", "kind-image")
 
 
+#: What `jitter` may be beside a number.
+JITTER_CHOICES = ("auto", "none")
 #: Whether a surface is that of the ground with what stands on it, or of the ground alone.
 SURFACE_KINDS = ("dsm", "dtm")
 
@@ -67,6 +70,8 @@ class AdjustOptions:
         GCPs of the block that are places of an orthoimage: they hold it in plan with errors that they share.
     earlier : JointCameras, optional
         What an earlier adjustment says of some of the images: their prior.
+    jitter_estimate : JitterEstimate, optional
+        The curves by which the measurements are corrected already, for the accuracy of the result.
     max_iterations : int
         Of the Gauss-Newton loop.
     tolerance : float
@@ -151,6 +156,13 @@ class AdjustOptions:
         "models without drift the published value of the sensor, at least 3e-5; 0: no drift", minimum=0.0,
         unit="px/px", advanced=True, metavar="X",
     )  # fmt: skip
+    jitter: str = option(
+        "none",
+        "Remove jitter (vibration of the attitude) along the lines of each image: auto where residuals show "
+        "significant waves, none, or LINES between the knots of the curves",
+        advanced=True, metavar="auto|none|LINES",
+    )  # fmt: skip
+    jitter_estimate: JitterEstimate | None = None
     earlier: JointCameras | None = None
     max_iterations: int = 30
     tolerance: float = 1e-9

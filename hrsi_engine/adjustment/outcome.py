@@ -30,7 +30,7 @@ from .result import (
     VarianceComponent,
 )
 from .statistics.precision import Precision, compute_deletion_tests
-from .statistics.shared_shifts import propagate_pointing, propagate_shifts
+from .statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .weak_geometry import RAY_GEOMETRY
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are in memory together
@@ -132,6 +132,7 @@ def assemble_adjustment(
         choice=problem.choice,
         joint=_join_cameras(problem, loop, solution, cameras.squares, alike),
         shared_shifts_m=None if shared is None else _expand_rows(len(block.points), points, shared[0]),
+        jitter=problem.options.jitter_estimate,
     )
 
 
@@ -195,7 +196,8 @@ def _propagate_shared_errors(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return what errors of coordinate operations and of the pointing of passes do to points, None without any.
 
-    That is by how much one standard deviation of each error moves a point, ``(m, 3, e)``; and what the covariances hold
+    Further columns are of what is not known of jitter. That is by how much one standard deviation of each error moves a
+    point, ``(m, 3, e)``; and what the covariances hold
     of them already, as if they were independent, ``(m, 3, 3)``.
     """
     observations = problem.observations
@@ -211,7 +213,8 @@ def _propagate_shared_errors(
         cameras = cameras[believed[cameras]]
         believed[cameras] = False  # tiles of one camera may begin at different seconds
         passes += [cameras] if len(cameras) > 1 else []
-    if not operations and not passes:
+    jitter = problem.options.jitter_estimate
+    if not operations and not passes and jitter is None:
         return None
     moved, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
     if operations:
@@ -223,6 +226,8 @@ def _propagate_shared_errors(
         shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
         moved.append(shifts)
         excess += too_much
+    if jitter is not None:
+        moved.append(propagate_jitter(loop, solution, problem.camera, jitter))
     return np.concatenate(moved, axis=2), excess
 
 

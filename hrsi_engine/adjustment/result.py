@@ -9,6 +9,7 @@ import numpy as np
 from ..block.block import Block
 from ..block.laser import LaserPoints
 from ..block.points import Role
+from ..camera.jitter_curve import JitterEstimate
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel
@@ -288,7 +289,7 @@ class Adjustment:
     Parameters
     ----------
     block : Block
-        What was adjusted.
+        What was adjusted; its measurements are without ``jitter``.
     model : RefinementModel
         The delivered model.
     values, values_sigma : (images, p) ndarray
@@ -369,6 +370,8 @@ class Adjustment:
         ``ground_covariance_m2`` does not. None without any.
     surfaces : tuple of SurfaceOutcome
         How the relief of a surface holds each part of the block in plan, or why it does not; none without a surface.
+    jitter : JitterEstimate or None
+        The curves along the lines of images by which the measurements are corrected; None without any.
     """
 
     block: Block
@@ -411,12 +414,21 @@ class Adjustment:
     choice: ModelChoice | None = None
     joint: JointCameras | None = None
     shared_shifts_m: np.ndarray | None = None
+    jitter: JitterEstimate | None = None
 
     def __repr__(self) -> str:
         return (
             f"<Adjustment of {len(self.block.images)} images, model {self.model.name}: sigma0 {self.sigma0:.3f}, "
             f"{self.status}, {self.observations} observations, {self.unknowns} unknowns>"
         )
+
+    @cached_property
+    def measured_xy(self) -> np.ndarray:
+        """Measurements ``(measurements, 2)`` as they were made, with jitter."""
+        rows = self.block.measurements
+        if self.jitter is None:
+            return rows.xy
+        return self.jitter.displace([image.id for image in self.block.images], rows.image, rows.xy)
 
     @property
     def sigma_px(self) -> np.ndarray:

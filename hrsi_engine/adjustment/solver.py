@@ -56,7 +56,14 @@ def adjust(
     Cancelled
         When ``progress`` asks to stop.
     """
-    return run_adjuster(block, options, progress, start)[0]
+    options = options or AdjustOptions()
+    if options.jitter == "none":
+        return run_adjuster(block, options, progress, start)[0]
+    from .jitter.correction import adjust_without_jitter  # needs more of SciPy, which takes time to load
+
+    return adjust_without_jitter(
+        block, options, lambda given, how, part: run_adjuster(given, how, part, start), progress
+    )
 
 
 def run_adjuster(

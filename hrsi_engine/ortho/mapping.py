@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..camera.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import GridSurface
@@ -99,7 +100,7 @@ class _Chunk:
     """
 
     def __init__(self, mapping: OrthoMapping, window: GridWindow) -> None:
-        self.window, self._surface = window, mapping.surface
+        self.window, self._surface, self._jitter = window, mapping.surface, mapping.jitter
         columns, rows = (-(-size // ORTHO.lattice_px) + 2 for size in window[2:])
         column, row = (ORTHO.lattice_px * np.arange(n) + k for n, k in zip((columns, rows), window[:2], strict=True))
         lonlat = mapping.grid.lonlat(np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2))
@@ -151,6 +152,8 @@ class _Chunk:
                 positions += values[6:]
             positions *= t
             positions += values[2:4]
+            if self._jitter is not None:
+                positions += self._jitter.evaluate(positions[1]).T
             yield part, positions.reshape(2, -1, columns)
 
     def _heights(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -178,6 +181,7 @@ class OrthoMapping:
     rpc : the image's camera; size : samples and lines of the image; surface : the terrain
     grid : the orthoimage's pixels
     error_px : what interpolation between nodes may be off; 0 computes every pixel
+    jitter : displacement of the image's lines that its RPC does not have; None without any
     """
 
     rpc: RPC
@@ -185,6 +189,7 @@ class OrthoMapping:
     surface: HeightSurface
     grid: MapGrid
     error_px: float
+    jitter: JitterCurve | None = None
 
     def exact(self, pixels: np.ndarray) -> np.ndarray:
         """Return the image positions of the grid's pixels.
@@ -193,7 +198,8 @@ class OrthoMapping:
         Result: (n, 2) sample, line in pixels; NaN where the terrain is not known.
         """
         lonlat = self.grid.lonlat(pixels)
-        return self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
+        positions = self.rpc.project(np.column_stack([lonlat, surface_heights(self.surface, lonlat)]))
+        return positions if self.jitter is None else positions + self.jitter.evaluate(positions[:, 1])
 
     def chunk(self, window: GridWindow) -> ChunkMapping | None:
         """Return the mapping of a window of the grid.

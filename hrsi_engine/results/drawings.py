@@ -307,7 +307,7 @@ def _make_chips(result: Adjustment, shown: _PointSelection, outline: Outline | N
         chosen += here[:most][rows.point[here[:most]] != rows.point[cut]].tolist() if cut >= 0 else here.tolist()
     chips = []
     for row in chosen:
-        image, point, xy = block.images[rows.image[row]], rows.point[row], rows.xy[row]
+        image, point, xy = block.images[rows.image[row]], rows.point[row], result.measured_xy[row]
         residual = shown.residual_px[row]
         curves = tuple(outline(image, xy)) if outline is not None and role[row] == Role.GCP else ()
         # The pixels around a measurement, wide enough for its outline and for the computed position if near

@@ -74,6 +74,12 @@ def add_image_facts(
             "tie_rmse_px": radial_rmse(result.residual_px[here]),
             "correction": correction,
         }  # fmt: skip
+        if result.jitter is not None and image.id in result.jitter.curves:
+            curve = result.jitter.curves[image.id]
+            names = ("rms_sample_px", "rms_line_px", "sigma_sample_px", "sigma_line_px")
+            squares = np.concatenate([curve.shift_px, curve.sigma_px], axis=1) ** 2
+            rms = np.sqrt(squares.mean(axis=0)).tolist()
+            report["images"][image.id]["jitter"] = dict(zip(names, rms, strict=True))
     return report | {
         "place": {"lon": float(middle[0]), "lat": float(middle[1]), "height_m": float(middle[2]) if known else None},
         "pairs": describe_pairs(result, views, heights),

@@ -110,8 +110,8 @@ def image_points_table(result: Adjustment, left: Residuals) -> Table:
     here = finite_rows(place)[rows.point]
     columns = ImagePointRows(
         **_identity_columns(result.block, rows.point, rows.image),
-        sample=rows.xy[:, 0],
-        line=rows.xy[:, 1],
+        sample=result.measured_xy[:, 0],
+        line=result.measured_xy[:, 1],
         sigma_px=rows.sigma_px,
         kind=rows.kind,
         quality=rows.quality,

@@ -18,6 +18,7 @@ from ...hrsi_engine.foundation.reasons import Reason
 from ...hrsi_engine.foundation.shared_heap import return_free_memory
 from ...hrsi_engine.io.catalogue.block_records import CAMERAS_FILE, RECORD_FILE
 from ...hrsi_engine.io.geopackage.layers import write_geopackage
+from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
 from ...hrsi_engine.io.rpc_files import (
@@ -151,6 +152,9 @@ def write_results(
     cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
     if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
         stale.append(cameras_file)
+    jitter, jitter_file = result.adjustment.jitter, os.path.join(target.output_dir, JITTER_FILE)
+    if (jitter is None or how == WRITE_NOTHING) and os.path.exists(jitter_file):
+        stale.append(jitter_file)
     pairs = list(zip(images, result.refined, strict=True))
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
     changes = Transaction(target.output_dir)
@@ -162,6 +166,9 @@ def write_results(
             _, write = NEW_FILES[how if has_file(image) else WITHOUT_PIXELS]
             write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
         _name_outputs(report, output, how, images, names, result.joint is not None)
+        if jitter is not None and how != WRITE_NOTHING:
+            write_jitter(str(folder / JITTER_FILE), jitter.curves, {image.id: new.rpc for image, new in pairs})
+            report["outputs"]["jitter"] = jitter_file
         advance(context.progress, 0.5, "writing layers")
         layers = result.make_layers(output.residual_crs)
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=stage(context.progress, 0.5, 0.7), lineage=items)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ...hrsi_engine.io.jitter_files import JITTER_FILE
 from ...hrsi_engine.refinement.selection import ModelChoice
 from ..files.result_folder import LENGTH
 from ..interface.declare import Report
@@ -36,6 +37,13 @@ def summarise(report: Report) -> str:
             f"tie points: {ties['points']}, {ties['observations']} observations, RMSE "
             f"{format_digits(ties['before_rmse_px'])} px before, {format_digits(ties['rmse_px'])} px after"
         )
+    lines += [
+        f"{name}: jitter of {of['rms_sample_px']:.2f} and {of['rms_line_px']:.2f} px (sample, line; RMS) was removed, "
+        f"known to {of['sigma_sample_px']:.2f} and {of['sigma_line_px']:.2f} px; the RPC does not have it, "
+        f"{JITTER_FILE} does"
+        for name, entry in report["images"].items()
+        if (of := entry.get("jitter"))
+    ]
     if (held := report["held_out"])["points"]:
         rmse, epipolar = (
             f"{format_digits(held[key])} px ({format_digits(held['ties'][key])} px)"

@@ -16,6 +16,7 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
+from ...hrsi_engine.camera.jitter_curve import JitterCurve
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
@@ -24,6 +25,7 @@ from ...hrsi_engine.foundation.workers.scheduling import Calls
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.catalogue.lineage import versions
+from ...hrsi_engine.io.jitter_files import find_jitter, read_jitter
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters import orthoimages
@@ -269,7 +271,11 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     for image in plan.images:
         source = OrthoSource(image.path)
         grid = plan.grids[image.id]
-        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px)
+        jitter, path = None, find_jitter(image.path)
+        if path is not None:
+            jitter, told = read_jitter(path, image.id, image.rpc)
+            plan.warnings.extend([told] if told else [])
+        mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px, jitter)
         scale = mapping.source_pixels_per_pixel()
         warp = Warp(options.resampling, scale, _nodata_value(options.nodata, source))
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
@@ -282,6 +288,8 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             "nodata": str(warp.nodata), "error_px": options.error_px, "format": form.name,
             "compression": form.compression, "versions": {name: used[name] for name in DECISIVE},
         }  # fmt: skip
+        if jitter is not None:
+            made_from["jitter"] = hashlib.sha256(jitter.shift_px.tobytes()).hexdigest()
         jobs.append(OrthoJob(image, path, source, mapping, warp, form, made_from))
     return jobs
 
@@ -312,6 +320,7 @@ class OrthoRecipe:
     terrain: OrthorectifyOptions = field(compare=False)
     grid: map_grids.MapGrid = field(compare=False)
     error_px: float = field(compare=False)
+    jitter: JitterCurve | None = field(compare=False)
     warp: Warp = field(compare=False)
     versions: Mapping[str, str] = field(compare=False)
 
@@ -339,7 +348,8 @@ def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:
     named = replace(options, images=(), terrain=replace(terrain, dem=dem, height_datum=datum), terrain_points=points)
     used = versions()
     return OrthoRecipe(
-        job.key, path_elsewhere(job.image.path), job.image.rpc, named, replace(job.grid), options.error_px, job.warp,
+        job.key, path_elsewhere(job.image.path), job.image.rpc, named, replace(job.grid), options.error_px,
+        job.mapping.jitter, job.warp,
         {name: used[name] for name in DECISIVE},
     )  # fmt: skip
 
@@ -365,7 +375,8 @@ def _chunk_elsewhere(part: tuple[OrthoRecipe, map_grids.GridWindow]) -> orthoima
 def _open_recipe(recipe: OrthoRecipe) -> tuple[OrthoSource, OrthoMapping]:
     """Return image and mapping of a recipe, kept for its next chunks."""
     source = OrthoSource(recipe.path)
-    mapping = OrthoMapping(recipe.rpc, source.size, _open_surface(recipe.terrain), recipe.grid, recipe.error_px)
+    mapping = OrthoMapping(recipe.rpc, source.size, _open_surface(recipe.terrain), recipe.grid, recipe.error_px,
+                           recipe.jitter)  # fmt: skip
     return source, mapping
 
 

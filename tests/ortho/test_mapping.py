@@ -11,6 +11,7 @@ import pytest
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
+from hrsi.hrsi_engine.camera.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _Chunk, _interpolate_nodes
@@ -154,3 +155,20 @@ def test_chunks_beside_the_image_are_left_out(tmp_path: Path) -> None:
     far = replace(found, size=(5, 5))
     assert far.chunk(GridWindow(0, 0, 64, 64)) is None
     assert SIZE[0] > 5
+
+
+@pytest.mark.parametrize("error_px", [0.0, 0.02])
+def test_jitter_of_the_image_displaces_its_lines(tmp_path: Path, error_px: float) -> None:
+    plain = mapping(tmp_path, error_px=error_px)
+    line = np.arange(plain.size[1])
+    shift = np.column_stack([2.0 * np.sin(2.0 * np.pi * line / 90.0), 0.7 * np.cos(2.0 * np.pi * line / 120.0)])
+    shaken = replace(plain, jitter=JitterCurve(0, shift, np.zeros_like(shift)))
+    window = GridWindow(150, 150, 200, 200)
+    pixels = np.random.default_rng(6).integers(150, 350, (500, 2)).astype(float)
+    ideal = by_gdal(tmp_path, plain, pixels)
+    expected = ideal + np.column_stack([np.interp(ideal[:, 1], line, axis) for axis in shift.T])
+    assert np.abs(shaken.exact(pixels) - expected).max() < POSITION_PX
+    found = shaken.chunk(window)
+    assert found is not None
+    nodes = _interpolate_nodes(found.positions, (pixels - 150.0) / found.step)
+    assert np.hypot(*(nodes - expected).T).max() <= error_px + 1e-6

@@ -20,14 +20,21 @@ camera c, with the a priori standard deviation s and J_c = dx / dl_c. In truth a
 the rest common to the pass. With J the sum of the J_c the covariance is::
 
     C - s^2 (1 - q^2) sum J_c J_c' + s^2 (1 - q^2) J J'
+
+What is not known of jitter displaces whole lines: samples of its posterior, added to the measurements, move the points,
+and the sum of squares of k of these over k is what they add to the covariance.
 """
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
+from ...camera.jitter_curve import JitterEstimate
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
+from ...refinement.model import RefinementModel
+from ..equations import NormalEquations
 from ..gauss_newton import GaussNewton, Solution
 
 
@@ -98,3 +105,29 @@ def propagate_pointing(
             own = move(np.array([camera]), parameter)
             excess += shared * own[:, :, None] * own[:, None, :]
     return np.sqrt(shared) * common, excess
+
+
+def propagate_jitter(
+    loop: GaussNewton, solution: Solution, camera: RefinementModel, jitter: JitterEstimate
+) -> np.ndarray:
+    """Return by how much each point moves, ``(m, 3, samples)``, by each sample of the error of the jitter's curves.
+
+    Of k samples a variance follows with k degrees of freedom: they are scaled by Student's factor at 90 %.
+    """
+    given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
+    observations, size = loop.equations.observations, len(jitter.samples)
+    unmoved = loop.equations.form_normals(*given)
+    loop.system.factorise(solution.normals.blocks, loop.prior_weight)
+    scale = float(stdtrit(size, 0.95) / ndtri(0.95)) / np.sqrt(size)
+    moved = np.zeros((len(observations.points), 3, size))
+    for column, curves in enumerate(jitter.samples):
+        xy = observations.xy.copy()
+        for number, rows in enumerate(observations.by_image):
+            if observations.images[number].id in curves:
+                xy[rows] += scale * curves[observations.images[number].id].evaluate(xy[rows, 1])
+        equations = NormalEquations(replace(observations, xy=xy), camera, loop.pattern, loop.equations.threads)
+        there = equations.form_normals(*given)
+        change = replace(unmoved, point_right=there.point_right - unmoved.point_right)
+        cameras = loop.system.solve(there.right - unmoved.right)
+        moved[:, :, column] = loop.equations.compute_point_steps(solution.state, solution.weight, change, cameras)
+    return moved

@@ -1,0 +1,93 @@
+"""A block without jitter: curves from the residuals of its adjustment, measurements corrected by them, adjusted again.
+
+Alternating converges at once where everything is linear; lines move by the curves, so that a second round follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+
+from ...block.block import Block, number_exposures
+from ...foundation.errors import InputError
+from ...foundation.progress import Progress, stage
+from ..options import JITTER_CHOICES, AdjustOptions
+from ..result import Adjustment
+from .estimation import JITTER_CURVES, estimate_jitter
+from .spectrum import collect_line_profiles, find_block_waves
+
+if TYPE_CHECKING:
+    from ..solver import Adjuster
+
+AdjustOnce = Callable[[Block, AdjustOptions, Progress], "tuple[Adjustment, Adjuster]"]
+
+
+def adjust_without_jitter(
+    block: Block, options: AdjustOptions, adjust_once: AdjustOnce, progress: Progress
+) -> Adjustment:
+    """Return the adjustment of a block whose measurements are corrected by the curves that its residuals show.
+
+    Where they show none it is the ordinary one. The result's measurements are the corrected ones.
+    """
+    result, adjuster = adjust_once(block, options, stage(progress, 0.0, 0.3))
+    spacing, period = choose_spacings(result, options.jitter)
+    prior = None
+    xy, ids = block.measurements.xy, [image.id for image in block.images]
+    for number in range(JITTER_CURVES.most_rounds if spacing else 0):
+        problem, part = adjuster.problem, stage(progress, 0.3 + 0.2 * number, 0.5 + 0.2 * number)
+        measured = block.measurements.xy[problem.observations.rows]
+        estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
+        prior = estimate.prior
+        before, xy = xy, estimate.displace(ids, block.measurements.image, block.measurements.xy, remove=True)
+        corrected = replace(block, measurements=replace(block.measurements, xy=xy))
+        result, adjuster = adjust_once(corrected, replace(options, jitter_estimate=estimate), part)
+        if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px:
+            break
+    return result
+
+
+def choose_spacings(result: Adjustment, asked: str) -> tuple[dict[int, float], float]:
+    """Return the lines between knots of the curves of exposures, by their numbers, and the strongest wave's period.
+
+    Exposures without jitter have none.
+
+    asked : ``none``, ``auto`` for exposures with significant waves and those that share points with them, or a number
+        of lines for all
+    """
+    images = result.block.images
+    exposures = number_exposures(images)
+    pixel = np.array([image.camera_pixel for image in images])
+    if asked not in JITTER_CHOICES:
+        try:
+            asked_lines = float(asked)
+        except ValueError:
+            asked_lines = np.nan
+        if not asked_lines >= JITTER_CURVES.least_spacing:
+            raise InputError(
+                f"`jitter` {asked!r}: give {', '.join(JITTER_CHOICES)} or the lines between the knots of the curves, "
+                f"at least {JITTER_CURVES.least_spacing:g}"
+            )
+        spacings = {int(one): asked_lines * float(pixel[exposures == one].min()) for one in np.unique(exposures)}
+        return spacings, JITTER_CURVES.knots_in_period * min(spacings.values())
+    if asked != "auto":
+        return {}, np.inf
+    waves = find_block_waves(collect_line_profiles(result))
+    shortest = pixel * [min((wave.period_lines for wave in own), default=np.inf) for own in waves]
+    if not np.isfinite(shortest).any():
+        return {}, np.inf
+    strongest = max(
+        ((wave.amplitude_px * size, wave.period_lines * size) for own, size in zip(waves, pixel, strict=True)
+         for wave in own)
+    )[1]  # fmt: skip
+    # What one image does shows in those that share points with it, and the spectrum does not tell whose it is
+    rows, count = result.block.measurements, len(result.block.points)
+    seen = sparse.csr_matrix((np.ones(len(rows)), (rows.image, rows.point)), (len(images), count))
+    joined = (seen @ seen.T).tocsr()
+    period = np.array([shortest[joined[number].indices].min(initial=np.inf) for number in range(len(images))])
+    finest = {int(one): float(period[exposures == one].min()) for one in np.unique(exposures)}
+    spacings = {one: lines / JITTER_CURVES.knots_in_period for one, lines in finest.items() if np.isfinite(lines)}
+    return spacings, strongest

@@ -1,0 +1,306 @@
+"""Curves of jitter along the lines of a block's exposures, from the residuals of all image points together.
+
+Measured minus computed image points y, in standard deviations, with the cameras and points of an adjustment::
+
+    y = B x + A a + J d + e      B x: splines of the exposures' lines (`line_splines`), prior R / s_c^2 of each curve
+                                 A a: changes of the cameras' corrections, J d: of the points' positions in metres
+
+A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
+holds it: its survey, heights of a surface or of laser points are further rows. Two rays leave one equation a point,
+across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
+curves have no constant and linear part (Q x = 0 by conditioning, Rue and Held, Gaussian Markov Random Fields,
+2005, 2.3.3): those are the corrections', and the block is not bent. The posterior has the precision matrix
+K = B' B / n + R / s_c^2, with the variance n of the noise. The variances s_c^2 of the curves are iterated by
+expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curve
+and of samples of its error, on the axis that is better observed, so that it tells how large the other one may be. Of
+some priors that with the largest marginal likelihood is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from ...block.block import Image, number_exposures
+from ...camera.jitter_curve import JitterCurve, JitterEstimate
+from ...foundation.robust_scale import robust_sigma
+from ...foundation.thresholds import threshold, thresholds
+from ..gauss_newton import Solution
+from ..problem import Problem
+from .line_splines import LineSpline
+
+
+@thresholds
+class JITTER_CURVES:
+    """How curves of jitter are estimated and when they are settled."""
+
+    knots_in_period: int = threshold(6, "knots", "in the shortest period: a spline then keeps 99.7 % of a sine")
+    least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
+    ranges: tuple[float, ...] = threshold(
+        (0.5, 1.0), "", "ranges of priors without a period, in periods of the strongest wave"
+    )
+    damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "of priors with its period; the most likely is taken")
+    start_px: float = threshold(1.0, "px", "standard deviation of a curve before it is estimated")
+    least_px: float = threshold(0.003, "px", "smallest standard deviation: such a curve changes nothing")
+    steps: int = threshold(8, "steps", "of the iteration of the variances")
+    outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
+    most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
+    samples: int = threshold(24, "samples", "of the posterior, that tell how uncertain the curves are")
+    settled_px: float = threshold(0.03, "px", "RMS change of the curves that ends the rounds", "below a measurement")
+    most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
+
+
+class _Rows(NamedTuple):
+    """Equations without the points' positions: matrix of splines and cameras, right side, and each row's point."""
+
+    matrix: sparse.csr_matrix
+    right: np.ndarray
+    point: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where an exposure's spline stands among the unknowns: that of the samples from ``start`` on, then the lines'."""
+
+    spline: LineSpline
+    start: int
+
+    @property
+    def stop(self) -> int:
+        return self.start + 2 * self.spline.size
+
+
+def estimate_jitter(
+    problem: Problem, solution: Solution, measured: np.ndarray, spacing: Mapping[int, float], period: float,
+    prior: tuple[float, float] | None = None,
+) -> JitterEstimate:  # fmt: skip
+    """Return the curves of some exposures.
+
+    problem, solution : the adjustment, whose measurements may have been corrected before
+    measured : (n, 2) the measurements of its observations as they are
+    spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
+    period : lines of the strongest wave
+    prior : its frequency and damping; by default the most likely one of some
+    """
+    places, unknowns = _place_splines(problem, spacing)
+    rows = _form_rows(problem, solution, measured, places, unknowns)
+    fits = [_Fit(rows, list(places.values()), one, unknowns) for one in ([prior] if prior else list_priors(period))]
+    for fit in fits:
+        fit.iterate()
+    likely = max(fits, key=lambda fit: fit.log_likelihood)
+    mean, drawn = likely.solved, likely.draw(JITTER_CURVES.samples)
+    curves: dict[str, JitterCurve] = {}
+    samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
+    exposures = number_exposures(problem.observations.images)
+    for image, exposure in zip(problem.observations.images, exposures.tolist(), strict=True):
+        if exposure not in places:
+            continue
+        first, last = _lines_of(image)
+        matrix = places[exposure].spline.make_matrix(_scene_lines(image, np.arange(first, last + 1)))
+        both = slice(places[exposure].start, places[exposure].stop)
+        shift = np.stack([matrix @ axis for axis in np.split(mean[both], 2)], axis=1) / image.camera_pixel
+        errors = np.stack([matrix @ axis for axis in np.split(drawn[both], 2)], axis=1) / image.camera_pixel
+        sigma = np.sqrt(np.mean(errors**2, axis=2))
+        curves[image.id] = JitterCurve(first, shift, sigma)
+        for number, sample in enumerate(samples):
+            sample[image.id] = JitterCurve(first, errors[:, :, number], sigma)
+    return JitterEstimate(curves, tuple(samples), likely.prior)
+
+
+def list_priors(period: float) -> list[tuple[float, float]]:
+    """Return frequencies and dampings (`line_splines`) of the priors that are tried."""
+    smooth = [(np.sqrt(12.0) / (share * period), 1.0) for share in JITTER_CURVES.ranges]
+    return [*smooth, *((2.0 * np.pi / period, damping) for damping in JITTER_CURVES.damping)]
+
+
+def _lines_of(image: Image) -> tuple[int, int]:
+    _, _, first, last = image.domain_px
+    return int(np.floor(first)), int(np.ceil(last))
+
+
+def _scene_lines(image: Image, line: np.ndarray | float) -> np.ndarray:
+    first = 0.0 if image.tile is None else image.tile.first[1]
+    return np.asarray(first + image.camera_pixel * np.asarray(line))
+
+
+def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict[int, _Place], int]:
+    """Return the splines of the exposures over the lines with measurements, and the number of all unknowns."""
+    observations, places, start = problem.observations, dict[int, _Place](), 0
+    exposures = number_exposures(observations.images)
+    for exposure, lines in spacing.items():
+        measured = [
+            _scene_lines(image, observations.xy[rows, 1])
+            for image, own, rows in zip(observations.images, exposures.tolist(), observations.by_image, strict=True)
+            if own == exposure
+        ]
+        reach = np.concatenate(measured)
+        if len(reach) < 2 or np.ptp(reach) < lines:
+            continue
+        first, last = float(reach.min()), float(reach.max())
+        intervals = max(int(np.ceil((last - first) / lines)), 4)
+        places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals), start)
+        start = places[exposure].stop
+    return places, start + problem.observations.cameras * len(problem.camera.parameters)
+
+
+def _form_rows(
+    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place], unknowns: int
+) -> _Rows:
+    """Return the equations of the points that have a say, an even choice of very many."""
+    observations, camera = problem.observations, problem.camera
+    values, ground = solution.state
+    p, images = len(camera.parameters), observations.images
+    first_camera = unknowns - observations.cameras * p
+    n = observations.count
+    weight = 1.0 / observations.sigma_px
+    right, by_ground, by_values = np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, p))
+    start, splines = np.zeros((n, 2), dtype=np.int64), np.zeros((n, 4))
+    exposures = number_exposures(images)
+    for number, rows in enumerate(observations.by_image):
+        image = images[number]
+        at = camera.equations(image, observations.xy[rows])(
+            values[observations.camera_of_image[number]], ground[observations.point[rows]]
+        )
+        right[rows] = weight[rows, None] * (measured[rows] - at.computed)
+        by_ground[rows] = weight[rows, None, None] * at.by_ground
+        by_values[rows] = weight[rows, None, None] * at.by_values
+        place = places.get(int(exposures[number]))
+        if place is not None:
+            cell, factors = place.spline.evaluate(_scene_lines(image, observations.xy[rows, 1]))
+            start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
+            splines[rows] = factors * weight[rows, None] / image.camera_pixel
+    # Points that some exposure with a curve sees; their priors as square roots of the weight matrices
+    usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
+    usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])
+    usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
+    priors = solution.weighting.points
+    chosen = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
+    chosen = chosen[:: max(-(-len(chosen) // JITTER_CURVES.most_points), 1)]
+    matrices, rights, points = [sparse.csr_matrix((0, unknowns))], [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
+    lengths = np.diff(observations.first)[chosen]
+    for k in np.unique(lengths).tolist():
+        for held in (False, True):
+            here = chosen[(lengths == k) & (priors.held[chosen] == held)]
+            rows = observations.first[here][:, None] + np.arange(k)
+            jacobian = by_ground[rows].reshape(len(here), 2 * k, 3)
+            y = right[rows].reshape(len(here), 2 * k)
+            if held:
+                squares, vectors = np.linalg.eigh(priors.build_weight_matrices(here, observed=True))
+                root = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+                misses = priors.compute_misclosures_m(ground[here], here)
+                jacobian = np.concatenate([jacobian, root], axis=1)
+                y = np.concatenate([y, np.einsum("mij,mj->mi", root, misses)], axis=1)
+            if not len(here) or jacobian.shape[1] <= 3:
+                continue
+            basis = np.linalg.qr(jacobian, mode="complete")[0][:, :, 3:]
+            count = basis.shape[2]
+            of_rays = basis[:, : 2 * k].reshape(len(here), k, 2, count)
+            by_spline = np.einsum("mkar,mkj->mrkaj", of_rays, splines[rows])
+            by_camera = np.einsum("mkar,mkap->mrkp", of_rays, by_values[rows])
+            columns = np.broadcast_to(start[rows][:, None, :, :, None] + np.arange(4), by_spline.shape)
+            cameras = first_camera + p * observations.camera[rows][:, None, :, None] + np.arange(p)
+            data = np.concatenate([by_spline.reshape(-1, 8 * k), by_camera.reshape(-1, k * p)], axis=1)
+            where = np.concatenate(
+                [columns.reshape(-1, 8 * k), np.broadcast_to(cameras, by_camera.shape).reshape(-1, k * p)], axis=1
+            )
+            pointers = np.arange(0, data.size + 1, data.shape[1])
+            matrices.append(sparse.csr_matrix((data.ravel(), where.ravel(), pointers), (len(data), unknowns)))
+            rights.append(np.einsum("mir,mi->mr", basis, y).ravel())
+            points.append(np.repeat(here, count))
+    return _Rows(sparse.vstack(matrices).tocsr(), np.concatenate(rights), np.concatenate(points))
+
+
+class _Fit:
+    """Curves with one prior: `iterate` finds their variances, ``solved`` are the unknowns."""
+
+    def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float], unknowns: int) -> None:
+        self.rows, self.places, self.prior, self.unknowns = rows, places, prior, unknowns
+        roots = [place.spline.make_prior_root(*prior) for place in places]
+        self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
+        self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
+        self.variances = np.full(len(places), JITTER_CURVES.start_px**2)
+        self.noise = 1.0
+        self.solved = np.zeros(unknowns)
+        self.log_likelihood = -np.inf
+        low = [place.spline.low_degrees for place in places for _ in range(2)]
+        ends = places[-1].stop
+        self.low = np.pad(sparse.block_diag(low).toarray(), ((0, 0), (0, unknowns - ends)))
+        # A weak prior of the cameras: what nothing determines (the block's place) stays where it is
+        squares = np.asarray(rows.matrix.multiply(rows.matrix).sum(axis=0)).ravel()[ends:]
+        self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
+        _, self.number = np.unique(rows.point, return_inverse=True)
+        self.counts = np.bincount(self.number)
+
+    def iterate(self) -> None:
+        """Iterate robust weights, noise and variances."""
+        matrix, right = self.rows.matrix, self.rows.right
+        weight, residual = np.ones(len(right)), right
+        for step in range(JITTER_CURVES.steps):
+            if step < 3:  # weights of points, then fixed
+                length = np.sqrt(np.bincount(self.number, residual**2) / self.counts)
+                scale = float(robust_sigma(residual)) if step else max(float(robust_sigma(residual)), 1e-9)
+                weight = (1.0 / (1.0 + (length / (JITTER_CURVES.outlier * max(scale, 1e-9))) ** 2))[self.number]
+                self.noise = max(scale, 1e-6) ** 2 if step else 1.0
+                scaled = sparse.diags(weight) @ matrix
+                self._normal, self._right = (matrix.T @ scaled).tocsc(), scaled.T @ right
+                self._root = sparse.diags(np.sqrt(weight)) @ matrix
+            self._factorise()
+            self.solved = self._condition(self._solve(self._right / self.noise))
+            residual = right - matrix @ self.solved
+            drawn = self.draw(8)
+            for number, (place, along) in enumerate(zip(self.places, self.along, strict=True)):
+                axes = np.split(np.arange(place.start, place.stop), 2)
+                found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
+                unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
+                self.variances[number] = max(sum(min(zip(unsure, found, strict=True))), JITTER_CURVES.least_px**2)
+            if step >= 2:
+                freedom = max(float(weight.sum()) - (self.unknowns - self.places[-1].stop), 1.0)
+                self.noise = float(weight @ residual**2) / freedom
+        self._factorise()
+        b = self._right / self.noise
+        self.solved = self._condition(self._solve(b))
+        quadratic = float(weight @ right**2) / self.noise - float(b @ self.solved)
+        free = sum(2.0 * (_log_determinant(splu(one)) - one.shape[0] * np.log(variance))
+                   for one, variance in zip(self.precisions, self.variances, strict=True))  # fmt: skip
+        by_prior = sum(
+            2.0 * np.linalg.slogdet(v * place.spline.low_degrees @ splu(one).solve(place.spline.low_degrees.T))[1]
+            for place, one, v in zip(self.places, self.precisions, self.variances, strict=True)
+        )
+        by_all = np.linalg.slogdet(self.low @ self._spread)[1]
+        self.log_likelihood = -0.5 * float(
+            weight.sum() * np.log(self.noise) + quadratic + _log_determinant(self._factor) - free + by_all - by_prior
+        )
+
+    def draw(self, count: int) -> np.ndarray:
+        """Return samples ``(unknowns, count)`` of the posterior, without its mean."""
+        rng = np.random.default_rng(count)  # the same ones every time
+        right = self._root.T @ rng.normal(0.0, 1.0, (self._root.shape[0], count)) / np.sqrt(self.noise)
+        for place, root, variance in zip(self.places, self.roots, self.variances, strict=True):
+            for axis in np.split(np.arange(place.start, place.stop), 2):
+                right[axis] += root.T @ rng.normal(0.0, 1.0, (root.shape[0], count)) / np.sqrt(variance)
+        return self._condition(self._solve(right))
+
+    def _factorise(self) -> None:
+        priors = [one / variance for one, variance in zip(self.precisions, self.variances, strict=True) for _ in "xy"]
+        prior = sparse.block_diag([*priors, sparse.diags(self.of_cameras / self.noise)])
+        self._factor: SuperLU = splu(
+            (self._normal / self.noise + prior).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+        self._spread = self._solve(np.ascontiguousarray(self.low.T))
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        return np.asarray(self._factor.solve(right))
+
+    def _condition(self, x: np.ndarray) -> np.ndarray:
+        """Return unknowns without low degrees in the curves: the posterior under ``Q x = 0``."""
+        return np.asarray(x - self._spread @ np.linalg.solve(self.low @ self._spread, self.low @ x))
+
+
+def _log_determinant(factor: SuperLU) -> float:
+    return float(np.sum(np.log(np.abs(factor.U.diagonal()))))

@@ -1,0 +1,111 @@
+"""Displacement of an image's lines by vibration of the attitude, which no RPC holds.
+
+With the position ``p`` that the RPC computes for a ground point and the curve ``c`` at the line of ``p``, the image
+shows the point at ``p + c``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+INVERSE_STEPS = 6  # of the fixed point: a slope of 0.1 px a line leaves 1e-6 of the displacement
+
+
+@dataclass(frozen=True, eq=False)
+class JitterCurve:
+    """Displacements of the lines ``first_line``, ``first_line + 1`` … of an image; beyond its ends those of the ends.
+
+    Parameters
+    ----------
+    first_line : int
+        Line of the first displacement.
+    shift_px : (n, 2) ndarray
+        In sample and line.
+    sigma_px : (n, 2) ndarray
+        Standard deviations: of what the observations do not separate from the ground, the prior's.
+    """
+
+    first_line: int
+    shift_px: np.ndarray
+    sigma_px: np.ndarray
+
+    def evaluate(self, line: np.ndarray) -> np.ndarray:
+        """Return the displacements at computed lines.
+
+        Parameters
+        ----------
+        line : (n,) ndarray
+            Lines as the RPC computes them; NaN where not known.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            In sample and line, px.
+        """
+        place = np.asarray(line) - self.first_line
+        at = np.arange(len(self.shift_px))
+        return np.stack([np.interp(place, at, axis) for axis in self.shift_px.T], axis=-1)
+
+    def remove_from(self, xy: np.ndarray) -> np.ndarray:
+        """Return where points of the image would lie without jitter, as the RPC computes them.
+
+        Parameters
+        ----------
+        xy : (n, 2) ndarray
+            Measured sample and line.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample and line.
+        """
+        without = np.array(xy, dtype=np.float64)
+        for _ in range(INVERSE_STEPS):
+            without = xy - self.evaluate(without[:, 1])
+        return without
+
+
+@dataclass(frozen=True, eq=False)
+class JitterEstimate:
+    """Curves of the images of a block, and what may be wrong with them.
+
+    Parameters
+    ----------
+    curves : dict of JitterCurve
+        By the images' ids; images without one have no jitter.
+    samples : tuple of dict of JitterCurve
+        Errors of the curves, drawn from their posterior.
+    prior : tuple of float
+        Angular frequency (1/lines) and damping of the prior.
+    """
+
+    curves: Mapping[str, JitterCurve]
+    samples: tuple[Mapping[str, JitterCurve], ...]
+    prior: tuple[float, float]
+
+    def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
+        """Return measurements with jitter added, or removed.
+
+        Parameters
+        ----------
+        ids : sequence of str
+            The block's images.
+        image : (n,) ndarray of int
+            Number of each measurement's image.
+        xy : (n, 2) ndarray
+            Sample and line.
+        remove : bool
+            Whether the measurements have jitter, which is removed.
+
+        Returns
+        -------
+        (n, 2) ndarray
+            Sample and line.
+        """
+        moved = xy.copy()
+        for number, name in enumerate(ids):
+            if name in self.curves:
+                here, curve = np.flatnonzero(image == number), self.curves[name]
+                moved[here] = curve.remove_from(xy[here]) if remove else xy[here] + curve.evaluate(xy[here, 1])
+        return moved

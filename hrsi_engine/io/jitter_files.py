@@ -1,0 +1,73 @@
+"""The file ``jitter.csv``: by how much vibration displaces each line of images, beside their refined RPCs.
+
+A comment for each image tells a ground point and where the image's RPC computes it, by which another RPC is noticed.
+"""
+
+import csv
+import os
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..camera.jitter_curve import JitterCurve
+from ..camera.rpc import RPC
+from ..foundation.errors import InputError
+from ..foundation.thresholds import threshold, thresholds
+
+JITTER_FILE = "jitter.csv"
+COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_line")
+
+
+@thresholds
+class JITTER_FILES:
+    """When a file of jitter belongs to an RPC."""
+
+    same_px: float = threshold(0.02, "px", "difference of a computed position up to which an RPC is the same", "text")
+
+
+def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str, RPC]) -> None:
+    """Write the curves of images with their refined RPCs, both by the images' ids."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        file.write("# image position (px) = position by the RPC + displacement at its line; HRSI\n")
+        for name in curves:
+            r = rpcs[name]
+            ground = np.array([r.long_off + 0.5 * r.long_scale, r.lat_off - 0.5 * r.lat_scale, r.height_off])
+            values = [*ground.tolist(), *r.project(ground[None])[0].tolist()]
+            file.write(f"#rpc,{name},{','.join(f'{value:.9f}' for value in values)}\n")
+        rows = csv.writer(file)
+        rows.writerow(COLUMNS)
+        for name, curve in curves.items():
+            numbers = np.column_stack([curve.shift_px, curve.sigma_px]).round(4).tolist()
+            rows.writerows((name, curve.first_line + k, *row) for k, row in enumerate(numbers))
+
+
+def read_jitter(path: str, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
+    """Return the curve of an image, and why there is none where the file has one for another RPC.
+
+    Raises `InputError` where the file is damaged.
+    """
+    lines, values, known = list[int](), list[list[float]](), None
+    try:
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.reader(file):
+                if row[:2] == ["#rpc", image_id]:
+                    known = np.array([float(value) for value in row[2:]])
+                elif row and row[0] == image_id:
+                    lines.append(int(row[1]))
+                    values.append([float(value) for value in row[2:6]])
+        found = np.array(values).reshape(-1, 4)
+        if lines and (known is None or len(known) != 5 or not np.isfinite(found).all() or (np.diff(lines) != 1).any()):
+            raise ValueError("lines are missing")
+    except (OSError, ValueError, IndexError, csv.Error) as error:
+        raise InputError(f"{path}: its jitter of {image_id} is damaged ({error}): adjust the block again") from None
+    if not lines or known is None:
+        return None, ""
+    if not np.abs(rpc.project(known[None, :3])[0] - known[3:]).max() <= JITTER_FILES.same_px:
+        return None, f"{image_id}: {path} is of another RPC than the image has, and was not used"
+    return JitterCurve(lines[0], found[:, :2], found[:, 2:]), ""
+
+
+def find_jitter(image_path: str) -> str | None:
+    """Return the file of jitter beside an image, None without any."""
+    path = os.path.join(os.path.dirname(image_path), JITTER_FILE)
+    return path if os.path.isfile(path) else None

@@ -1,0 +1,143 @@
+"""Jitter is estimated and removed: curves, accuracies and what stays as it is, against curves that the tests put in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_blocks as blocks
+from scipy.interpolate import BSpline
+
+from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.adjustment.jitter.line_splines import LineSpline
+from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.camera.jitter_curve import JitterCurve
+from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+
+NOISE_PX = 0.15
+PERIODS, AMPLITUDES = (400.0, 520.0), (0.8, 0.8)  # across and along the track
+
+
+def shake(number: int, line: np.ndarray) -> np.ndarray:
+    """Return the jitter of an image, ``(n, 2)``."""
+    phase = 1.7 * number
+    waves = [a * np.sin(2.0 * np.pi * line / p + phase) for a, p in zip(AMPLITUDES, PERIODS, strict=True)]
+    return (1.0 - 0.2 * number) * np.column_stack(waves)
+
+
+def make_block(count: int, shaken: bool = True, seed: int = 1) -> tuple[Block, np.ndarray]:
+    """Return a block whose measurements shake, and its true positions."""
+    block, truth, _ = blocks.block(8, 40, 1200, count=count, seed=seed, noise_px=NOISE_PX, bias_px=3.0, drift=3e-5)
+    rows, xy = block.measurements, block.measurements.xy.copy()
+    for number in range(len(block.images) if shaken else 0):
+        here = rows.image == number
+        xy[here] += shake(number, xy[here, 1])
+    rows = replace(rows, xy=xy, sigma_px=np.full(len(rows), NOISE_PX))
+    return replace(block, measurements=rows), truth
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """Return the adjustments of three shaken images without and with a correction, and the true positions."""
+    block, truth = make_block(3)
+    return adjust(block), adjust(block, AdjustOptions(jitter="auto")), truth
+
+
+def test_curves_are_those_of_the_simulation(shaken):
+    _, result, _ = shaken
+    for number, image in enumerate(result.block.images):
+        curve = result.jitter.curves[image.id]
+        line = np.arange(600.0, 3400.0)  # where there are points
+        error = curve.evaluate(line) - shake(number, line)
+        trend = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(line)), 1)  # of the corrections
+        error -= trend @ np.linalg.lstsq(trend, error, rcond=None)[0]
+        # Three views in different directions separate both axes: what is left is below a measurement's error
+        assert (error.std(axis=0) < NOISE_PX).all(), (image.id, error.std(axis=0))
+
+
+def test_residuals_fall_to_the_noise_and_check_points_to_their_prediction(shaken):
+    without, result, truth = shaken
+    tie = result.took_part & (result.block.points.role[result.block.measurements.point] == Role.TIE)
+    rms = [float(np.sqrt(np.mean(one.residual_px[tie] ** 2))) for one in (without, result)]
+    assert rms[0] > 2.0 * NOISE_PX and rms[1] <= NOISE_PX
+    check = np.flatnonzero(result.block.points.role == Role.CHECK)
+    error = ground_difference_m(truth[check], result.ground[check])
+    before = ground_difference_m(truth[check], without.ground[check])
+    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(before**2))
+    inside = np.abs(error) <= 1.645 * result.ground_sigma_m[check]
+    assert 0.8 <= inside.mean() <= 1.0  # 90 % of 120 values that err together in part
+
+
+def test_measurements_as_made_are_told_of(shaken):
+    without, result, _ = shaken
+    assert np.abs(result.measured_xy - without.block.measurements.xy).max() < 1e-4
+    assert np.abs(result.block.measurements.xy - without.block.measurements.xy).max() > 0.5
+
+
+def test_what_two_images_do_not_separate_is_told():
+    block, truth = make_block(2)
+    result = adjust(block, AdjustOptions(jitter="70"))
+    check = np.flatnonzero(result.block.points.role == Role.CHECK)
+    error = ground_difference_m(truth[check], result.ground[check])
+    tie = result.took_part & (result.block.points.role[result.block.measurements.point] == Role.TIE)
+    assert np.sqrt(np.mean(result.residual_px[tie] ** 2)) <= NOISE_PX
+    # Errors along the epipolar line are as large as before, and as predicted within the factor of one realisation
+    ratio = np.sqrt(np.mean(error**2, axis=0) / np.mean(result.ground_sigma_m[check] ** 2, axis=0))
+    assert (ratio > 0.3).all() and (ratio < 1.7).all(), ratio
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_block_without_jitter_is_the_same_to_the_last_digit(count):
+    block, _ = make_block(count, shaken=False)
+    one, other = adjust(block, AdjustOptions(jitter="none")), adjust(block, AdjustOptions(jitter="auto"))
+    assert other.jitter is None
+    for name in ("values", "ground", "ground_sigma_m", "residual_px"):
+        assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
+
+
+def test_knots_can_be_named():
+    block, _ = make_block(2, shaken=False)
+    result = adjust(block, AdjustOptions(jitter="200"))
+    rms = [np.sqrt(np.mean(curve.shift_px**2)) for curve in result.jitter.curves.values()]
+    assert len(rms) == 2 and max(rms) < 0.5 * NOISE_PX  # there is nothing, whatever is asked for
+
+
+@pytest.mark.parametrize("asked", ["much", "2", "nan"])
+def test_other_words_are_errors(asked):
+    block, _ = make_block(2, shaken=False)
+    with pytest.raises(InputError, match="`jitter`"):
+        adjust(block, AdjustOptions(jitter=asked))
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_splines_are_those_of_scipy(derivative):
+    spline = LineSpline(100.0, 30.0, 12)
+    knots = 100.0 + 30.0 * np.arange(-3, 16)
+    line = np.linspace(100.5, 459.5, 57)
+    x = np.random.default_rng(3).normal(size=spline.size)
+    expected = BSpline(knots, x, 3).derivative(derivative)(line) if derivative else BSpline(knots, x, 3)(line)
+    assert np.allclose(spline.make_matrix(line, derivative) @ x, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("damping", [1.0, 0.3, 0.05])
+def test_prior_has_unit_variance_and_the_spectrum_of_its_process(damping):
+    spline, period = LineSpline(0.0, 10.0, 400), 100.0
+    k = 2.0 * np.pi / period
+    root = spline.make_prior_root(k, damping)
+    at = np.array([2000.0, 2000.0 + period / 2.0])  # far from the ends
+    matrix = spline.make_matrix(at).toarray()
+    covariance = matrix @ np.linalg.solve((root.T @ root).toarray(), matrix.T)
+    omega = np.linspace(-60.0 * k, 60.0 * k, 2_000_001)
+    density = 1.0 / (k**4 + 2.0 * (2.0 * damping - 1.0) * k**2 * omega**2 + omega**4)
+    expected = np.sum(density * np.cos(omega * period / 2.0)) / np.sum(density)  # Wiener and Khinchin
+    assert np.allclose(np.diag(covariance), 1.0, atol=0.01)
+    assert covariance[0, 1] == pytest.approx(expected, abs=0.01)
+
+
+def test_curve_is_undone():
+    line = np.arange(1000)
+    curve = JitterCurve(0, np.column_stack([np.sin(line / 30.0), 3.0 * np.cos(line / 40.0)]), np.zeros((1000, 2)))
+    ideal = np.column_stack([np.linspace(0.0, 500.0, 300), np.linspace(10.0, 990.0, 300)])
+    assert np.abs(curve.remove_from(ideal + curve.evaluate(ideal[:, 1])) - ideal).max() < 1e-4
