@@ -9,9 +9,9 @@ from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model_table import BLOCK_MODEL_NAMES, RULE_NAMES
 
 if TYPE_CHECKING:
+    from ..block.jitter_curve import JitterEstimate
     from ..block.laser import LaserPoints
     from ..block.orthoimage import ReferencePlaces
-    from ..camera.jitter_curve import JitterEstimate
     from ..surface.dem import HeightSurface
     from .joint_prior import JointCameras
 

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from ..block.block import Block
+from ..block.jitter_curve import JitterEstimate
 from ..block.laser import LaserPoints
 from ..block.points import Role
-from ..camera.jitter_curve import JitterEstimate
 from ..foundation.large_arrays import finite_rows
 from ..foundation.thresholds import threshold, thresholds
 from ..refinement.model import RefinementModel

@@ -9,13 +9,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..camera.jitter_curve import JitterCurve
+from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
 from ..foundation.errors import InputError
 from ..foundation.thresholds import threshold, thresholds
 
 JITTER_FILE = "jitter.csv"
-COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_line")
+JITTER_COLUMNS = ("image", "line", "d_sample", "d_line", "sigma_sample", "sigma_line")
 
 
 @thresholds
@@ -35,7 +35,7 @@ def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str
             values = [*ground.tolist(), *r.project(ground[None])[0].tolist()]
             file.write(f"#rpc,{name},{','.join(f'{value:.9f}' for value in values)}\n")
         rows = csv.writer(file)
-        rows.writerow(COLUMNS)
+        rows.writerow(JITTER_COLUMNS)
         for name, curve in curves.items():
             numbers = np.column_stack([curve.shift_px, curve.sigma_px]).round(4).tolist()
             rows.writerows((name, curve.first_line + k, *row) for k, row in enumerate(numbers))
@@ -67,7 +67,7 @@ def read_jitter(path: str, image_id: str, rpc: RPC) -> tuple[JitterCurve | None,
     return JitterCurve(lines[0], found[:, :2], found[:, 2:]), ""
 
 
-def find_jitter(image_path: str) -> str | None:
+def find_jitter_file(image_path: str) -> str | None:
     """Return the file of jitter beside an image, None without any."""
     path = os.path.join(os.path.dirname(image_path), JITTER_FILE)
     return path if os.path.isfile(path) else None

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.jitter_curve import JitterCurve
+from ..block.jitter_curve import JitterCurve
 from ..camera.rpc import RPC
 from ..surface.dem import HeightSurface, surface_heights
 from ..surface.grid_surface import GridSurface

@@ -21,6 +21,7 @@ from ...hrsi_engine.io.geopackage.layers import write_geopackage
 from ...hrsi_engine.io.jitter_files import JITTER_FILE, write_jitter
 from ...hrsi_engine.io.output_dir import check_output_dir, earlier_rpcs, stage_folder
 from ...hrsi_engine.io.pages.report import write_report_html, write_report_json
+from ...hrsi_engine.io.rasters.dejitter import rewrite_without_jitter
 from ...hrsi_engine.io.rpc_files import (
     Lineage,
     free_the_way,
@@ -51,10 +52,14 @@ Pairs = Sequence[tuple[Image, RefitRPC]]
 #: By the choice of `write`: ending of the new file, and what writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
     "copy": (".tif", lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage)),
+    "resampled": (
+        ".tif",
+        lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage),
+    ),
     "vrt": (".vrt", lambda source, target, rpc, lineage, part: write_vrt(source, target, rpc, lineage)),
     "sidecar": ("_RPC.TXT", lambda source, target, rpc, lineage, part: write_rpc_text(target, rpc, lineage)),
 }
-IN_PLACE, WRITE_NOTHING = "in-place", "none"
+IN_PLACE, WRITE_NOTHING, RESAMPLED = "in-place", "none", "resampled"
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 WITHHELD = "no refined RPC was written, because the result is unusable: correct the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
@@ -153,7 +158,8 @@ def write_results(
     if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
         stale.append(cameras_file)
     jitter, jitter_file = result.adjustment.jitter, os.path.join(target.output_dir, JITTER_FILE)
-    if (jitter is None or how == WRITE_NOTHING) and os.path.exists(jitter_file):
+    curves = {} if jitter is None or how == WRITE_NOTHING else dict(jitter.curves)
+    if (jitter is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
         stale.append(jitter_file)
     pairs = list(zip(images, result.refined, strict=True))
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
@@ -165,9 +171,11 @@ def write_results(
         for part, (image, new) in _tell_writing(new_files, context.stage(0.0, 0.5)):
             _, write = NEW_FILES[how if has_file(image) else WITHOUT_PIXELS]
             write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
+            if how == RESAMPLED and image.id in curves and has_file(image):
+                rewrite_without_jitter(image.path, str(folder / names[image.id]), curves.pop(image.id), part)
         _name_outputs(report, output, how, images, names, result.joint is not None)
-        if jitter is not None and how != WRITE_NOTHING:
-            write_jitter(str(folder / JITTER_FILE), jitter.curves, {image.id: new.rpc for image, new in pairs})
+        if curves:
+            write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
             report["outputs"]["jitter"] = jitter_file
         advance(context.progress, 0.5, "writing layers")
         layers = result.make_layers(output.residual_crs)

@@ -16,7 +16,7 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.imaging_geometry import ViewDirection
-from ...hrsi_engine.camera.jitter_curve import JitterCurve
+from ...hrsi_engine.block.jitter_curve import JitterCurve
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.json_values import json_text
@@ -25,7 +25,7 @@ from ...hrsi_engine.foundation.workers.scheduling import Calls
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.catalogue.lineage import versions
-from ...hrsi_engine.io.jitter_files import find_jitter, read_jitter
+from ...hrsi_engine.io.jitter_files import find_jitter_file, read_jitter
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters import orthoimages
@@ -271,7 +271,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     for image in plan.images:
         source = OrthoSource(image.path)
         grid = plan.grids[image.id]
-        jitter, path = None, find_jitter(image.path)
+        jitter, path = None, find_jitter_file(image.path)
         if path is not None:
             jitter, told = read_jitter(path, image.id, image.rpc)
             plan.warnings.extend([told] if told else [])

@@ -119,10 +119,10 @@ class BlockOutput:
     folder: ResultFolder = nest_options(ResultFolder)
     write: str = option(
         "copy",
-        "Target of the refined RPCs: copies of the images, the images themselves (write-rpc with `restore` restores "
-        "the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a new _RPC.TXT is "
-        "written",
-        choices=("copy", "in-place", "vrt", "sidecar", "none"),
+        "Target of the refined RPCs: copies of the images, copies resampled without jitter, the images themselves "
+        "(write-rpc with `restore` restores the original), virtual images, _RPC.TXT files, or none; for an RPC file "
+        "without image a new _RPC.TXT is written",
+        choices=("copy", "resampled", "in-place", "vrt", "sidecar", "none"),
     )
     force_write: bool = option(False, "Write the refined RPCs even if the verdict is unusable", advanced=True)
     residual_crs: str = option("both", "Coordinate systems of the residual layers", choices=("both", "wgs84", "utm"))

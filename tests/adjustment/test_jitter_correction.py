@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.jitter.line_splines import LineSpline
 from hrsi.hrsi_engine.block.block import Block, Role
-from hrsi.hrsi_engine.camera.jitter_curve import JitterCurve
+from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 

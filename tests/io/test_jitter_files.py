@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 
-from hrsi.hrsi_engine.camera.jitter_curve import JitterCurve
+from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.jitter_files import JITTER_FILE, find_jitter, read_jitter, write_jitter
+from hrsi.hrsi_engine.io.jitter_files import JITTER_FILE, find_jitter_file, read_jitter, write_jitter
 
 
 @pytest.fixture
@@ -58,5 +58,5 @@ def test_damage_is_an_error(written, old, new):
 
 def test_file_is_found_beside_an_image(written):
     path, _, _ = written
-    assert find_jitter(str(path.parent / "image0.tif")) == str(path)
-    assert find_jitter(str(path.parent / "other" / "image0.tif")) is None
+    assert find_jitter_file(str(path.parent / "image0.tif")) == str(path)
+    assert find_jitter_file(str(path.parent / "other" / "image0.tif")) is None

@@ -11,7 +11,7 @@ import pytest
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
-from hrsi.hrsi_engine.camera.jitter_curve import JitterCurve
+from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.ortho.grid import ORTHO, GridWindow, MapGrid
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping, _Chunk, _interpolate_nodes

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
@@ -15,15 +15,22 @@ from scipy import sparse
 from ...block.block import Block, number_exposures
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
+from ..gauss_newton import Solution
 from ..options import JITTER_CHOICES, AdjustOptions
+from ..problem import Problem
 from ..result import Adjustment
 from .estimation import JITTER_CURVES, estimate_jitter
 from .spectrum import collect_line_profiles, find_block_waves
 
-if TYPE_CHECKING:
-    from ..solver import Adjuster
 
-AdjustOnce = Callable[[Block, AdjustOptions, Progress], "tuple[Adjustment, Adjuster]"]
+class Adjusted(Protocol):
+    """With what an adjustment was made, and its last solution."""
+
+    problem: Problem
+    solution: Solution
+
+
+AdjustOnce = Callable[[Block, AdjustOptions, Progress], tuple[Adjustment, Adjusted]]
 
 
 def adjust_without_jitter(

@@ -27,7 +27,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from ...block.block import Image, number_exposures
-from ...camera.jitter_curve import JitterCurve, JitterEstimate
+from ...block.jitter_curve import JitterCurve, JitterEstimate
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
@@ -50,7 +50,7 @@ class JITTER_CURVES:
     steps: int = threshold(8, "steps", "of the iteration of the variances")
     outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
     most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
-    samples: int = threshold(24, "samples", "of the posterior, that tell how uncertain the curves are")
+    samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves that ends the rounds", "below a measurement")
     most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
 
@@ -148,32 +148,55 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict
     return places, start + problem.observations.cameras * len(problem.camera.parameters)
 
 
-def _form_rows(
-    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place], unknowns: int
-) -> _Rows:
-    """Return the equations of the points that have a say, an even choice of very many."""
+class _Linearised(NamedTuple):
+    """Image points in standard deviations, as a block's adjustment leaves them.
+
+    right, by_ground, by_values : residuals (n, 2), derivatives (n, 2, 3) and (n, 2, p) by ground and cameras' values
+    start, splines : (n, 2) first unknown and (n, 4) values of the splines, zero without a curve
+    """
+
+    right: np.ndarray
+    by_ground: np.ndarray
+    by_values: np.ndarray
+    start: np.ndarray
+    splines: np.ndarray
+
+
+def _linearise_points(
+    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place]
+) -> _Linearised:
+    """Return the image points ``measured`` against an adjustment."""
     observations, camera = problem.observations, problem.camera
     values, ground = solution.state
-    p, images = len(camera.parameters), observations.images
-    first_camera = unknowns - observations.cameras * p
-    n = observations.count
-    weight = 1.0 / observations.sigma_px
-    right, by_ground, by_values = np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, p))
-    start, splines = np.zeros((n, 2), dtype=np.int64), np.zeros((n, 4))
+    n, images, weight = observations.count, observations.images, 1.0 / observations.sigma_px
+    points = _Linearised(
+        np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, len(camera.parameters))),
+        np.zeros((n, 2), dtype=np.int64), np.zeros((n, 4)),
+    )  # fmt: skip
     exposures = number_exposures(images)
     for number, rows in enumerate(observations.by_image):
         image = images[number]
         at = camera.equations(image, observations.xy[rows])(
             values[observations.camera_of_image[number]], ground[observations.point[rows]]
         )
-        right[rows] = weight[rows, None] * (measured[rows] - at.computed)
-        by_ground[rows] = weight[rows, None, None] * at.by_ground
-        by_values[rows] = weight[rows, None, None] * at.by_values
+        points.right[rows] = weight[rows, None] * (measured[rows] - at.computed)
+        points.by_ground[rows] = weight[rows, None, None] * at.by_ground
+        points.by_values[rows] = weight[rows, None, None] * at.by_values
         place = places.get(int(exposures[number]))
         if place is not None:
             cell, factors = place.spline.evaluate(_scene_lines(image, observations.xy[rows, 1]))
-            start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
-            splines[rows] = factors * weight[rows, None] / image.camera_pixel
+            points.start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
+            points.splines[rows] = factors * weight[rows, None] / image.camera_pixel
+    return points
+
+
+def _form_rows(
+    problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place], unknowns: int
+) -> _Rows:
+    """Return the equations of the points that have a say, an even choice of very many."""
+    observations, ground, p = problem.observations, solution.state.ground, len(problem.camera.parameters)
+    first_camera = unknowns - observations.cameras * p
+    right, by_ground, by_values, start, splines = _linearise_points(problem, solution, measured, places)
     # Points that some exposure with a curve sees; their priors as square roots of the weight matrices
     usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
     usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])

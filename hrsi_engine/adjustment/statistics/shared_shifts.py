@@ -30,7 +30,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from ...camera.jitter_curve import JitterEstimate
+from ...block.jitter_curve import JitterEstimate
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
