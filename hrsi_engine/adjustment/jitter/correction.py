@@ -23,14 +23,14 @@ from .estimation import JITTER_CURVES, estimate_jitter
 from .spectrum import collect_line_profiles, find_block_waves
 
 
-class Adjusted(Protocol):
+class AdjustmentRun(Protocol):
     """With what an adjustment was made, and its last solution."""
 
     problem: Problem
     solution: Solution
 
 
-AdjustOnce = Callable[[Block, AdjustOptions, Progress], tuple[Adjustment, Adjusted]]
+AdjustOnce = Callable[[Block, AdjustOptions, Progress], tuple[Adjustment, AdjustmentRun]]
 
 
 def adjust_without_jitter(

@@ -28,7 +28,6 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from ...block.block import Image, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
-from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
 from ..gauss_newton import Solution
 from ..problem import Problem
@@ -53,6 +52,9 @@ class JITTER_CURVES:
     samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves that ends the rounds", "below a measurement")
     most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
+
+
+ROBUST_STEPS = 3  # in which points get their weights
 
 
 class _Rows(NamedTuple):
@@ -148,7 +150,7 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict
     return places, start + problem.observations.cameras * len(problem.camera.parameters)
 
 
-class _Linearised(NamedTuple):
+class _PointTerms(NamedTuple):
     """Image points in standard deviations, as a block's adjustment leaves them.
 
     right, by_ground, by_values : residuals (n, 2), derivatives (n, 2, 3) and (n, 2, p) by ground and cameras' values
@@ -164,12 +166,12 @@ class _Linearised(NamedTuple):
 
 def _linearise_points(
     problem: Problem, solution: Solution, measured: np.ndarray, places: Mapping[int, _Place]
-) -> _Linearised:
+) -> _PointTerms:
     """Return the image points ``measured`` against an adjustment."""
     observations, camera = problem.observations, problem.camera
     values, ground = solution.state
     n, images, weight = observations.count, observations.images, 1.0 / observations.sigma_px
-    points = _Linearised(
+    points = _PointTerms(
         np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, len(camera.parameters))),
         np.zeros((n, 2), dtype=np.int64), np.zeros((n, 4)),
     )  # fmt: skip
@@ -206,18 +208,19 @@ def _form_rows(
     chosen = chosen[:: max(-(-len(chosen) // JITTER_CURVES.most_points), 1)]
     matrices, rights, points = [sparse.csr_matrix((0, unknowns))], [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
     lengths = np.diff(observations.first)[chosen]
+    squares, vectors = np.linalg.eigh(priors.build_weight_matrices(chosen, observed=True))
+    roots = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+    ranks = (squares > 1e-9 * np.maximum(squares[:, 2:], 1e-300)).sum(axis=1)  # observed coordinates come last
+    misses = priors.compute_misclosures_m(ground[chosen], chosen)
     for k in np.unique(lengths).tolist():
-        for held in (False, True):
-            here = chosen[(lengths == k) & (priors.held[chosen] == held)]
+        for rank in range(4):
+            which = np.flatnonzero((lengths == k) & (ranks == rank))
+            here = chosen[which]
             rows = observations.first[here][:, None] + np.arange(k)
-            jacobian = by_ground[rows].reshape(len(here), 2 * k, 3)
-            y = right[rows].reshape(len(here), 2 * k)
-            if held:
-                squares, vectors = np.linalg.eigh(priors.build_weight_matrices(here, observed=True))
-                root = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
-                misses = priors.compute_misclosures_m(ground[here], here)
-                jacobian = np.concatenate([jacobian, root], axis=1)
-                y = np.concatenate([y, np.einsum("mij,mj->mi", root, misses)], axis=1)
+            of_prior = roots[which, 3 - rank :]
+            jacobian = np.concatenate([by_ground[rows].reshape(len(here), 2 * k, 3), of_prior], axis=1)
+            observed = np.einsum("mij,mj->mi", of_prior, misses[which])
+            y = np.concatenate([right[rows].reshape(len(here), 2 * k), observed], axis=1)
             if not len(here) or jacobian.shape[1] <= 3:
                 continue
             basis = np.linalg.qr(jacobian, mode="complete")[0][:, :, 3:]
@@ -264,11 +267,9 @@ class _Fit:
         matrix, right = self.rows.matrix, self.rows.right
         weight, residual = np.ones(len(right)), right
         for step in range(JITTER_CURVES.steps):
-            if step < 3:  # weights of points, then fixed
-                length = np.sqrt(np.bincount(self.number, residual**2) / self.counts)
-                scale = float(robust_sigma(residual)) if step else max(float(robust_sigma(residual)), 1e-9)
-                weight = (1.0 / (1.0 + (length / (JITTER_CURVES.outlier * max(scale, 1e-9))) ** 2))[self.number]
-                self.noise = max(scale, 1e-6) ** 2 if step else 1.0
+            if step < ROBUST_STEPS:
+                length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
+                weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number] if step else weight
                 scaled = sparse.diags(weight) @ matrix
                 self._normal, self._right = (matrix.T @ scaled).tocsc(), scaled.T @ right
                 self._root = sparse.diags(np.sqrt(weight)) @ matrix
@@ -281,9 +282,8 @@ class _Fit:
                 found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
                 unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
                 self.variances[number] = max(sum(min(zip(unsure, found, strict=True))), JITTER_CURVES.least_px**2)
-            if step >= 2:
-                freedom = max(float(weight.sum()) - (self.unknowns - self.places[-1].stop), 1.0)
-                self.noise = float(weight @ residual**2) / freedom
+            unsure_rows = float(np.mean(weight @ (matrix @ drawn) ** 2))
+            self.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
         self._factorise()
         b = self._right / self.noise
         self.solved = self._condition(self._solve(b))
