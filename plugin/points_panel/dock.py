@@ -123,6 +123,7 @@ class PointsDock(QDockWidget):
         ui.north.toggled.connect(lambda _checked: self._show_images())
         ui.filter.activated.connect(lambda _index: self.filter_residuals())
         ui.tabs.currentChanged.connect(lambda _index: self.refresh())
+        ui.tabs.currentChanged.connect(lambda _index: ui.fit_columns())
         ui.verdict.itemClicked.connect(lambda item: self.show_reason(item.data(Qt.ItemDataRole.UserRole)))
         for box in (ui.model, ui.kind):
             box.currentTextChanged.connect(lambda _text: self._store())

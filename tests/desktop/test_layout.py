@@ -29,14 +29,11 @@ AT_REST = (
 CUT = """
 def cut(table):
     model, header = table.model(), table.horizontalHeader()
-    wide = header.fontMetrics()
     short = []
     for column in range(model.columnCount()):
-        title = str(model.headerData(column, 1))
-        texts = [str(model.index(row, column).data() or "") for row in range(min(model.rowCount(), 30))]
-        needed = max(wide.horizontalAdvance(title), *(table.fontMetrics().horizontalAdvance(text) for text in texts))
+        needed = max(table.sizeHintForColumn(column), header.sectionSizeHint(column))
         if header.sectionSize(column) < needed:
-            short.append([title, header.sectionSize(column), needed])
+            short.append([str(model.headerData(column, 1)), header.sectionSize(column), needed])
     return short
 """
 
