@@ -1,4 +1,4 @@
-"""How well is jitter removed? `jitter_removed.py [--seeds FIRST COUNT] [--curves NAME …] [--docs]`.
+"""How well is jitter removed? `jitter_removed.py [--seeds FIRST COUNT] [--curves NAME …]`.
 
 The blocks are those of `jitter_found`: one to three images of 4000 x 20 000 px whose attitude vibrates, with 8 GCPs
 and 1500 tie points (one image: 80 GCPs), adjusted without and with `jitter` auto. With a surface the tie points lie on
@@ -16,7 +16,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hrsi.benchmarks.jitter_found import CURVES, SIZE, UYUNI_CURVES, simulate_shaken
-from hrsi.benchmarks.pages import DOCS, put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
@@ -25,7 +24,6 @@ from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
-PAGE = DOCS / "jitter.md"
 KINDS = ((1, False), (2, False), (2, True), (3, False), (3, True))
 SIGMA_DEM_M, CELL_DEG = 0.3, 1e-4
 LINE_90 = 1.6449  # standard deviations of a line
@@ -98,11 +96,10 @@ def run(curve: str, images: int, surface: bool, seeds: Sequence[int]) -> tuple[l
 
 
 def main() -> None:
-    """Print the table, and write it into the documentation where asked."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(5001, 2), metavar=("FIRST", "COUNT"))
     parser.add_argument("--curves", nargs="*", default=[*CURVES, *UYUNI_CURVES])
-    parser.add_argument("--docs", action="store_true")
     given = parser.parse_args()
     seeds, rows, inside = range(given.seeds[0], sum(given.seeds)), [], []
     for curve in given.curves:
@@ -111,11 +108,10 @@ def main() -> None:
             rows.append(row)
             inside.append(within)
             print(" | ".join(row), flush=True)
+    print(render(HEADER, rows))
     share = 100.0 * np.mean(np.concatenate(inside), axis=0)
     told = "Check points inside the predicted 90 %: east {:.1f} %, north {:.1f} %, height {:.1f} %.".format(*share)
     print(told)
-    if given.docs:
-        put_between(PAGE, "correction", render(HEADER, rows) + "\n\n" + told)
 
 
 if __name__ == "__main__":
