@@ -266,7 +266,7 @@ def main(words: Sequence[str] | None = None) -> None:
         named = sum(amplitude >= JITTER.reported_px for _, amplitude in sound)
         waves = sum(amplitude > 0.0 for _, amplitude in sound)
         parts["blocks"] = (
-            f"Of {len(sound)} sound blocks {waves} have a significant wave, and {named} the reason `jitter`. "
+            f"Of {len(sound)} correct blocks {waves} have a significant wave, and {named} the reason `jitter`. "
             f"{WAVES.risk * len(sound):.2f} are expected by chance.\n"
         )
     if options.part in (None, "real"):
