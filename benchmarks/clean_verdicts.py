@@ -121,10 +121,14 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the tables; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(1000, 36), metavar=("FIRST", "COUNT"))
+    parser.add_argument("--real", action="store_true", help="print the real blocks alone")
     parser.add_argument("--models", nargs="+", default=MODELS_JUDGED, metavar="NAME")
     parser.add_argument("--docs", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args(words)
     first, count = options.seeds
+    if options.real:
+        print(real_table(options.models))
+        return
     real, made = real_table(options.models), simulated_table(first, count, options.models)
     text = f"""# Verdicts of simulated and real blocks without input errors
 

@@ -4,7 +4,11 @@
     python benchmarks/figures.py renew [NAME …]       make what is stale, or what is named, anew
     python benchmarks/figures.py check [NAME …]       make it aside and compare; exit status 1 where a figure moved
     python benchmarks/figures.py check --turn [DAY]   a tenth of the registry, another one every day: for CI
+    python benchmarks/figures.py check --samples      everything: short figures whole, long studies by their samples
     python benchmarks/figures.py page                 write docs/figures.md
+
+Studies of hours have samples in the registry: commands that make some rows of the page again. Each of these rows has to
+be on the page.
 
 A figure is stale where the data that it was made from, or the command, are others than those noted in
 benchmarks/made.csv. A check tells more: it runs the command, as the sources are now, with its page going into a
@@ -21,13 +25,14 @@ import os
 import platform
 import re
 import resource
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hrsi.benchmarks.pages import DATA, ROOT
@@ -54,6 +59,9 @@ class Figure:
     tolerance: float
     part: str = ""
     without: tuple[str, ...] = ()
+    samples: tuple[str, ...] = ()
+    sample_cpu_s: float = 0.0
+    prints_rows: bool = False
 
     def digest(self) -> str:
         """Return the hash of the data that the command reads, and of the command itself; "" without the data."""
@@ -67,6 +75,20 @@ class Figure:
                 with open(path, "rb") as file:
                     total.update(hashlib.file_digest(file, "sha256").digest())
         return total.hexdigest()[:16]
+
+    def draw_samples(self) -> list[Figure]:
+        """Return the samples of a long study, each as a figure of its own."""
+        return [
+            replace(
+                self,
+                name=f"{self.name} {number}",
+                command=command,
+                cpu_s=self.sample_cpu_s,
+                samples=(),
+                prints_rows="--docs" not in command,
+            )
+            for number, command in enumerate(self.samples, 1)
+        ]
 
     def text(self, docs: Path) -> str:
         """Return the page, or the part of it that the command makes."""
@@ -106,9 +128,9 @@ def write_made(made: dict[str, dict[str, str]]) -> None:
 # ---- making --------------------------------------------------------------------------------------------------------
 
 
-def run(figure: Figure, docs: Path) -> tuple[bool, float, str]:
-    """Run a figure's command with its page in `docs`; return success, CPU s and the end of its output."""
-    words = [word.format(docs=docs) for word in figure.command.split()]
+def run(figure: Figure, docs: Path) -> tuple[bool, float, str, str]:
+    """Run a figure's command with its page in `docs`; return success, CPU s, its output and its messages."""
+    words = [word.format(docs=docs) for word in shlex.split(figure.command)]
     environment = os.environ | {"HRSI_DOCS": str(docs), "OPENBLAS_NUM_THREADS": "1", "HRSI_TEST_DATA": str(DATA)}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
@@ -116,7 +138,7 @@ def run(figure: Figure, docs: Path) -> tuple[bool, float, str]:
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return done.returncode == 0, seconds, (done.stdout + done.stderr)[-2000:]
+    return done.returncode == 0, seconds, done.stdout, done.stderr
 
 
 def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
@@ -125,10 +147,10 @@ def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
     commit = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
     failed = 0
     for figure in figures:
-        well, seconds, end = run(figure, ROOT / "docs")
+        well, seconds, output, messages = run(figure, ROOT / "docs")
         print(f"{figure.name}: {'made' if well else 'FAILED'}, {seconds:.0f} CPU s", flush=True)
         if not well:
-            print(end, file=sys.stderr)
+            print((output + messages)[-2000:], file=sys.stderr)
             failed += 1
             continue
         made[figure.name] = {
@@ -167,6 +189,37 @@ def compare(was: str, now: str, tolerance: float, without: Sequence[str] = ()) -
         for (number, a), (_, b) in zip(old, new, strict=True)
         if a != b and not _are_close(a, b, tolerance)
     ]
+
+
+def compare_rows(page: str, output: str, tolerance: float) -> list[Difference]:
+    """Return the printed rows that a page does not have: none of its rows with the same first cell has these numbers.
+
+    What is printed beside rows is passed over; an output without any row of the page is a difference itself.
+    """
+    rows: dict[str, list[str]] = {}
+    for line in page.splitlines():
+        cells = _split_cells(line)
+        rows.setdefault(cells[0], []).append(" | ".join(cells[1:]))
+    found, known = [], 0
+    for line in output.splitlines():
+        cells = _split_cells(line)
+        start = next((k for k in (0, 1) if len(cells) > k + 2 and cells[k] in rows), None)  # a column may stand before
+        if start is None:
+            continue
+        known += 1
+        now, was = " | ".join(cells[start + 1 :]), rows[cells[start]]
+        if not any(_are_close(one, now, tolerance) for one in was):
+            found.append(Difference(0, f"{cells[start]} | {was[0]}", f"{cells[start]} | {now}"))
+    return found if known else [Difference(0, "rows of the page", "none of them is printed")]
+
+
+def _split_cells(line: str) -> list[str]:
+    """Return the cells of a row of a table: between bars, or two blanks apart."""
+    text = line.strip().strip("|").strip()
+    cells = [cell.strip() for cell in (text.split("|") if "|" in text else re.split(r" {2,}", text))]
+    while len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    return [TIMES.sub("TIME", cell) for cell in cells]
 
 
 def _comparable(text: str, without: Sequence[str]) -> Iterator[tuple[int, str]]:
@@ -217,24 +270,33 @@ def check(figures: Sequence[Figure]) -> int:
         with tempfile.TemporaryDirectory() as folder:
             aside = Path(folder) / "docs"
             shutil.copytree(ROOT / "docs", aside, ignore=shutil.ignore_patterns("pictures", "site", "*.png"))
-            well, seconds, end = run(figure, aside)
-            found = compare(figure.text(ROOT / "docs"), figure.text(aside), figure.tolerance, figure.without)
+            well, seconds, output, messages = run(figure, aside)
+            documented = figure.text(ROOT / "docs")
+            if figure.prints_rows:
+                found = compare_rows(documented, output, figure.tolerance)
+            else:
+                found = compare(documented, figure.text(aside), figure.tolerance, figure.without)
         total += seconds
         state = "FAILED" if not well else f"{len(found)} lines differ" if found else "as documented"
         print(f"{figure.name}: {state}, {seconds:.0f} CPU s (docs/{figure.page})", flush=True)
         for one in found[:20]:
             print(f"  docs/{figure.page}:{one.line}\n    documented: {one.was}\n    now:        {one.now}")
         if not well:
-            print(end, file=sys.stderr)
+            print((output + messages)[-2000:], file=sys.stderr)
         wrong += bool(found) or not well
     print(f"{len(figures)} checked, {wrong} wrong, {total:.0f} CPU s")
     return wrong
 
 
+def list_checks(figures: Sequence[Figure]) -> list[Figure]:
+    """Return what is checked in place of all figures: the samples of those that have some, the others themselves."""
+    return [one for figure in figures for one in (figure.draw_samples() or [figure])]
+
+
 def take_turn(figures: Sequence[Figure], day: int) -> list[Figure]:
-    """Return a day's share: figures short enough for CI, dealt to ten days by their times, the longest first."""
+    """Return a day's share: what is short enough for CI, dealt to ten days by their times, the longest first."""
     shares: list[list[Figure]] = [[] for _ in range(TURNS)]
-    for figure in sorted(figures, key=lambda one: (-one.cpu_s, one.name)):
+    for figure in sorted(list_checks(figures), key=lambda one: (-one.cpu_s, one.name)):
         if figure.cpu_s <= MOST_CPU_S_IN_TURN:
             min(shares, key=lambda share: sum(one.cpu_s for one in share)).append(figure)
     return shares[day % TURNS]
@@ -267,8 +329,9 @@ PAGE_HEAD = """# Where the figures come from
 Each page below, or the named part of it, is written by one command only. `make figures` writes the pages again whose
 data or command changed. `make figures-check` runs every command in a separate folder and compares the numbers. A number
 may differ by the tolerance, or by one unit of its last digit. Times and memory depend on the computer and are not
-compared. CI checks a tenth of the shorter figures every day (`figures.py check --turn`). This page is written by
-`python benchmarks/figures.py page`.
+compared. Studies of hours have samples in `benchmarks/registry.toml`: commands that make some of their rows again. CI
+checks a tenth of the shorter figures and samples every day (`figures.py check --turn`); `figures.py check --samples`
+checks all of them. This page is written by `python benchmarks/figures.py page`.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance |
 |---|---|---|---|---|---:|---:|"""
@@ -279,6 +342,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="?", choices=("list", "renew", "check", "page"), default="list")
     parser.add_argument("names", nargs="*", help="entries of the registry; default: all, or all that are stale")
+    parser.add_argument("--samples", action="store_true", help="of long studies their samples alone")
     parser.add_argument("--turn", nargs="?", type=int, const=datetime.date.today().toordinal(), metavar="DAY")
     words = parser.parse_args()
     registry, made = read_registry(), read_made()
@@ -289,7 +353,8 @@ def main() -> int:
     if words.what == "renew":
         return min(1, renew(figures if words.names else [one for one in figures if is_stale(one, made)], made))
     if words.what == "check":
-        return min(1, check(figures if words.turn is None else take_turn(figures, words.turn)))
+        chosen = list_checks(figures) if words.samples else figures
+        return min(1, check(chosen if words.turn is None else take_turn(figures, words.turn)))
     if words.what == "page":
         write_page(list(registry.values()), made)
         return 0

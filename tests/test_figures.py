@@ -57,7 +57,8 @@ NOT_REGISTERED = {
 def test_turns_share_out_all_that_is_short_enough():
     shares = [figures.take_turn(list(REGISTRY.values()), day) for day in range(figures.TURNS)]
     dealt = [entry.name for share in shares for entry in share]
-    short = [entry.name for entry in REGISTRY.values() if entry.cpu_s <= figures.MOST_CPU_S_IN_TURN]
+    checks = figures.list_checks(list(REGISTRY.values()))
+    short = [entry.name for entry in checks if entry.cpu_s <= figures.MOST_CPU_S_IN_TURN]
     assert sorted(dealt) == sorted(short)
     assert all(sum(entry.cpu_s for entry in share) <= 600.0 for share in shares), "CI has ten minutes for it"
 
@@ -117,3 +118,21 @@ def test_pages_with_figures_of_hobart_say_that_its_rpcs_were_fitted():
     print(f"pages with figures of Hobart: {', '.join(named)}")
     assert {"accuracy_blocks.md", "few_gcps.md", "tutorial/hobart.md"} <= set(named)
     assert not [page for page, said in named.items() if not said]
+
+
+def test_samples_name_rows_of_the_page():
+    page = "| sensor | ok |\n| --- | --- |\n| ikonos | 75 m | 8 |\n| ikonos | 112 m | 7 |\n"
+    assert figures.compare_rows(page, "ikonos | 112 m | 7\n1 kinds: nothing else\n", 0.01) == []
+    assert figures.compare_rows(page, "all        ikonos   75 m   8\n", 0.01) == []  # blanks, and a column before
+    assert [one.now for one in figures.compare_rows(page, "ikonos | 75 m | 7\n", 0.01)] == ["ikonos | 75 m | 7"]
+    assert figures.compare_rows(page, "quickbird | 75 m | 8\n", 0.01), "no row of the page was printed"
+
+
+def test_long_studies_have_samples():
+    """What takes longer than a turn allows is checked by samples, which are short enough."""
+    for entry in REGISTRY.values():
+        if entry.cpu_s > 2000.0:
+            assert entry.samples, entry.name
+        for sample in entry.draw_samples():
+            assert 0.0 < sample.cpu_s <= figures.MOST_CPU_S_IN_TURN, entry.name
+            assert (ROOT / sample.command.split()[0]).is_file() or sample.command.startswith("-m "), entry.name

@@ -15,7 +15,7 @@
 | blunders            | blunders among measurements and GCPs, a folder                              |
 | variance_components | sigmas of groups of observations                                            |
 | drift_prior         | … and of the drifts of the images' corrections                              |
-| precision           | cofactors, error ellipses, reliability                                      |
+| precision           | cofactors, error ellipses                                                   |
 | outcome             | the last solution as an `Adjustment`                                        |
 | solver              | `adjust`: the rounds of an adjustment; each GCP as a check point in turn    |
 """

@@ -1,1 +1,1 @@
-"""Statistics of an adjustment: variance components, cofactors, error ellipses, reliability."""
+"""Statistics of an adjustment: variance components, cofactors, error ellipses."""
