@@ -145,10 +145,11 @@ def triangulate(
     sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
+    jitter: str = "none",
     hold_out: float = 0.1,
     output_dir: Path | None = None,
     overwrite: bool = False,
-    write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
+    write: Literal["copy", "resampled", "in-place", "vrt", "sidecar", "none"] = "copy",
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
@@ -333,6 +334,9 @@ def triangulate(
         A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else
         1e-4; for models without drift the published value of the sensor, at least 3e-5; 0: no drift
         (unit px/px; at least 0).
+    jitter : str, optional
+        Remove jitter (vibration of the attitude) along the lines of each image: auto where residuals
+        show significant waves, none, or LINES between the knots of the curves (default none).
     hold_out : float, optional
         Share of the tie points that the adjustment does not use and that check its result, in blocks
         with more than 500; 0 uses all (at least 0; at most 0.5; default 0.1).
@@ -341,9 +345,10 @@ def triangulate(
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
-        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
-        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
+        Target of the refined RPCs: copies of the images, copies resampled without jitter, the images
+        themselves (write-rpc with restore restores the original), virtual images, _RPC.TXT files, or
+        none; for an RPC file without image a new _RPC.TXT is written (one of copy, resampled, in-place,
+        vrt, sidecar, none; default copy).
     force_write : bool, optional
         Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
@@ -435,11 +440,12 @@ def adjust(
     sigma_laser: float = 0.1,
     sigma_shift: float | None = None,
     sigma_drift: float | None = None,
+    jitter: str = "none",
     threads: int = 0,
     hold_out: float = 0.1,
     output_dir: Path | None = None,
     overwrite: bool = False,
-    write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
+    write: Literal["copy", "resampled", "in-place", "vrt", "sidecar", "none"] = "copy",
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
@@ -571,6 +577,9 @@ def adjust(
         A priori standard deviation of the attitude drift of an image; by default 1e-3 with GCPs, else
         1e-4; for models without drift the published value of the sensor, at least 3e-5; 0: no drift
         (unit px/px; at least 0).
+    jitter : str, optional
+        Remove jitter (vibration of the attitude) along the lines of each image: auto where residuals
+        show significant waves, none, or LINES between the knots of the curves (default none).
     threads : int, optional
         Number of threads; 0 takes all cores (at least 0; default 0).
     hold_out : float, optional
@@ -581,9 +590,10 @@ def adjust(
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
-        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
-        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
+        Target of the refined RPCs: copies of the images, copies resampled without jitter, the images
+        themselves (write-rpc with restore restores the original), virtual images, _RPC.TXT files, or
+        none; for an RPC file without image a new _RPC.TXT is written (one of copy, resampled, in-place,
+        vrt, sidecar, none; default copy).
     force_write : bool, optional
         Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
@@ -659,7 +669,7 @@ def refine(
     coefficient_covariance: Path | None = None,
     output_dir: Path | None = None,
     overwrite: bool = False,
-    write: Literal["copy", "in-place", "vrt", "sidecar", "none"] = "copy",
+    write: Literal["copy", "resampled", "in-place", "vrt", "sidecar", "none"] = "copy",
     force_write: bool = False,
     residual_crs: Literal["both", "wgs84", "utm"] = "both",
     report: bool = True,
@@ -729,9 +739,10 @@ def refine(
     overwrite : bool, optional
         Replace the results of an earlier run in the output directory (default no).
     write : str, optional
-        Target of the refined RPCs: copies of the images, the images themselves (write-rpc with restore
-        restores the original), virtual images, _RPC.TXT files, or none; for an RPC file without image a
-        new _RPC.TXT is written (one of copy, in-place, vrt, sidecar, none; default copy).
+        Target of the refined RPCs: copies of the images, copies resampled without jitter, the images
+        themselves (write-rpc with restore restores the original), virtual images, _RPC.TXT files, or
+        none; for an RPC file without image a new _RPC.TXT is written (one of copy, resampled, in-place,
+        vrt, sidecar, none; default copy).
     force_write : bool, optional
         Write the refined RPCs even if the verdict is unusable (default no).
     residual_crs : str, optional
@@ -1724,13 +1735,15 @@ def fit_rpc(
     reported. A full RPC needs at least 45 points, spread over the image and at several heights; with
     fewer points only its lower terms are estimated. ``points`` may also be a file with ephemeris,
     attitude and detectors: the RPC is then fitted to its exact camera, between ``min_height`` and
-    ``max_height``, which may be missing for an ISD file that has an RPC.
+    ``max_height``, which may be missing for an ISD file that has an RPC. An .adjust file of
+    bundle_adjust (ASP 3) moves the RPC of the image that is named behind it; the result is its adjusted
+    RPC.
 
     Parameters
     ----------
     points : path or table or array or GroundPoints or ImagePoints
         Table of correspondences, a CSV or vector layer; or an exact camera: ISD XML with ephemeris and
-        attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner.
+        attitude, DIMAP V1 of SPOT 5, a CSM state of a line scanner; or RUN.adjust|camera=IMAGE of ASP.
     ground_crs : str, optional
         CRS of ground points whose file does not name one (EPSG:code or WKT).
     height_datum : str, optional

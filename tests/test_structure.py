@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
-    "product lines without the laboratory": (69_000, "thresholds, layers and geodesy added what deletions saved")
+    "product lines without the laboratory": (68_000, "thresholds, layers and geodesy added what deletions saved")
 }
 
 

@@ -6,6 +6,7 @@
 | observations        | which measurements and points take part, in solver order                    |
 | equations           | normal equations with the points eliminated, and their solution (a folder)  |
 | consensus           | measurements that agree with the others of their points and image pairs     |
+| jitter              | vibration along the lines: waves in residuals, and their removal (a folder)  |
 | image_alignment     | a start in which the images meet: a robust shift of each                     |
 | gauss_newton        | the damped, reweighted loop                                                 |
 | problem             | a block made ready: priors, parts, weak geometry                            |

@@ -18,6 +18,9 @@ from .files import new_session as new_session
 from .files import open_block as open_block
 from .files import read_ground_points as read_ground_points
 from .files import save as save
+from .pictures import PointPicture as PointPicture
+from .pictures import list_photos as list_photos
+from .pictures import list_pictures as list_pictures
 from .recovery import EditKeeper as EditKeeper
 from .recovery import find_journals as find_journals
 from .recovery import forget as forget
