@@ -51,8 +51,8 @@ def list_pictures(
         for (other, image_id), measured in session.measured.items():
             raster, xy = session.images[image_id].raster, (measured.sample, measured.line)
             if other == name and raster is not None:
-                key = name, image_id, xy
-                made[key] = known.get(key) or PointPicture(image_id, svg=_draw_chip(raster, np.array(xy)))
+                place = name, image_id, xy
+                made[place] = known.get(place) or PointPicture(image_id, svg=_draw_chip(raster, np.array(xy)))
     finally:
         close_images()
     library = session.library
@@ -60,8 +60,9 @@ def list_pictures(
         if library is not None and (name, library.rows.image[row]) not in session.measured:
             key = library.path, row, len(library)
             title = " ".join(filter(None, (str(library.rows.image[row]), str(library.rows.acquired[row]))))
-            pixels, xy = library.read_pixels, library.read_position(row)
-            made[key] = known.get(key) or PointPicture(title, svg=_draw_chip(pixels(row), xy))
+            made[key] = known.get(key) or PointPicture(
+                title, svg=_draw_chip(library.read_pixels(row), library.read_position(row))
+            )
     return made
 
 
