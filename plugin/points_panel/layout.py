@@ -287,8 +287,8 @@ class PanelLayout(QWidget):
                 icon = render_chip(one.svg, PICTURE_SIDE_PX)
             item = QListWidgetItem(QIcon(icon), one.title, self.pictures)
             item.setData(Qt.ItemDataRole.UserRole, one.path)
-            url = escape(QUrl.fromLocalFile(one.path).toString())
-            item.setToolTip(f'<img src="{url}" width="{PHOTO_WIDTH_PX}">' if one.path else one.title)
+            larger = f'<img src="{escape(QUrl.fromLocalFile(one.path).toString())}" width="{PHOTO_WIDTH_PX}">'
+            item.setToolTip(larger if one.path else one.title)
         self.pictures.setVisible(self.pictures.count() > 0)
 
     def show_progress(self, percent: float) -> None:
