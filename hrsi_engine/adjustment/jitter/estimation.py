@@ -2,7 +2,7 @@
 
 Measured minus computed image points y, in standard deviations, with the cameras and points of an adjustment::
 
-    y = B x + A a + J d + e      B x: splines of the exposures' lines (`line_splines`), prior R / s_c^2 of each curve
+    y = B x + A a + J d + e      B x: splines of the exposures' lines (`line_splines`), prior R / s^2
                                  A a: changes of the cameras' corrections, J d: of the points' positions in metres
 
 A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
@@ -10,10 +10,11 @@ holds it: its survey, heights of a surface or of laser points are further rows. 
 across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
 curves have no constant and linear part (Q x = 0 by conditioning, Rue and Held, Gaussian Markov Random Fields,
 2005, 2.3.3): those are the corrections', and the block is not bent. The posterior has the precision matrix
-K = B' B / n + R / s_c^2, with the variance n of the noise. The variances s_c^2 of the curves are iterated by
-expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curve
-and of samples of its error, on the axis that is better observed, so that it tells how large the other one may be. Of
-some priors that with the largest marginal likelihood is taken.
+K = B' B / n + R / s^2, with the variance n of the noise. All curves have one variance s^2: where only differences of
+images are observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is
+iterated by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square
+of the curves and of samples of their error, on the axis that is better observed, so that it tells how large the other
+one may be. Of some priors that with the largest marginal likelihood is taken.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class JITTER_CURVES:
     damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "of priors with its period; the most likely is taken")
     start_px: float = threshold(1.0, "px", "standard deviation of a curve before it is estimated")
     least_px: float = threshold(0.003, "px", "smallest standard deviation: such a curve changes nothing")
-    steps: int = threshold(8, "steps", "of the iteration of the variances")
+    steps: int = threshold(8, "steps", "of the iteration of the variance")
     outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
     most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
     samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
@@ -242,14 +243,14 @@ def _form_rows(
 
 
 class _Fit:
-    """Curves with one prior: `iterate` finds their variances, ``solved`` are the unknowns."""
+    """Curves with one prior: `iterate` finds their variance, ``solved`` are the unknowns."""
 
     def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float], unknowns: int) -> None:
         self.rows, self.places, self.prior, self.unknowns = rows, places, prior, unknowns
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
-        self.variances = np.full(len(places), JITTER_CURVES.start_px**2)
+        self.variance = JITTER_CURVES.start_px**2
         self.noise = 1.0
         self.solved = np.zeros(unknowns)
         self.log_likelihood = -np.inf
@@ -263,7 +264,7 @@ class _Fit:
         self.counts = np.bincount(self.number)
 
     def iterate(self) -> None:
-        """Iterate robust weights, noise and variances."""
+        """Iterate robust weights, noise and the curves' variance."""
         matrix, right = self.rows.matrix, self.rows.right
         weight, residual = np.ones(len(right)), right
         for step in range(JITTER_CURVES.steps):
@@ -276,23 +277,24 @@ class _Fit:
             self._factorise()
             self.solved = self._condition(self._solve(self._right / self.noise))
             residual = right - matrix @ self.solved
-            drawn = self.draw(8)
-            for number, (place, along) in enumerate(zip(self.places, self.along, strict=True)):
+            drawn, squares = self.draw(8), list[float]()
+            for place, along in zip(self.places, self.along, strict=True):
                 axes = np.split(np.arange(place.start, place.stop), 2)
                 found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
                 unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
-                self.variances[number] = max(sum(min(zip(unsure, found, strict=True))), JITTER_CURVES.least_px**2)
+                squares.append(sum(min(zip(unsure, found, strict=True))))
+            self.variance = max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
             unsure_rows = float(np.mean(weight @ (matrix @ drawn) ** 2))
             self.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
         self._factorise()
         b = self._right / self.noise
         self.solved = self._condition(self._solve(b))
         quadratic = float(weight @ right**2) / self.noise - float(b @ self.solved)
-        free = sum(2.0 * (_log_determinant(splu(one)) - one.shape[0] * np.log(variance))
-                   for one, variance in zip(self.precisions, self.variances, strict=True))  # fmt: skip
+        of_priors = [splu(one) for one in self.precisions]
+        free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in of_priors)
         by_prior = sum(
-            2.0 * np.linalg.slogdet(v * place.spline.low_degrees @ splu(one).solve(place.spline.low_degrees.T))[1]
-            for place, one, v in zip(self.places, self.precisions, self.variances, strict=True)
+            2.0 * np.linalg.slogdet(self.variance * place.spline.low_degrees @ one.solve(place.spline.low_degrees.T))[1]
+            for place, one in zip(self.places, of_priors, strict=True)
         )
         by_all = np.linalg.slogdet(self.low @ self._spread)[1]
         self.log_likelihood = -0.5 * float(
@@ -303,13 +305,13 @@ class _Fit:
         """Return samples ``(unknowns, count)`` of the posterior, without its mean."""
         rng = np.random.default_rng(count)  # the same ones every time
         right = self._root.T @ rng.normal(0.0, 1.0, (self._root.shape[0], count)) / np.sqrt(self.noise)
-        for place, root, variance in zip(self.places, self.roots, self.variances, strict=True):
+        for place, root in zip(self.places, self.roots, strict=True):
             for axis in np.split(np.arange(place.start, place.stop), 2):
-                right[axis] += root.T @ rng.normal(0.0, 1.0, (root.shape[0], count)) / np.sqrt(variance)
+                right[axis] += root.T @ rng.normal(0.0, 1.0, (root.shape[0], count)) / np.sqrt(self.variance)
         return self._condition(self._solve(right))
 
     def _factorise(self) -> None:
-        priors = [one / variance for one, variance in zip(self.precisions, self.variances, strict=True) for _ in "xy"]
+        priors = [one / self.variance for one in self.precisions for _ in "xy"]
         prior = sparse.block_diag([*priors, sparse.diags(self.of_cameras / self.noise)])
         self._factor: SuperLU = splu(
             (self._normal / self.noise + prior).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
