@@ -17,7 +17,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..hrsi_engine.laboratory.interest_points.corners import compute_harris_strength, compute_peak_offsets
-from ..hrsi_engine.measurement.interest_points.corners import CornerOptions, compute_structure_tensor
+from ..hrsi_engine.laboratory.interest_points.options import CornerOptions
+from ..hrsi_engine.measurement.interest_points.corners import compute_structure_tensor
 
 PIXEL_SIGMA = 1.0 / np.sqrt(12.0)
 MARGIN_PX = 8

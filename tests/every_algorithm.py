@@ -82,6 +82,8 @@ SELDOM = {
     "dem_datum",
     "laser_datum",
 }
+#: Results, projects, matrices and curves, which have tests of their own, as certificates have.
+OTHER_FILES = {"add_to", "result", "project", "coefficient_covariance", "jitter"}
 #: What kind of input an option takes, by its key; else by its kind.
 ROLES = {"reference": REFERENCE, "rpc": RPC_FILE, "before": FOLDER, "work_dir": FOLDER}
 ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind.FILE: POINTS, Kind.TEXT: GRID}
@@ -90,11 +92,7 @@ ROLE_OF_KIND = {Kind.IMAGES: IMAGES, Kind.RASTER: DEM, Kind.POINTS: POINTS, Kind
 def role_of(param: Param) -> str | None:
     """Return what kind of input an option takes; None where it names nothing that is read."""
     named = set(param.metavar.split("|")) & {"FILE", "DIR"}
-    if param.key.startswith("scheduler_") or param.key in (
-        "add_to",
-        "result",
-        "project",
-    ):  # certificates, a result and a project: tests of their own
+    if param.key.startswith("scheduler_") or param.key in OTHER_FILES:
         return None
     if param.kind is Kind.OUTPUT_DIR or not (param.kind in READ_KINDS or named):
         return None

@@ -26,7 +26,7 @@ CASES = [
     ("hrsi completion ", {"bash", "zsh", "fish"}),
     ("hrsi triangulate --gc", {"--gcps", "--gcp-ids", "--gcp-epoch"}),
     ("hrsi adjust --dry", {"--dry-run"}),
-    ("hrsi triangulate --write ", {"copy", "in-place", "vrt", "sidecar", "none"}),
+    ("hrsi triangulate --write ", {"copy", "in-place", "vrt", "sidecar", "resampled", "none"}),
     ("hrsi simulate --sensor ple", {"pleiades"}),
     ("hrsi triangulate --gcps poi", {"points.csv"}),
     ("hrsi rpc-info a.tif im", {"image_1.tif"}),

@@ -181,7 +181,9 @@ def test_it_opens_with_what_was_reached(simulated: Path) -> None:
     assert {block.count('<svg class="chip"') for block in blocks} == {len(report["images"])}
     assert known < len(blocks) <= known + 12  # all known ones, and the worst tie points
     assert page.count('id="picture-') == 2
-    assert page.count('class="plot"') == 2  # histograms of samples and lines
+    axes = sum(axis in profile for profile in report["line_profiles"].values() for axis in ("across", "along"))
+    assert axes >= len(report["images"])
+    assert page.count('class="plot"') == 2 + 2 * axes  # histograms of samples and lines; profiles and their spectra
     assert page.count('<svg class="card"') == 2
 
 
