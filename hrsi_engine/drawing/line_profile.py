@@ -47,7 +47,7 @@ def _draw_plot(
         f'<path class="axis" d="M{_LEFT},{_TOP}V{low}H{right}"/>',
     ]
     for text, x in ticks.items():
-        across = place(x, bottom)[0]
+        across = min(place(x, bottom)[0], _WIDTH - 4.0 * len(text))  # whole inside the plot
         parts.append(f'<text class="tick" x="{across:.1f}" y="{low + 15.0}" text-anchor="middle">{text}</text>')
     for y in (bottom / 1.1, top / 1.1):
         down = place(first, y)[1] + 4.0
