@@ -107,7 +107,7 @@ def test_page_draws_profiles(shaken: BlockResult, tmp_path: Path):
     )
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert 'id="lines"' in page and 'aria-label="image_1, across: px by period"' in page
-    assert page.count("across the track: displacement") == 2
+    assert page.count("across the track</figcaption>") == 2
 
 
 @pytest.mark.parametrize(
