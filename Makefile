@@ -63,11 +63,10 @@ format: set-up-test  ## bring the code into ruff's format
 # Tests that prove something with many blocks, images, processes or kinds; pyproject.toml says what each marker means.
 # A plain test beside them in `make test` shows that the feature works.
 LONG := coverage or rendered or killed or wrong_inputs or real or programs or large
-# Inside QGIS, then all the others on all cores; $(1) selects; then $(2), with the machine for itself.
+# Inside QGIS, then all the others on all cores; $(1) selects. QGIS's window (test-desktop) needs a quiet machine.
 run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
 	$(QGIS_ENV) $(PYTEST) $(1) tests/qgis || status=$$?; \
 	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis --ignore=tests/desktop $(1) tests || status=$$?; \
-	$(if $(2),$(PYTEST) -p no:pytest_qgis $(2) || status=$$?;) \
 	exit $$status
 
 .PHONY: test test-all
@@ -75,8 +74,8 @@ test: set-up-test lint  ## lint, then the tests of every feature, QGIS included,
 	@echo "test: inside QGIS, then all the others; they end with a summary each. make test-all has the long ones too"
 	@$(call run_tests,-m "not ($(LONG))")
 test-all: set-up-test lint scan  ## lint, the scan of the zip, and all tests, also the long ones: nightly, and what CI runs
-	@echo "test-all: inside QGIS, then all the others, then in QGIS's window; they end with a summary each"
-	@$(call run_tests,,tests/desktop)
+	@echo "test-all: inside QGIS, then all the others; they end with a summary each"
+	@$(call run_tests,)
 
 .PHONY: test-desktop
 test-desktop: set-up-test  ## the plugin in the real window of QGIS, by mouse and keyboard; pictures in build/desktop
