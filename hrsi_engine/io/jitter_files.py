@@ -29,42 +29,62 @@ def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str
     """Write the curves of images with their refined RPCs, both by the images' ids."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         file.write("# image position (px) = position by the RPC + displacement at its line; HRSI\n")
+        rows = csv.writer(file)
         for name in curves:
             r = rpcs[name]
             ground = np.array([r.long_off + 0.5 * r.long_scale, r.lat_off - 0.5 * r.lat_scale, r.height_off])
             values = [*ground.tolist(), *r.project(ground[None])[0].tolist()]
-            file.write(f"#rpc,{name},{','.join(f'{value:.9f}' for value in values)}\n")
-        rows = csv.writer(file)
+            rows.writerow(["#rpc", name, *(f"{value:.9f}" for value in values)])
         rows.writerow(JITTER_COLUMNS)
         for name, curve in curves.items():
             numbers = np.column_stack([curve.shift_px, curve.sigma_px]).round(4).tolist()
             rows.writerows((name, curve.first_line + k, *row) for k, row in enumerate(numbers))
 
 
-def read_jitter(path: str, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
-    """Return the curve of an image, and why there is none where the file has one for another RPC.
+class JitterFile:
+    """A file of jitter, read once for all images; what is damaged is told when its image is asked for."""
 
-    Raises `InputError` where the file is damaged.
-    """
-    lines, values, known = list[int](), list[list[float]](), None
-    try:
-        with open(path, encoding="utf-8", newline="") as file:
-            for row in csv.reader(file):
-                if row[:2] == ["#rpc", image_id]:
+    def __init__(self, path: str) -> None:
+        self.path, self._lines = path, dict[str, list[str]]()
+        try:
+            with open(path, encoding="utf-8", newline="") as file:
+                for line in file:
+                    self._lines.setdefault(_read_id(line), []).append(line)
+        except (OSError, ValueError, csv.Error) as error:
+            raise InputError(f"{path}: cannot be read ({error}): adjust the block again") from None
+
+    def find_curve(self, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
+        """Return the curve of an image, and why there is none where the file has one for another RPC.
+
+        Raises `InputError` where its rows are damaged.
+        """
+        lines, values, known = list[int](), list[list[float]](), None
+        try:
+            for row in csv.reader(self._lines.get(image_id, [])):
+                if row[0] == "#rpc":
                     known = np.array([float(value) for value in row[2:]])
-                elif row and row[0] == image_id:
+                else:
                     lines.append(int(row[1]))
                     values.append([float(value) for value in row[2:6]])
-        found = np.array(values).reshape(-1, 4)
-        if lines and (known is None or len(known) != 5 or not np.isfinite(found).all() or (np.diff(lines) != 1).any()):
-            raise ValueError("lines are missing")
-    except (OSError, ValueError, IndexError, csv.Error) as error:
-        raise InputError(f"{path}: its jitter of {image_id} is damaged ({error}): adjust the block again") from None
-    if not lines or known is None:
-        return None, ""
-    if not np.abs(rpc.project(known[None, :3])[0] - known[3:]).max() <= JITTER_FILES.same_px:
-        return None, f"{image_id}: {path} is of another RPC than the image has, and was not used"
-    return JitterCurve(lines[0], found[:, :2], found[:, 2:]), ""
+            found = np.array(values).reshape(-1, 4)
+            sound = known is not None and len(known) == 5 and np.isfinite(found).all() and (np.diff(lines) == 1).all()
+            if lines and not sound:
+                raise ValueError("lines are missing")
+        except (ValueError, IndexError, csv.Error) as error:
+            raise InputError(
+                f"{self.path}: its jitter of {image_id} is damaged ({error}): adjust the block again"
+            ) from None
+        if not lines or known is None:
+            return None, ""
+        if not np.abs(rpc.project(known[None, :3])[0] - known[3:]).max() <= JITTER_FILES.same_px:
+            return None, f"{image_id}: {self.path} is of another RPC than the image has, and was not used"
+        return JitterCurve(lines[0], found[:, :2], found[:, 2:]), ""
+
+
+def _read_id(line: str) -> str:
+    """Return the image of a line; a comment has its own, and that of an RPC the id behind its name."""
+    first = line.removeprefix("#rpc,")
+    return next(csv.reader([first]), [""])[0] if first.startswith('"') else first.partition(",")[0]
 
 
 def find_jitter_file(image_path: str) -> str | None:

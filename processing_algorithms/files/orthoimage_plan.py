@@ -25,7 +25,7 @@ from ...hrsi_engine.foundation.workers.scheduling import Calls
 from ...hrsi_engine.ground.crs_operations import operations_of
 from ...hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings
 from ...hrsi_engine.io.catalogue.lineage import versions
-from ...hrsi_engine.io.jitter_files import find_jitter_file, read_jitter
+from ...hrsi_engine.io.jitter_files import JitterFile, find_jitter_file
 from ...hrsi_engine.io.point_files import read_points
 from ...hrsi_engine.io.point_files.find import split_spec
 from ...hrsi_engine.io.rasters import orthoimages
@@ -267,13 +267,15 @@ class OrthoJob:
 def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
     """Return the orthoimages of a plan."""
     form, used = orthoimages.OrthoFormat(options.format, options.compression), versions()
-    jobs = []
+    jobs, jitter_files = [], dict[str, JitterFile]()
     for image in plan.images:
         source = OrthoSource(image.path)
         grid = plan.grids[image.id]
         jitter, path = None, find_jitter_file(image.path)
         if path is not None:
-            jitter, told = read_jitter(path, image.id, image.rpc)
+            if path not in jitter_files:
+                jitter_files[path] = JitterFile(path)
+            jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
             plan.warnings.extend([told] if told else [])
         mapping = OrthoMapping(image.rpc, source.size, plan.terrain.surface, grid, options.error_px, jitter)
         scale = mapping.source_pixels_per_pixel()

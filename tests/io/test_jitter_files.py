@@ -8,7 +8,7 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.jitter_files import JITTER_FILE, find_jitter_file, read_jitter, write_jitter
+from hrsi.hrsi_engine.io.jitter_files import JITTER_FILE, JitterFile, find_jitter_file, write_jitter
 
 
 @pytest.fixture
@@ -27,11 +27,11 @@ def written(tmp_path):
 def test_curves_come_back(written):
     path, curves, images = written
     for image in images:
-        found, told = read_jitter(str(path), image.id, image.rpc)
+        found, told = JitterFile(str(path)).find_curve(image.id, image.rpc)
         assert not told and found.first_line == curves[image.id].first_line
         assert np.abs(found.shift_px - curves[image.id].shift_px).max() <= 5.1e-5  # four decimals
         assert np.abs(found.sigma_px - curves[image.id].sigma_px).max() <= 5.1e-5
-    assert read_jitter(str(path), "another", images[0].rpc) == (None, "")
+    assert JitterFile(str(path)).find_curve("another", images[0].rpc) == (None, "")
 
 
 def test_rows_are_a_plain_table(written):
@@ -44,7 +44,7 @@ def test_rows_are_a_plain_table(written):
 
 def test_another_rpc_is_told(written):
     path, _, images = written
-    found, told = read_jitter(str(path), images[0].id, images[0].rpc.shift(1.0, 0.0))
+    found, told = JitterFile(str(path)).find_curve(images[0].id, images[0].rpc.shift(1.0, 0.0))
     assert found is None and images[0].id in told and "another RPC" in told
 
 
@@ -53,10 +53,18 @@ def test_damage_is_an_error(written, old, new):
     path, _, images = written
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match="jitter of image0 is damaged"):
-        read_jitter(str(path), "image0", images[0].rpc)
+        JitterFile(str(path)).find_curve("image0", images[0].rpc)
 
 
 def test_file_is_found_beside_an_image(written):
     path, _, _ = written
     assert find_jitter_file(str(path.parent / "image0.tif")) == str(path)
     assert find_jitter_file(str(path.parent / "other" / "image0.tif")) is None
+
+
+def test_ids_with_commas_come_back(tmp_path):
+    image = blocks.images(1)[0]
+    curve = JitterCurve(0, np.ones((20, 2)), np.ones((20, 2)))
+    write_jitter(str(tmp_path / JITTER_FILE), {'north, "old"': curve}, {'north, "old"': image.rpc})
+    found, told = JitterFile(str(tmp_path / JITTER_FILE)).find_curve('north, "old"', image.rpc)
+    assert not told and np.array_equal(found.shift_px, curve.shift_px)
