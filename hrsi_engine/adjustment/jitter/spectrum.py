@@ -48,6 +48,9 @@ class WAVES:
         0.6667, "", "longest period over the lines with observations: an RPC's correction follows longer waves"
     )
     oversampling: int = threshold(5, "", "frequencies in the width of a peak", "loss of height below 2 %")
+    scanned_share: float = threshold(
+        0.85, "", "least height of a peak in the transform over its exact one", "0.97 by frequencies, 0.94 by cells"
+    )
     cells_in_period: int = threshold(8, "cells", "in the shortest period: they flatten its wave by 3 %", "sinc")
     least_free: float = threshold(
         0.05, "", "share of a sine's square that the trend and earlier waves must leave", "half of it is a free sine's"
@@ -203,6 +206,10 @@ def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]
         power, _ = _scan_powers(cells, columns, frequencies)
         for one in taken:  # one wave is not two that the lines cannot separate
             power[np.abs(frequencies - one) < 1.0 / np.ptp(cells.line)] = 0.0
+        # Most images have no wave: the exact peak is searched where the scan may have missed its height by so much
+        highest = np.minimum(power.max(keepdims=True) / WAVES.scanned_share, 1.0)
+        if not tests * float(_compute_false_alarm(highest, cells, columns.shape[1], frequencies)[0]) < WAVES.risk:
+            break
         near = frequencies[int(np.argmax(power))] + (frequencies[1] - frequencies[0]) * np.linspace(-1.0, 1.0, 21)
         near = np.clip(near, frequencies[0], frequencies[-1])
         without = _remove_columns(cells, columns)
