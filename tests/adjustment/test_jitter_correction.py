@@ -104,7 +104,7 @@ def test_knots_can_be_named():
     assert len(rms) == 2 and max(rms) < 0.5 * NOISE_PX  # there is nothing, whatever is asked for
 
 
-@pytest.mark.parametrize("asked", ["much", "2", "nan"])
+@pytest.mark.parametrize("asked", ["much", "2", "nan", "1e6"])  # and more lines than images have
 def test_other_words_are_errors(asked):
     block, _ = make_block(2, shaken=False)
     with pytest.raises(InputError, match="`jitter`"):

@@ -29,7 +29,9 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from ...block.block import Image, number_exposures
 from ...block.jitter_curve import JitterCurve, JitterEstimate
+from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
+from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
 from ..problem import Problem
 from .line_splines import LineSpline
@@ -89,8 +91,13 @@ def estimate_jitter(
     spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
     period : lines of the strongest wave
     prior : its frequency and damping; by default the most likely one of some
+    Raises `InputError` where no exposure has measurements over the lines between two knots.
     """
     places, unknowns = _place_splines(problem, spacing)
+    if not places:
+        raise InputError(
+            f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
+        )
     rows = _form_rows(problem, solution, measured, places, unknowns)
     fits = [_Fit(rows, list(places.values()), one, unknowns) for one in ([prior] if prior else list_priors(period))]
     for fit in fits:
@@ -171,26 +178,22 @@ def _linearise_points(
     """Return the image points ``measured`` against an adjustment."""
     observations, camera = problem.observations, problem.camera
     values, ground = solution.state
-    n, images, weight = observations.count, observations.images, 1.0 / observations.sigma_px
-    points = _PointTerms(
-        np.zeros((n, 2)), np.zeros((n, 2, 3)), np.zeros((n, 2, len(camera.parameters))),
-        np.zeros((n, 2), dtype=np.int64), np.zeros((n, 4)),
+    images, weight = observations.images, 1.0 / observations.sigma_px
+    at = linearise_images(
+        camera, images, observations.image, observations.xy, values[observations.camera_of_image],
+        ground[observations.point],
     )  # fmt: skip
-    exposures = number_exposures(images)
-    for number, rows in enumerate(observations.by_image):
-        image = images[number]
-        at = camera.equations(image, observations.xy[rows])(
-            values[observations.camera_of_image[number]], ground[observations.point[rows]]
-        )
-        points.right[rows] = weight[rows, None] * (measured[rows] - at.computed)
-        points.by_ground[rows] = weight[rows, None, None] * at.by_ground
-        points.by_values[rows] = weight[rows, None, None] * at.by_values
-        place = places.get(int(exposures[number]))
-        if place is not None:
+    start, splines = np.zeros((observations.count, 2), dtype=np.int64), np.zeros((observations.count, 4))
+    exposures = number_exposures(images).tolist()
+    for image, exposure, rows in zip(images, exposures, observations.by_image, strict=True):
+        if (place := places.get(exposure)) is not None:
             cell, factors = place.spline.evaluate(_scene_lines(image, observations.xy[rows, 1]))
-            points.start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
-            points.splines[rows] = factors * weight[rows, None] / image.camera_pixel
-    return points
+            start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]
+            splines[rows] = factors * weight[rows, None] / image.camera_pixel
+    return _PointTerms(
+        weight[:, None] * (measured - at.computed), weight[:, None, None] * at.by_ground,
+        weight[:, None, None] * at.by_values, start, splines,
+    )  # fmt: skip
 
 
 def _form_rows(
@@ -246,7 +249,7 @@ class _Fit:
     """Curves with one prior: `iterate` finds their variance, ``solved`` are the unknowns."""
 
     def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float], unknowns: int) -> None:
-        self.rows, self.places, self.prior, self.unknowns = rows, places, prior, unknowns
+        self.rows, self.places, self.prior = rows, places, prior
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
