@@ -221,14 +221,20 @@ class ViewDirection:
         Result: of the image's middle.
         Raises `SolveError`: the image's middle has no position on the terrain.
         """
-        _, by_ground = self.image.rpc.project_with_metric_jacobian(self.centre)
-        steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
+        gsd_sample_m, gsd_line_m = measure_pixel_m(self.image.rpc, self.centre)
         east, north, up = compute_view_directions(self.image.rpc, self.centre)[0]
         return ViewGeometry(
-            centre=self.centre[0], gsd_sample_m=float(np.hypot(*steps[:, 0])), gsd_line_m=float(np.hypot(*steps[:, 1])),
+            centre=self.centre[0], gsd_sample_m=gsd_sample_m, gsd_line_m=gsd_line_m,
             incidence_deg=float(np.degrees(np.arctan2(np.hypot(east, north), up))),
             azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0), footprint=list_corners(self.footprint),
         )  # fmt: skip
+
+
+def measure_pixel_m(rpc: RPC, ground: np.ndarray) -> tuple[float, float]:
+    """Return the ground distances in metres of neighbouring samples and of neighbouring lines at a place ``(1, 3)``."""
+    _, by_ground = rpc.project_with_metric_jacobian(ground)
+    steps = np.linalg.inv(by_ground[0, :, :2])  # columns: metres east and north of one sample, one line
+    return float(np.hypot(*steps[:, 0])), float(np.hypot(*steps[:, 1]))
 
 
 def compute_view_directions(rpc: RPC, ground: np.ndarray) -> np.ndarray:

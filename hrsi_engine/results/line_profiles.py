@@ -7,6 +7,7 @@ import numpy as np
 
 from ..adjustment.jitter.spectrum import WAVE_AXES, LineProfile, Wave, estimate_spectrum
 from ..block.block import Image
+from ..block.imaging_geometry import measure_pixel_m
 from ..foundation.thresholds import threshold, thresholds
 from ..io.rasters.sun_angles import read_line_rate
 
@@ -30,30 +31,31 @@ def describe_line_profiles(
         axes = {axis: entry for axis in WAVE_AXES if index in drawn and (entry := _describe_axis(profile, axis))}
         if not axes and not waves[index]:
             continue
-        rate = read_line_rate(image.path) if image.path and waves[index] else None
-        pixel_m = dict(zip(WAVE_AXES, measure_pixel_m(image), strict=True))
         told[image.id] = {
             "observations": len(profile.line),
-            "waves": [
-                {
-                    "axis": wave.axis, "period_lines": wave.period_lines,
-                    "period_s": wave.period_lines / rate if rate else None,
-                    "amplitude_px": wave.amplitude_px, "sigma_px": wave.sigma_px,
-                    "amplitude_m": wave.amplitude_px * pixel_m[wave.axis],
-                    "phase_rad": wave.phase_rad, "false_alarm": wave.false_alarm,
-                }
-                for wave in waves[index]
-            ],
+            "waves": describe_waves(image, waves[index]),
             **axes,
         }  # fmt: skip
     return told
 
 
-def measure_pixel_m(image: Image) -> tuple[float, float]:
-    """Return the ground distances in metres of neighbouring samples and of neighbouring lines in an image's middle."""
+def describe_waves(image: Image, waves: Sequence[Wave]) -> list[dict[str, Any]]:
+    """Return the report's entries of an image's waves; times are None where the delivery states no line rate."""
+    if not waves:
+        return []
+    rate = read_line_rate(image.path) if image.path else None
     middle = image.rpc.localize(image.centre_px[None], image.middle_height_m).ground
-    by_pixel = np.linalg.inv(image.rpc.project_with_metric_jacobian(middle)[1][0][:, :2])
-    return float(np.linalg.norm(by_pixel[:, 0])), float(np.linalg.norm(by_pixel[:, 1]))
+    pixel_m = dict(zip(WAVE_AXES, measure_pixel_m(image.rpc, middle), strict=True))
+    return [
+        {
+            "axis": wave.axis, "period_lines": wave.period_lines,
+            "period_s": wave.period_lines / rate if rate else None,
+            "amplitude_px": wave.amplitude_px, "sigma_px": wave.sigma_px,
+            "amplitude_m": wave.amplitude_px * pixel_m[wave.axis],
+            "phase_rad": wave.phase_rad, "false_alarm": wave.false_alarm,
+        }
+        for wave in waves
+    ]  # fmt: skip
 
 
 def _describe_axis(profile: LineProfile, axis: str) -> dict[str, Any] | None:

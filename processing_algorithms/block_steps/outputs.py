@@ -52,14 +52,11 @@ Pairs = Sequence[tuple[Image, RefitRPC]]
 #: By the choice of `write`: ending of the new file, and what writes it.
 NEW_FILES: dict[str, tuple[str, Writer]] = {
     "copy": (".tif", lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage)),
-    "resampled": (
-        ".tif",
-        lambda source, target, rpc, lineage, part: write_geotiff_copy(source, target, rpc, part, lineage),
-    ),
     "vrt": (".vrt", lambda source, target, rpc, lineage, part: write_vrt(source, target, rpc, lineage)),
     "sidecar": ("_RPC.TXT", lambda source, target, rpc, lineage, part: write_rpc_text(target, rpc, lineage)),
 }
 IN_PLACE, WRITE_NOTHING, RESAMPLED = "in-place", "none", "resampled"
+NEW_FILES[RESAMPLED] = NEW_FILES["copy"]  # whose pixels are then written without jitter
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 WITHHELD = "no refined RPC was written, because the result is unusable: correct the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"

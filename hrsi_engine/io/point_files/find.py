@@ -175,11 +175,11 @@ def read_table(spec: str) -> PointTable:
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}): check its permissions") from None
     name = os.path.basename(path).lower()
-    reader = next((reader for reader in POINT_READERS.values() if reader.recognises(path, name, head)), None)
-    if gcp_texts.is_orthoengine(layer.removeprefix(csv_text.NAMED_COLUMNS).split(",")):
-        reader = gcp_texts.ORTHOENGINE_TEXT
+    columns, readers = layer.removeprefix(csv_text.NAMED_COLUMNS).split(","), POINT_READERS.values()
+    named = (reader for reader in readers if reader.is_named_by(columns))
+    reader = next(named, None) or next((reader for reader in readers if reader.recognises(path, name, head)), None)
     if reader is None:
-        titles = ", ".join(reader.title for reader in POINT_READERS.values())
+        titles = ", ".join(reader.title for reader in readers)
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
     return reader.read(path, layer)

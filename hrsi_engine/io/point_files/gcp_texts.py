@@ -74,4 +74,6 @@ def read_orthoengine(path: str, columns_option: str) -> PointTable:
 
 
 #: Nothing in such a file tells the order of its fields: whoever names OrthoEngine's columns means this reader.
-ORTHOENGINE_TEXT = PointReader("PCI OrthoEngine text", lambda _path, _name, _head: False, read_orthoengine)
+ORTHOENGINE_TEXT = PointReader(
+    "PCI OrthoEngine text", lambda _path, _name, _head: False, read_orthoengine, is_orthoengine
+)

@@ -56,11 +56,13 @@ class PointReader:
     title : as messages name the format
     recognises : whether a file is of this format, by its path, its name (lower case) and its first bytes
     read : the rows of a file; the second argument is the layer wanted (name, ``#number`` or empty)
+    is_named_by : whether the names of columns that a user gives are those of this format, whatever the file is
     """
 
     title: str
     recognises: Callable[[str, str, bytes], bool]
     read: Callable[[str, str], PointTable]
+    is_named_by: Callable[[Sequence[str]], bool] = lambda _columns: False
 
 
 #: Text fields and what else they may be called.

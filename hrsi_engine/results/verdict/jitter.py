@@ -8,8 +8,7 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import threshold, thresholds
-from ...io.rasters.sun_angles import read_line_rate
-from ..line_profiles import measure_pixel_m
+from ..line_profiles import describe_waves
 from .evidence import Evidence
 
 
@@ -33,16 +32,16 @@ def find_jitter(evidence: Evidence) -> Iterator[Reason]:
     if not found:
         return
     wave, image = max(found, key=lambda one: one[0].amplitude_px)
-    rate = read_line_rate(image.path) if image.path else None
-    seconds = f" ({wave.period_lines / rate:.3g} s)" if rate else ""
-    metres = wave.amplitude_px * measure_pixel_m(image)[wave.axis == "along"]
+    told = describe_waves(image, [wave])[0]
+    size = f"{wave.amplitude_px:.2g} px ({told['amplitude_m']:.2g} m)"
+    seconds = f" ({told['period_s']:.3g} s)" if told["period_s"] else ""
     ids = [image.id for _, image in found]
     rays = block.rays_per_point()[block.points.role == Role.TIE]
     between = "; their tie points show only the difference of the vibrations" if np.median(rays) == 2.0 else ""
     yield Reason(
         "jitter", Level.DOUBTFUL,
         f"the residuals of image {list_ids(ids)} follow waves along the lines (jitter, a vibration of the attitude): "
-        f"{image.id} has {wave.amplitude_px:.2g} px ({metres:.2g} m) {wave.axis} the track with a period of "
+        f"{image.id} has {size} {wave.axis} the track with a period of "
         f"{wave.period_lines:.0f} lines{seconds}{between if len(ids) > 1 else ''}",
         "choose auto for `jitter`, which estimates and removes it by dense tie points along all lines; no model of an "
         "RPC's correction follows it",
