@@ -191,6 +191,12 @@ def test_fit_rpc(scene: SimpleNamespace, tmp_path) -> None:
     fitted = Camera(next(out.glob("fitted_RPC.TXT")))
     ground = camera.localize(grid(160, 160, 13), 270.0)
     np.testing.assert_allclose(fitted.project(ground), camera.project(ground), atol=0.01)
+    # Offsets and scales take the correspondences to -1 … 1, the domain for which RPCs are defined
+    values = np.array([[float(value) for value in row.split(",")[1:]] for row in rows[1:]])
+    for column, name in enumerate(("LONG", "LAT", "HEIGHT", "SAMP", "LINE")):
+        low, high = values[:, column].min(), values[:, column].max()
+        found = [float(fitted.value[f"{name}_{word}"]) for word in ("OFF", "SCALE")]
+        assert found == pytest.approx([(low + high) / 2.0, (high - low) / 2.0], rel=1e-9), name
 
 
 def test_write_rpc(scene: SimpleNamespace, adjusted: SimpleNamespace, tmp_path) -> None:

@@ -209,7 +209,16 @@ def test_layers(scene: SimpleNamespace, evaluated: SimpleNamespace) -> None:
                 seen = fit.cameras[row["image"]].project(scene.places[point])[0]
                 assert found == pytest.approx(scene.measured[point][row["image"]] - seen, abs=1e-3)
     told = evaluated.report["sets"]
+    own = evaluated.fits["own"]  # the set of the images draws the footprints, at the points' median height
+    ties = [place[2] for point, place in own.ground.items() if point.startswith("T")]
+    height = float(np.median([*ties, *(place[2] for place in scene.places.values())]))
     for row in layer(evaluated.package, "images"):
+        width, lines = scene.cameras[row["id"]].size
+        ring = np.array(row["geometry"]["coordinates"][0])[:, :2]
+        corners = own.cameras[row["id"]].project(np.column_stack([ring, np.full(len(ring), height)]))
+        to_border = np.abs(np.concatenate([corners + 0.5, corners - [width - 0.5, lines - 0.5]], axis=1)).min(axis=1)
+        np.testing.assert_allclose(to_border, 0.0, atol=2e-3)
+        assert np.ptp(corners, axis=0) == pytest.approx([width, lines], abs=4e-3)
         for key in told:
             for figure in ("predicted_rmse", "fit_rmse"):
                 assert row[f"{figure}_{key}"] == pytest.approx(told[key]["images"][row["id"]][f"{figure}_px"], abs=1e-9)
