@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.adjustment.blunders.discrepancies import compute_discrepancies
 from hrsi.hrsi_engine.adjustment.consensus import (
+    Parallaxes,
     _compute_parallaxes,
     _find_nearest_planes,
     _fit_planes,
+    _measure_departures,
 )
 from hrsi.hrsi_engine.adjustment.problem import prepare_problem
 from hrsi.hrsi_engine.adjustment.solver import Adjuster
@@ -184,6 +187,28 @@ def test_the_plane_of_least_quantile_is_found(terms):
     for pair, found in enumerate(_find_nearest_planes(at, y, sigma, tried, kept)):
         apart = [sorted(np.abs(y[pair] - at[pair] @ plane) / sigma[pair])[kept[pair]] for plane in tried[pair]]
         assert found == np.argmin(apart)
+
+
+def test_departures_are_in_sigmas_from_the_plane_of_the_image_pair():
+    """Three image pairs in any order, each with a plane of its own, a third of the parallaxes wrong."""
+    rng = np.random.default_rng(12)
+    rows = np.arange(1200).reshape(-1, 2)
+    image = np.repeat([[0, 1], [2, 0], [1, 2]], 200, axis=0).ravel()  # of the second pair the larger one comes first
+    observations = SimpleNamespace(image=image, images=range(3), places=rng.uniform(-1.0, 1.0, (1200, 2)))
+    on_first = np.where(image[rows[:, 0]] < image[rows[:, 1]], rows[:, 0], rows[:, 1])
+    planes = np.repeat(rng.normal(0.0, 20.0, (3, 3)), 200, axis=0)
+    sigma, wrong = rng.uniform(0.1, 0.8, 600), rng.uniform(size=600) < 1.0 / 3.0
+    y = np.einsum("nc,nc->n", planes, np.column_stack([np.ones(600), observations.places[on_first]]))
+    y += rng.normal(0.0, sigma) + np.where(wrong, rng.choice([-1.0, 1.0], 600) * rng.uniform(30.0, 60.0, 600), 0.0)
+    shuffled = rng.permutation(600)
+    pairs = Parallaxes(rows[shuffled, 0], rows[shuffled, 1], y[shuffled], sigma[shuffled])
+    departure, judged = _measure_departures(observations, pairs)
+    assert judged.all()
+    right = ~wrong[shuffled]
+    # normal, and the plane through three of the parallaxes is off by as much again at most
+    assert 0.6745 * 0.8 < np.median(np.abs(departure[right])) < 0.6745 * 1.5
+    assert np.abs(departure[right]).max() < 8.0
+    assert np.abs(departure[~right]).min() > 25.0 / 0.8
 
 
 def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
