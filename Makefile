@@ -8,6 +8,9 @@ IMAGES := $(BUILD)/demo-images
 # QGIS without a desktop; its runtime directory must be private.
 QGIS_ENV := QT_QPA_PLATFORM=offscreen XDG_RUNTIME_DIR=$${XDG_RUNTIME_DIR:-$(CURDIR)/$(BUILD)/runtime} PATH=$(CURDIR)/$(BIN):$$PATH
 PYTEST := $(BIN)/python -m pytest
+# Processor time of all that make has run, and of the shell of this line; $(1) is the last of it.
+tell_processor_time = cat /proc/$$PPID/stat /proc/$$$$/stat 2>/dev/null | \
+	awk '{ticks += $$16 + $$17} END {printf "processor time so far: %.1f minutes (after $(1))\n", ticks / 6000}'
 
 .PHONY: help
 help:  ## list the targets
@@ -51,6 +54,7 @@ lint: set-up-test  ## ruff, mypy, docstrings and names of the API, words of all 
 	@$(BIN)/python scripts/check_words.py
 	@$(BIN)/flake8 --isolated --select QGS1,QGS4 --extend-ignore QGS105 plugin  # QGS105: qgis_process has no iface
 	@$(BIN)/python scripts/check_qt6.py plugin
+	@$(call tell_processor_time,set-up and lint)
 
 .PHONY: scan
 scan: set-up-test  ## what the plugin repository's scan finds in the plugin's zip (bandit, detect-secrets, flake8)
@@ -62,12 +66,12 @@ format: set-up-test  ## bring the code into ruff's format
 
 # Tests that prove something with many blocks, images, processes or kinds; pyproject.toml says what each marker means.
 # A plain test beside them in `make test` shows that the feature works.
-LONG := coverage or rendered or killed or wrong_inputs or real or programs or large
+LONG := coverage or rendered or killed or wrong_inputs or real or programs or large or thorough
 # Inside QGIS, then all the others on all cores; $(1) selects. QGIS's window (test-desktop) needs a quiet machine.
 run_tests = install -d -m 700 $(BUILD)/runtime; status=0; \
-	$(QGIS_ENV) $(PYTEST) $(1) tests/qgis || status=$$?; \
+	$(QGIS_ENV) $(PYTEST) $(1) tests/qgis || status=$$?; $(call tell_processor_time,the tests inside QGIS); \
 	$(PYTEST) -p no:pytest_qgis --numprocesses auto --dist loadfile --ignore=tests/qgis --ignore=tests/desktop $(1) tests || status=$$?; \
-	exit $$status
+	$(call tell_processor_time,all tests); exit $$status
 
 .PHONY: test test-all
 test: set-up-test lint  ## lint, then the tests of every feature, QGIS included, in 15 minutes of processor time

@@ -1,13 +1,16 @@
-"""Fixtures for every test: where the data outside the repository lies, and how hard hypothesis searches."""
+"""Fixtures for every test: where outside data lies, how hard hypothesis searches; and the list of heavy tests."""
 
 from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from measure_structure import Product
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 TEST_DATA = Path(os.environ.get("HRSI_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
@@ -20,6 +23,40 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("default", deadline=None, derandomize=True, print_blob=True)
 settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=list(HealthCheck))
 settings.load_profile("default")
+
+HEAVY_S = 3.0  # a test that takes more processor time is listed at the end
+
+
+class ProcessorTimes:
+    """Processor time of each test with its fixtures and the programs that it started and waited for."""
+
+    def __init__(self) -> None:
+        self.before, self.of_tests = self._spent(), Counter[str]()
+
+    def _spent(self) -> float:
+        return sum(os.times()[:4])
+
+    def pytest_collection_finish(self) -> None:
+        self.before = self._spent()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self) -> Iterator[None]:
+        report, spent = (yield), self._spent()
+        report.processor_s, self.before = spent - self.before, spent
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.of_tests[report.nodeid] += getattr(report, "processor_s", 0.0)  # none where its process ended
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        heavy = [(name, seconds) for name, seconds in self.of_tests.most_common() if seconds > HEAVY_S]
+        terminalreporter.section(f"processor time: {self.of_tests.total():.0f} s, tests above {HEAVY_S:g} s")
+        for name, seconds in heavy:
+            terminalreporter.line(f"{seconds:6.1f} s  {name}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(ProcessorTimes())
 
 
 def _data_folder(name: str) -> Path:
@@ -37,6 +74,12 @@ def _data_folder(name: str) -> Path:
 def repository() -> Path:
     """The root of the repository, which is the package ``hrsi``."""
     return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def product() -> Product:
+    """The shipped sources, read and parsed once a process."""
+    return Product(REPOSITORY)
 
 
 @pytest.fixture(scope="session")

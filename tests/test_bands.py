@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Adjustment
@@ -118,7 +119,7 @@ def test_images_of_other_exposures_stay_apart(other):
     assert all(image.tile is None for image in join_exposures([pan, other(replace(band, id="IMG_MS"))]))
 
 
-@pytest.mark.parametrize("model", [name for name in MODELS if name != "none"])
+@pytest.mark.parametrize("model", mark_beyond(4, "thorough", [name for name in MODELS if name != "none"]))
 def test_a_band_without_points_gets_the_correction_of_its_pan(model):
     pans, bands = make_images()
     ties, gcps = blocks.ground(200, 1), blocks.ground(12, 2)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.version import VERSION
@@ -244,11 +245,15 @@ def test_a_signal_leaves_one_line_and_no_file(tmp_path, number, code, word):
 
 @pytest.mark.parametrize(
     ("start", "number", "code", "word"),
-    [
-        ("hrsi", signal.SIGINT, 130, "interrupted"),
-        ("hrsi.processing_algorithms.interface.cli", signal.SIGINT, 130, "interrupted"),
-        ("hrsi", signal.SIGTERM, 143, "terminated"),
-    ],
+    mark_beyond(
+        1,
+        "killed",
+        [
+            ("hrsi", signal.SIGINT, 130, "interrupted"),
+            ("hrsi.processing_algorithms.interface.cli", signal.SIGINT, 130, "interrupted"),
+            ("hrsi", signal.SIGTERM, 143, "terminated"),
+        ],
+    ),
 )
 def test_a_signal_while_modules_load_gives_one_line(tmp_path, start, number, code, word):
     """From the moment on that SIGTERM is caught (the system tells), through the loading of NumPy, OpenCV and GDAL."""

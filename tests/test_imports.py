@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 from measure_structure import Import, Product
 
-ROOT = Path(__file__).resolve().parents[1]
-
 #: What a room may import besides itself, by the longest fitting prefix of a module's name: the floors of the house,
 #: from the ground up.
 FOUNDATION = {"hrsi_engine.foundation"}
@@ -55,10 +53,15 @@ BARRED = {"fiona", "pyogrio", "geopandas", "pytest"}
 OPENERS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
 
 
-PRODUCT = Product(ROOT)
-SOURCES = PRODUCT.sources
-MODULES = set(SOURCES) - {""}  # the root is a plugin folder's __init__, QGIS's affair
-ALL_IMPORTS = [found for found in PRODUCT.imports if found.module]
+@pytest.fixture(scope="module")
+def modules(product: Product) -> set[str]:
+    """All but the root, which is a plugin folder's ``__init__``, QGIS's affair."""
+    return set(product.sources) - {""}
+
+
+@pytest.fixture(scope="module")
+def all_imports(product: Product) -> list[Import]:
+    return [found for found in product.imports if found.module]
 
 
 def is_below(module: str, part: str) -> bool:
@@ -70,22 +73,22 @@ def rule_of(module: str) -> str:
     return max((part for part in ALLOWED if is_below(module, part)), key=len)
 
 
-def test_the_rules_see_the_package():
-    assert {"hrsi_engine.camera.rpc", "processing_algorithms.interface.cli", "plugin.provider"} <= MODULES
-    assert Import("hrsi_engine.foundation.progress", 5, "hrsi_engine.foundation.errors", True) in ALL_IMPORTS
+def test_the_rules_see_the_package(all_imports: list[Import], modules: set[str]):
+    assert {"hrsi_engine.camera.rpc", "processing_algorithms.interface.cli", "plugin.provider"} <= modules
+    assert Import("hrsi_engine.foundation.progress", 5, "hrsi_engine.foundation.errors", True) in all_imports
 
 
-def test_every_engine_module_has_a_rule():
+def test_every_engine_module_has_a_rule(modules: set[str]):
     """A new module of the engine says in `ALLOWED` what it may import."""
-    unruled = [module for module in MODULES if module != "hrsi_engine" and rule_of(module) == "hrsi_engine"]
+    unruled = [module for module in modules if module != "hrsi_engine" and rule_of(module) == "hrsi_engine"]
     assert unruled == []
 
 
 @pytest.mark.parametrize("part", ALLOWED)
-def test_direction(part: str):
+def test_direction(part: str, all_imports: list[Import]):
     wrong = [
         found
-        for found in ALL_IMPORTS
+        for found in all_imports
         if found.inside
         and rule_of(found.module) == part
         and not any(is_below(found.target, allowed) for allowed in ALLOWED[part] | {part})
@@ -93,26 +96,26 @@ def test_direction(part: str):
     assert wrong == []
 
 
-def test_the_laboratory_is_apart():
+def test_the_laboratory_is_apart(all_imports: list[Import]):
     """Only the list of algorithms knows it, and `refine-rpc`, which offers its direct methods beside the models."""
     rooms = ("hrsi_engine.laboratory", "processing_algorithms.laboratory")
 
     def is_inside(module: str) -> bool:
         return any(is_below(module, room) for room in rooms)
 
-    doors = {found.module for found in ALL_IMPORTS if is_inside(found.target) and not is_inside(found.module)}
+    doors = {found.module for found in all_imports if is_inside(found.target) and not is_inside(found.module)}
     assert doors == {"processing_algorithms", "processing_algorithms.refine_rpc"}
 
 
-def test_imports_inside_the_package_are_relative():
-    assert [found for found in ALL_IMPORTS if not found.inside and is_below(found.target, "hrsi")] == []
+def test_imports_inside_the_package_are_relative(all_imports: list[Import]):
+    assert [found for found in all_imports if not found.inside and is_below(found.target, "hrsi")] == []
 
 
 @pytest.mark.parametrize("package", KEPT_TO)
-def test_packages_of_the_edges(package: str):
+def test_packages_of_the_edges(package: str, all_imports: list[Import]):
     outside = [
         found
-        for found in ALL_IMPORTS
+        for found in all_imports
         if not found.inside
         and is_below(found.target, package)
         and not any(is_below(found.module, door) for door in KEPT_TO[package])
@@ -120,14 +123,14 @@ def test_packages_of_the_edges(package: str):
     assert outside == []
 
 
-def test_barred_packages():
-    assert [found for found in ALL_IMPORTS if not found.inside and found.target.partition(".")[0] in BARRED] == []
+def test_barred_packages(all_imports: list[Import]):
+    assert [found for found in all_imports if not found.inside and found.target.partition(".")[0] in BARRED] == []
 
 
-def test_only_io_opens_paths():
+def test_only_io_opens_paths(product: Product):
     opened = [
         f"{module}:{node.lineno}"
-        for module, source in SOURCES.items()
+        for module, source in product.sources.items()
         if is_below(module, "hrsi_engine") and not any(is_below(module, door) for door in FILES)
         for node in ast.walk(source.tree)
         if isinstance(node, ast.Call) and called_name(node) in OPENERS
@@ -139,20 +142,20 @@ def called_name(call: ast.Call) -> str:
     return getattr(call.func, "id", "") or getattr(call.func, "attr", "")
 
 
-def test_no_vague_module_names():
+def test_no_vague_module_names(modules: set[str]):
     vague = {"utils", "util", "common", "helpers", "helper", "manager", "misc"}
-    assert [module for module in MODULES if vague & set(module.split("."))] == []
+    assert [module for module in modules if vague & set(module.split("."))] == []
 
 
-def test_few_rooms_and_arrows():
+def test_few_rooms_and_arrows(product: Product):
     """A newcomer can hold the house in the head; one arrow is the laboratory's, which measures with `measurement`."""
-    assert len(PRODUCT.rooms()) <= 20
-    assert len(PRODUCT.arrows()) <= 75 + 1
+    assert len(product.rooms()) <= 20
+    assert len(product.arrows()) <= 75 + 1
 
 
-def test_no_circle_of_files():
+def test_no_circle_of_files(product: Product):
     """Nowhere, not inside a room, and not for types only."""
-    assert PRODUCT.circles() == []
+    assert product.circles() == []
 
 
 def test_a_circle_is_found(tmp_path: Path):
@@ -172,6 +175,6 @@ def test_a_circle_is_found(tmp_path: Path):
     assert Product(tmp_path).circles() == [[room, f"{room}.one", f"{room}.two"]]
 
 
-def test_public_names_mean_one_thing():
+def test_public_names_mean_one_thing(product: Product):
     """No two modules define the same public name, but for those that every algorithm or format has."""
-    assert PRODUCT.names_with_several_places() == {}
+    assert product.names_with_several_places() == {}

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from long_tests import mark_beyond
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "heirs.md"
@@ -67,7 +68,7 @@ def apply_patch(root: Path, file: str, lines: list[str]) -> None:
     path.write_text(text[: found[0]] + new + text[found[0] + len(old) :], encoding="utf-8")
 
 
-@pytest.mark.parametrize("recipe", read_recipes(), ids=lambda recipe: recipe.title)
+@pytest.mark.parametrize("recipe", mark_beyond(1, "thorough", read_recipes()), ids=lambda recipe: recipe.title)
 def test_recipe(recipe: Recipe, tmp_path: Path) -> None:
     copy = tmp_path / "hrsi"  # beside which `import hrsi` finds it
     shutil.copytree(ROOT, copy, ignore=LEFT_OUT)

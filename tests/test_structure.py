@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
 import pytest
 from measure_structure import LIMITS, PAGE, Product, arrows_up, length_of, rooms_of
 from measure_trips import Calls, Trip
 
-ROOT = Path(__file__).resolve().parents[1]
 #: How far a count on the page may lie behind the sources, so that not every change of a line changes the page.
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
     "product lines without the laboratory": (68_000, "thresholds, layers and geodesy added what deletions saved")
 }
-
-
-@pytest.fixture(scope="module")
-def product() -> Product:
-    return Product(ROOT)
 
 
 @pytest.fixture(scope="module")

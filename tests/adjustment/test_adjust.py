@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from dense_adjustment import dense_solution
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import WEIGHTS, AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
@@ -152,7 +153,7 @@ def test_cancel():
         adjust(blocks.block()[0], progress=lambda fraction, message: False)
 
 
-@pytest.mark.parametrize("model", ["shift", "affine", "generic-shift"])
+@pytest.mark.parametrize("model", mark_beyond(1, "wrong_inputs", ["shift", "affine", "generic-shift"]))
 @pytest.mark.parametrize("moved", [(0.0, -6.0, 0.0), (40.0, 80.0, 0.0), (0.0, 0.0, 5e6)])
 def test_points_on_the_other_side_of_the_earth_end_in_words(moved: tuple[float, float, float], model: str) -> None:
     """GCPs kilometres or continents away: the error that says what to do, or a result whose verdict is unusable."""

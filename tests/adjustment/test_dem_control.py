@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.held import shared_errors
@@ -61,7 +62,7 @@ def height_error_m(block: Block, truth: np.ndarray, options: AdjustOptions) -> n
     return np.array([error.mean(), np.sqrt(np.mean(error**2))])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", mark_beyond(1, "coverage", [1, 2, 3]))
 def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     terrain, dirty, known = surfaces(0.25, seed)
     block, truth = weak_block(terrain, seed)

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 from scipy import sparse
 
 from hrsi.hrsi_engine.adjustment.equations import NormalEquations
@@ -42,7 +43,7 @@ def grid_matrix(width: int, size: int, seed: int = 0) -> tuple[Pattern, np.ndarr
 
 
 @pytest.mark.parametrize("calls", [nullcontext, one_thread_calls])  # the products of NumPy, and those of SciPy
-@pytest.mark.parametrize(("width", "size"), [(1, 6), (3, 2), (14, 6), (25, 2)])
+@pytest.mark.parametrize(("width", "size"), mark_beyond(2, "thorough", [(1, 6), (3, 2), (14, 6), (25, 2)]))
 def test_nested_dissection_equals_dense_algebra(width, size, calls):
     with calls():
         equals_dense_algebra(width, size)

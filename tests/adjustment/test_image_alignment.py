@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment import Decision
@@ -33,7 +34,7 @@ def simulate_strip(
     return simulate_block(SceneSpec(seed=3), views, PointCounts(0, 5, 600), noise)
 
 
-@pytest.mark.parametrize("model", ["auto", "shift", "generic-shift"])
+@pytest.mark.parametrize("model", mark_beyond(1, "thorough", ["auto", "shift", "generic-shift"]))
 def test_frames_50_px_apart_lose_no_right_tie(model):
     block = simulate_strip(50.0).block
     result = adjust(block, AdjustOptions(model=model))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.benchmarks.adjust_speed import visible_sigmas
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
@@ -52,7 +53,10 @@ def check_rmse(truth, result):
     return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
 
 
-@pytest.mark.parametrize(("images", "share", "least"), [(2, 0.3, 0.95), (3, 0.3, 0.95), (3, 0.4, 0.9), (4, 0.4, 0.9)])
+@pytest.mark.parametrize(
+    ("images", "share", "least"),
+    mark_beyond(1, "coverage", [(2, 0.3, 0.95), (3, 0.3, 0.95), (3, 0.4, 0.9), (4, 0.4, 0.9)]),
+)
 def test_ties_wrong_by_the_dozen(images, share, least):
     """RPCs tens of pixels off, errors of 30 px: no start from all measurements finds its way here."""
     found, shown, alarms, right = 0, 0, 0, 0

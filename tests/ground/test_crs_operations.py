@@ -68,6 +68,7 @@ def test_nothing_else_converts_coordinates() -> None:
     assert found == []
 
 
+@pytest.mark.thorough
 @needs_cs2cs
 def test_sixty_crs_are_as_cs2cs_has_them() -> None:
     rows = benchmark.compare_with_cs2cs()
@@ -168,6 +169,7 @@ def test_a_missing_geoid_is_replaced_unless_that_is_forbidden() -> None:
     require_strict_datums(uses, strict_datum=False)
 
 
+@pytest.mark.thorough
 def test_where_no_grid_is_installed_every_loss_is_told(tmp_path: Path) -> None:
     losses = benchmark.run_without_grids(tmp_path)
     assert len(losses) > 20
@@ -284,12 +286,14 @@ def test_the_error_of_an_operation_is_in_what_the_block_predicts_and_not_in_what
     np.testing.assert_allclose(other[:, 0, 0], expected, rtol=1e-3)
 
 
+@pytest.mark.coverage
 def test_predicted_accuracies_cover_errors_drawn_from_the_stated_accuracy() -> None:
     low, high = benchmark.COVERED
     for share in benchmark.cover(benchmark.take_operation("EPSG:23030", (-3.7, 40.4))):
         assert low <= share <= high
 
 
+@pytest.mark.thorough
 def test_the_command_line_tells_the_operation_and_says_what_check_points_cannot(tmp_path: Path) -> None:
     (spain, *figures), (chile, *_) = benchmark.run_jobs(tmp_path)
     assert (spain, chile) == ("Spain", "Chile")

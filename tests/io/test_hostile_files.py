@@ -13,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal, osr
 from rpc_samples import sample_rpc, write_image
 
@@ -54,7 +55,9 @@ def _make_folder(path: Path) -> None:
         (path / f"f{number}.tif").touch()
 
 
-@pytest.mark.parametrize(("name", "make"), [("a.zip", _make_zip), ("a.tar", _make_tar), ("a", _make_folder)])
+@pytest.mark.parametrize(
+    ("name", "make"), mark_beyond(1, "wrong_inputs", [("a.zip", _make_zip), ("a.tar", _make_tar), ("a", _make_folder)])
+)
 def test_a_delivery_of_60000_files_is_refused_at_once(tmp_path: Path, name: str, make) -> None:
     make(tmp_path / name)
     before = _cpu_seconds()

@@ -14,6 +14,7 @@ import pytest
 import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from long_tests import mark_beyond
 from osgeo import gdal, ogr, osr
 from rasterio.control import GroundControlPoint
 
@@ -451,7 +452,7 @@ MUTATION = st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.one_of(st.binar
 
 
 @pytest.mark.fuzz
-@pytest.mark.parametrize("extension", SEEDS)
+@pytest.mark.parametrize("extension", mark_beyond(2, "wrong_inputs", SEEDS))
 @settings(max_examples=150)
 @given(mutations=st.lists(MUTATION, min_size=1, max_size=4))
 def test_mutated_files_give_points_or_an_input_error(

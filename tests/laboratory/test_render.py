@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
@@ -88,7 +89,7 @@ def centroid(window: np.ndarray, background: float) -> np.ndarray:
     return np.array([(weight * sample).sum(), (weight * line).sum()]) / weight.sum()
 
 
-@pytest.mark.parametrize("relief_m", [0.0, 80.0])
+@pytest.mark.parametrize("relief_m", mark_beyond(1, "rendered", [0.0, 80.0]))
 def test_targets_are_where_the_truth_says(relief_m: float):
     """Gravity centre of the bright disc (radius 4.5 px) on its dark apron (10 px), without noise."""
     block = simulated(SceneSpec(relief_m=relief_m))

@@ -136,6 +136,7 @@ def year(dates: int = 8, size: int = 300, seed: int = 4) -> BlockSimulation:
     return simulate_block(spec, views, PointCounts(0, 4, 0), Noise(vendor=0.0))
 
 
+@pytest.mark.rendered
 def test_pixels_do_not_depend_on_the_window_nor_on_the_other_dates():
     block = year(3)
     image = make_renderer(block, "d2_1")

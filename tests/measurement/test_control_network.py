@@ -220,7 +220,7 @@ def test_children_of_a_dropped_node_go_to_its_father():
 
 
 @pytest.mark.parametrize("rotation_deg", mark_beyond(1, "rendered", [45.0, 0.0, 315.0]))
-@pytest.mark.parametrize("texture", TEXTURES)
+@pytest.mark.parametrize("texture", mark_beyond(1, "rendered", TEXTURES))
 def test_homogeneous_texture(texture: str, rotation_deg: float):
     """Hundreds of correspondences (the thesis has 264 to 641 on 400 x 400 px) and none of them false."""
     pair = true_pair(texture, 400, rotation_deg)
@@ -265,7 +265,7 @@ def mirrored(window: ArrayRaster) -> ArrayRaster:
     return ArrayRaster(np.ascontiguousarray(window.grey[:, ::-1]), window.valid)
 
 
-@pytest.mark.parametrize("other", ["elsewhere", "mirrored"])
+@pytest.mark.parametrize("other", mark_beyond(1, "thorough", ["mirrored", "elsewhere"]))
 def test_other_ground_does_not_match(other: str):
     """Another piece of the same texture, and the mirror image, in which no rotation fits."""
     first = true_pair("forest", 400, seed=3).first
@@ -317,12 +317,16 @@ def test_large_windows_are_refused(monkeypatch):
 
 @pytest.mark.parametrize(
     ("folder", "names", "window", "degrees", "height_m", "least"),
-    [
-        (S2P, ("img_01.tif", "img_02.tif"), (300, 300, 400), 45.0, 206.0, 264),
-        (S2P, ("img_01.tif", "img_03.tif"), (400, 560, 400), 315.0, 206.0, 264),
-        ("kahramanmaras_phr4", ("post_event_img1.tif", "post_event_img2.tif"), (100, 300, 500), 45.0, 704.0, 264),
-        ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), (0, 0, 490), 315.0, 537.0, 100),
-    ],
+    mark_beyond(
+        1,
+        "real",
+        [
+            (S2P, ("img_01.tif", "img_02.tif"), (300, 300, 400), 45.0, 206.0, 264),
+            (S2P, ("img_01.tif", "img_03.tif"), (400, 560, 400), 315.0, 206.0, 264),
+            ("kahramanmaras_phr4", ("post_event_img1.tif", "post_event_img2.tif"), (100, 300, 500), 45.0, 704.0, 264),
+            ("ventoux_phr_pair", ("left_image.tif", "right_image.tif"), (0, 0, 490), 315.0, 537.0, 100),
+        ],
+    ),
 )
 def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: tuple, degrees: float, height_m, least):
     """Hundreds of correspondences on 400 x 400 px, at most 1 % farther than 1.5 px from their epipolar line."""
@@ -352,6 +356,7 @@ def test_features_tell_where_the_second_window_shows_the_first():
         assert np.median(np.hypot(*away.T)) < 4.0  # pixels: relief moves points by up to 5 x 0.8
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("folder", "names", "degrees", "height_m"),
     [

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import object_scenes as scenes
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
@@ -24,6 +25,8 @@ from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, C
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
+#: For tests in which the centres, which need whole regions, take most of the time.
+FASTER_DETECTORS = pytest.mark.parametrize("detector", mark_beyond(2, "thorough", DETECTORS))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +54,7 @@ def same_points(first: InterestPoints, second: InterestPoints, tolerance_px: flo
     assert a.kind.tolist() == b.kind.tolist()
 
 
-@EVERY_DETECTOR
+@FASTER_DETECTORS
 def test_windows_leave_no_seams(monkeypatch, pixels: np.ndarray, detector: str):
     """The same points, to float32 rounding, in one window and in windows with cores of 384 px."""
     whole = detect_interest_points(ArrayRaster(pixels), detector)
@@ -61,7 +64,7 @@ def test_windows_leave_no_seams(monkeypatch, pixels: np.ndarray, detector: str):
     same_points(whole, detect_interest_points(ArrayRaster(pixels), detector, DetectionOptions(threads=3)), 1e-3)
 
 
-@EVERY_DETECTOR
+@FASTER_DETECTORS
 def test_grey_scale_does_not_matter(pixels: np.ndarray, detector: str):
     """8 bit loses a little; 16 bit, float and inverted grey values give the same points."""
     found = detect_interest_points(ArrayRaster(pixels), detector)
@@ -129,7 +132,9 @@ def test_failures(pixels: np.ndarray):
         detect_interest_points(ArrayRaster(pixels), "harris", progress=lambda fraction, message="": False)
 
 
-@pytest.mark.parametrize(("size", "most_px"), [("small_objects", 0.10), ("large_objects", 0.05)])
+@pytest.mark.parametrize(
+    ("size", "most_px"), mark_beyond(1, "rendered", [("small_objects", 0.10), ("large_objects", 0.05)])
+)
 def test_centres_are_where_the_truth_says(request, size: str, most_px: float):
     """Tanks and roundabouts of 15 and 40 px: every one is found; limits are those wanted of a coordinate."""
     simulated = request.getfixturevalue(size)
@@ -239,10 +244,10 @@ def test_pan_and_multispectral_centres_agree(large_objects: BlockSimulation):
 
 @pytest.mark.parametrize(
     "name",
-    [
+    mark_beyond(1, "real", [
         "s2p_triplet_phr/img_01.tif", "kahramanmaras_phr4/pre_event_img1.tif", "ventoux_phr_pair/left_image.tif",
         "qb2_gcp/qb2_basic1b.tif", "formats/nitf_rpc00b/wv3_20.NTF",
-    ],
+    ]),
 )  # fmt: skip
 @EVERY_DETECTOR
 def test_real_images_have_points_in_every_quarter(real_data, name: str, detector: str):

@@ -8,6 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 import reference_scenes as scenes
+from long_tests import mark_beyond
 from osgeo import gdal
 from scipy import ndimage
 
@@ -118,7 +119,10 @@ def shifted(scene: scenes.Scene, east_m: float, north_m: float) -> scenes.Scene:
     return replace(scene, reference=moved)
 
 
-@pytest.mark.parametrize(("east_m", "north_m", "noticed"), [(80.0, -60.0, True), (0.0, 0.0, False), (3.0, 4.0, False)])
+@pytest.mark.parametrize(
+    ("east_m", "north_m", "noticed"),
+    mark_beyond(2, "rendered", [(80.0, -60.0, True), (0.0, 0.0, False), (3.0, 4.0, False)]),
+)
 def test_displaced_reference_is_noticed(scene, east_m, north_m, noticed):
     moved = shifted(scene, east_m, north_m)
     control = match_reference(moved.images, moved.reference, moved.terrain, replace(OPTIONS, points=30))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rendered_blocks as scenes
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
@@ -84,6 +85,7 @@ def test_rpcs_off_by_far_more_than_the_search_margin(triplet):
     assert len(ties.ground) > 300
 
 
+@pytest.mark.rendered
 def test_terrain_of_a_surface_gives_the_same_points(triplet, found):
     ties = find_tie_points(triplet, OPTIONS, surface=ConstantHeight(blocks.HEIGHT))
     assert len(ties.ground) > 0.9 * len(found.ground)
@@ -91,6 +93,7 @@ def test_terrain_of_a_surface_gives_the_same_points(triplet, found):
     assert np.sqrt(np.mean(apart**2)) < 0.1
 
 
+@pytest.mark.thorough
 def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
     """Images matched everywhere: nothing depends on where in the image a window lies, and seams lose little."""
     from hrsi.hrsi_engine.measurement.block_matching import star
@@ -116,7 +119,7 @@ def test_windows_of_large_images(triplet, monkeypatch):
     assert np.sum(views == 3) > 60
 
 
-@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize("large", mark_beyond(1, "rendered", [False, True]))
 def test_dense_points(triplet, found, monkeypatch, large):
     """More points, everywhere, and still where the truth is; large images are then matched everywhere, too."""
     from hrsi.hrsi_engine.measurement.block_matching import star
@@ -196,6 +199,7 @@ def test_cancel(triplet):
         find_tie_points(triplet, progress=lambda fraction, message: False)
 
 
+@pytest.mark.thorough
 def test_worker_processes_give_the_same_points(tmp_path):
     """A cluster of two processes that open the images themselves."""
     distributed = pytest.importorskip("distributed")

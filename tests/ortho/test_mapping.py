@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 import hrsi.hrsi_engine.ortho.mapping as mapping_module
@@ -89,7 +90,7 @@ def test_error_zero_takes_every_pixel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(200, 150), (256, 33), (31, 64), (1, 1)])
-@pytest.mark.parametrize("step", [1, 2, 8, ORTHO.lattice_px])
+@pytest.mark.parametrize("step", mark_beyond(2, "thorough", [1, 2, 8, ORTHO.lattice_px]))
 def test_nodes_cover_windows_of_any_size(tmp_path: Path, size: tuple[int, int], step: int) -> None:
     """Nodes every ``step`` pixels, one beyond the last pixel, each where GDAL has it, on houses."""
     found = mapping(tmp_path, 1e-5, roughness=3.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
@@ -112,7 +113,7 @@ def test_slips_of_ground_points(change, code):
         (lambda xy: (xy + 0.5) / 2 - 0.5, "image-scale"),
     ],
 )
-@pytest.mark.parametrize("image", [None, 1])
+@pytest.mark.parametrize("image", mark_beyond(1, "wrong_inputs", [None, 1]))
 def test_slips_of_image_points(change, code, image):
     """On all images, or on one that is named."""
     right = block()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from long_tests import mark_beyond
 from osgeo import gdal
 from rasterio.transform import RPCTransformer
 from rpc_samples import ground_grid, sample_rpc, write_image
@@ -102,8 +103,8 @@ def write_rich_image(path: Path) -> np.ndarray:
     return bands
 
 
-@pytest.mark.parametrize("format", ["gtiff", "cog", "vrt"])
-@pytest.mark.parametrize("resampling", ["cubic", "bilinear", "lanczos", "cubicspline"])
+@pytest.mark.parametrize("format", mark_beyond(2, "thorough", ["gtiff", "cog", "vrt"]))
+@pytest.mark.parametrize("resampling", mark_beyond(2, "thorough", ["cubic", "bilinear", "lanczos", "cubicspline"]))
 @pytest.mark.parametrize("factor", [0.37, 1 / 3, 0.5, 2.0])
 def test_pixels_show_what_the_rpc_says(factor: float, resampling: str, format: str, tmp_path: Path) -> None:
     """Grey values that are positions come out where the RPC has them: no overview and no kernel moves the picture."""

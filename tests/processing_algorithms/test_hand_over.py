@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyproj
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.block.block import ArrayRaster, Image
@@ -443,7 +444,7 @@ def test_gcps_for_gdal_and_qgis(block, tmp_path):
         assert (qgis[:, 4] == 1.0).all()
 
 
-@pytest.mark.parametrize("link", [False, True])
+@pytest.mark.parametrize("link", mark_beyond(1, "thorough", [False, True]))
 @pytest.mark.parametrize("target", NEXT_PROGRAMS)
 def test_a_dry_run_names_the_files_of_the_project(block, tmp_path, capsys, target, link):
     words = ["hand-over", str(block / "result"), "--to", target, "--output-dir", str(tmp_path / "out"), "--json"]
@@ -589,7 +590,7 @@ MATCH_WRITERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("write", MATCH_WRITERS)
+@pytest.mark.parametrize("write", mark_beyond(2, "thorough", MATCH_WRITERS))
 def test_matches_of_others_adjust_as_csv(matched, tmp_path, write):
     """The refined RPCs see the block's ground at the same pixels to 1e-6 px."""
     block, names, pairs = matched

@@ -139,6 +139,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.killed
 @pytest.mark.parametrize("number", mark_beyond(1, "killed", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
 def test_a_block_in_place_is_written_whole_or_not_at_all(folder: Path, tmp_path: Path, number: signal.Signals) -> None:
     """Killed at random moments: after the next run all images have the new RPC and there is a report, or neither."""
@@ -219,6 +220,7 @@ def test_an_images_only_rpc_file_comes_back(folder: Path, tmp_path: Path) -> Non
         }
 
 
+@pytest.mark.killed
 def test_one_of_six_runs_in_place_wins(folder: Path, tmp_path: Path) -> None:
     words = ["adjust", *(str(folder / f"image_{k}.tif") for k in (1, 2, 3)), "--gcps",
              str(folder / "ground_points.csv"), "--image-points", str(folder / "image_points.csv"), "--height-datum",

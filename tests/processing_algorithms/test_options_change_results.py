@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.io.geopackage.layer_tables import geopackage_layers, read_layer_table
@@ -52,7 +53,7 @@ def without(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     return run_once
 
 
-@pytest.mark.parametrize(("base", "option"), [
+@pytest.mark.parametrize(("base", "option"), mark_beyond(3, "thorough", [
     ({}, {"gcp_blunders": 0.5}), ({"gcp_blunders": 0.5}, {"blunder_size": 90.0}),
     ({"wrong_heights": 0.5}, {"wrong_height_size": 99.0}),
     ({}, {"vendor_position": "40,40,40"}), ({}, {"vendor_position_drift": "9,9,9"}),
@@ -64,7 +65,7 @@ def without(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     ({}, {"landform": "flat"}),
     (FREE_ORTHO, {"free_ortho_error": 30.0}),
     (FREE_ORTHO, {"free_ortho_corner": 9.0}), (FREE_ORTHO, {"free_ortho_change": 0.9}),
-], ids=str)  # fmt: skip
+]), ids=str)  # fmt: skip
 def test_simulate(base: dict[str, Any], option: dict[str, Any], tmp_path: Path, without: Runs) -> None:
     run("simulate", **SIMULATED | base | option, output_dir=str(tmp_path / "out"))
     assert contents(tmp_path / "out") != without("simulate", SIMULATED | base)

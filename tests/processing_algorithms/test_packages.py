@@ -6,8 +6,7 @@ import ast
 import sys
 
 import pytest
-
-from hrsi.tests.test_imports import PRODUCT
+from measure_structure import Product
 
 #: What QGIS's installers and packages bring.
 STOCK = {"numpy", "scipy", "osgeo", "pyproj", "shapely", "jinja2", "markupsafe", "qgis", "processing"}
@@ -42,12 +41,12 @@ def outside_packages(tree: ast.AST) -> set[str]:
 
 
 @pytest.mark.parametrize("package", WITH_PACKAGE)
-def test_packages_that_a_qgis_may_lack_have_one_door(package: str):
-    modules = {name for name, source in PRODUCT.sources.items() if package in outside_packages(source.tree)}
+def test_packages_that_a_qgis_may_lack_have_one_door(product: Product, package: str):
+    modules = {name for name, source in product.sources.items() if package in outside_packages(source.tree)}
     assert modules == {f"hrsi_engine.{name}" for name in WITH_PACKAGE[package]}
 
 
-def test_all_else_is_what_a_stock_qgis_brings():
-    found = set().union(*(outside_packages(source.tree) for source in PRODUCT.sources.values()))
+def test_all_else_is_what_a_stock_qgis_brings(product: Product):
+    found = set().union(*(outside_packages(source.tree) for source in product.sources.values()))
     own = {"hrsi"}
     assert found - set(sys.stdlib_module_names) - own == STOCK | set(WITH_PACKAGE)

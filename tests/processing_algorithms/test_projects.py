@@ -181,6 +181,7 @@ def test_paths_count_from_the_project_file_and_the_schema_has_every_key(tmp_path
     assert known["orthorectify"]["properties"]["fill_gaps"]["type"] == "integer"
 
 
+@pytest.mark.thorough
 def test_results_stand_for_their_files(survey: Path, tmp_path: Path):
     """A result goes where its images, its folder of RPCs or its layers go."""
     assert hrsi.__version__

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
@@ -123,7 +124,9 @@ def test_other_control_is_as_good_beside_it(folder: Path, tmp_path: Path) -> Non
     assert plan < 0.5 and height < 0.3
 
 
-@pytest.mark.parametrize("wrong", ["mirrored", "1 km off", "other datum", "other place"])
+@pytest.mark.parametrize(
+    "wrong", mark_beyond(1, "wrong_inputs", ["mirrored", "1 km off", "other datum", "other place"])
+)
 def test_a_wrong_surface_is_named(folder: Path, tmp_path: Path, wrong: str) -> None:
     changes: dict[str, dict[str, Any]] = {
         "mirrored": {"mirrored": True}, "1 km off": {"move_m": 1000.0}, "other datum": {"lift_m": 48.0},

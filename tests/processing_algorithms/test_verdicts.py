@@ -88,7 +88,7 @@ def test_verdict_is_first_in_the_report(scene: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("how", mark_beyond(1, "wrong_inputs", [*WRITTEN, "in-place"]))
-@pytest.mark.parametrize("algorithm", ["adjust", "triangulate", "refine-rpc"])
+@pytest.mark.parametrize("algorithm", mark_beyond(1, "wrong_inputs", ["adjust", "triangulate", "refine-rpc"]))
 def test_unusable_result_writes_no_rpc(algorithm, how, scene, tmp_path, capsys):
     for file in scene.iterdir():
         shutil.copyfile(file, tmp_path / file.name)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.benchmarks import convergence, real_blocks
 from hrsi.benchmarks.spot5 import read_spot5
@@ -26,7 +27,7 @@ def hobart(thesis_data):
     return block.images[0], *(convergence.control_of(block, 0, role) for role in (Role.GCP, Role.CHECK))
 
 
-@pytest.mark.parametrize("name", ITERATED)
+@pytest.mark.parametrize("name", mark_beyond(6, "thorough", ITERATED))
 def test_models_end_where_scipy_does(name, hobart):
     """A thousandth of a sigma is nothing that a result could show."""
     run = convergence.run_image(*hobart, name)

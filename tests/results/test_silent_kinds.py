@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.benchmarks.true_errors import run_for_harm
 from hrsi.benchmarks.wrong_inputs import Inputs, clean
@@ -24,7 +25,7 @@ KINDS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "sensor", "code"), KINDS)
+@pytest.mark.parametrize(("name", "sensor", "code"), mark_beyond(1, "wrong_inputs", KINDS))
 def test_a_silent_kind_is_told(name: str, sensor: str, code: str) -> None:
     kind = next(kind for kind in TRUE_KINDS if kind.name.startswith(name))
     right = clean(sensor, 341, kind.images, kind.gcps, kind.relief_m, kind.checks)

@@ -250,6 +250,7 @@ def test_small_field_is_a_note_and_no_reason():
     assert any("affine" in note for note in describe_residual_fields(evidence))
 
 
+@pytest.mark.thorough
 def test_no_advice_names_what_is_done_already():
     """The affine drift that a tight prior holds down is not removed by the model affine; a shift has no simpler one."""
     block = simulated_blocks.block(gcps=300, checks=0, ties=0, drift=2e-4, count=1, noise_px=0.1, seed=8)[0]
