@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.block.sliding_footprints import GroundRange
 from hrsi.hrsi_engine.laboratory.simulation import (
     SENSORS,
     BlockSimulation,
@@ -22,7 +23,6 @@ from hrsi.hrsi_engine.laboratory.simulation import (
 from hrsi.hrsi_engine.measurement.block_matching import search
 from hrsi.hrsi_engine.measurement.block_matching.coarse import CoarseJob
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
-from hrsi.hrsi_engine.measurement.block_matching.overlaps import GroundRange
 from hrsi.hrsi_engine.measurement.block_matching.relative_cameras import RelativeCameras, estimate_relative_cameras
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer

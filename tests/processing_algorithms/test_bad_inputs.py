@@ -32,7 +32,11 @@ def is_quick(case: Case) -> bool:
     return case.kind in KINDS and not (case.kind == "/vsizip" and reads_pixels(case.algorithm))
 
 
-@pytest.mark.parametrize("name", REGISTRY)
+#: All inputs of `triangulate` are those of `adjust`, `tie-points` and `gcps-from-reference`.
+ALL_THREE = pytest.param("triangulate", marks=pytest.mark.wrong_inputs)
+
+
+@pytest.mark.parametrize("name", [ALL_THREE if name == "triangulate" else name for name in REGISTRY])
 def test_inputs(scene: Path, tmp_path: Path, name: str) -> None:
     algorithm, wrong, count = REGISTRY[name], [], 0
     for key in inputs_of(algorithm):

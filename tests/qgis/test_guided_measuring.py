@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from qgis.core import QgsPointXY
 from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtTest import QTest
@@ -87,6 +88,7 @@ def click(panel: PointsDock, image: str, place: np.ndarray) -> None:
     QTest.mouseClick(canvas.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
 
 
+@pytest.mark.rendered
 def test_ten_gcps_on_three_images(dock, block: Path, truth: Truth) -> None:
     """A click in one image, a key for what is found in the others, on to the next point; adjusted all along."""
     dock.ui.number.setCurrentText("3")
@@ -198,7 +200,7 @@ def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: T
     dock.show_session(make_session(block))
     rng = np.random.default_rng(3)
     targets = np.array([place for (name, image), place in truth.items() if image == "image_1" and name[0] != "T"])
-    clicks = [xy for xy in rng.uniform(40.0, 860.0, (60, 2)) if np.hypot(*(targets - xy).T).min() > 40.0]
+    clicks = [xy for xy in rng.uniform(40.0, 860.0, (30, 2)) if np.hypot(*(targets - xy).T).min() > 40.0]
     moved = []
     for xy in clicks:
         fit = dock.session.fit("image_1", tuple(xy), "center")
@@ -214,7 +216,7 @@ def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: T
         assert dock.session.fit("image_1", tuple(place + (3.4, -2.6)), "center").measured.kind == "center"
 
 
-@pytest.mark.parametrize("number", [3, 9])
+@pytest.mark.parametrize("number", mark_beyond(1, "large", [3, 9]))
 def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int) -> None:
     """CPU time from a click until all views are drawn anew and the residuals follow."""
     dock.ui.number.setCurrentText(str(number))

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...block.block import Image
+from ...block.sliding_footprints import GroundRange
 from ...camera.rpc import RPC
 from ...foundation.robust_scale import MAD_TO_SIGMA, robust_sigma
 from ...foundation.thresholds import threshold, thresholds
@@ -25,7 +26,6 @@ from ...surface.dem import HeightSurface, Status, intersect_surface
 from ..tile_matching.epipolar import check_rpc_consistency, compute_epipolar_miss, transfer
 from ..tile_matching.features import invert_descriptors
 from ..tile_matching.types import HeightGrid, TilePairGeometry
-from .overlaps import GroundRange
 from .overview import EpipolarLines, detect_features, match_in_bands
 from .windows import ImageWindow, predict_window, read_tile
 

@@ -20,11 +20,16 @@ from ...block.imaging_geometry import (
     compute_overlap,
     compute_view_directions,
     find_touching_pairs,
-    make_polygon,
+)
+from ...block.sliding_footprints import (
+    GroundRange,
+    SlidingFootprint,
+    compute_overlap_share,
+    estimate_overlap_shares,
+    intersect_heights,
 )
 from ...foundation.errors import InputError
 from ...foundation.thresholds import threshold, thresholds
-from ...ground.geodesy import wrap_degrees
 from ...surface.dem import HeightSurface, surface_heights
 
 _YEAR = "rank correlation with matches 0.96, simulated year, 2026-11-22"
@@ -60,13 +65,6 @@ class Overlap(NamedTuple):
     share: float
 
 
-class GroundRange(NamedTuple):
-    """Lowest and highest ground that an image may see, ellipsoidal metres."""
-
-    low_m: float
-    high_m: float
-
-
 def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, margin_m: float) -> list[GroundRange]:
     """Return the range of heights under each image: by the surface with a margin, else the RPC's own.
 
@@ -97,45 +95,6 @@ def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange])
     return find_touching_pairs(hulls)
 
 
-class SlidingFootprint:
-    """The footprint of an image at any height: its rays are straight, so two heights tell all others.
-
-    It slides by ``slide (2,)`` degrees of lon, lat per metre of height; ``extent`` is the shorter side of its box.
-    ``box (2, 4)`` has least and greatest lon, lat at the lower height, and what they change by per metre.
-    """
-
-    def __init__(self, image: Image, heights: GroundRange) -> None:
-        at = (image.rpc.localize(image.outline_px(OUTLINE_PER_SIDE), height).ground[:, :2] for height in heights)
-        self._heights, (self._low, high) = heights, at
-        rise = high - self._low
-        rise[:, 0] = wrap_degrees(rise[:, 0])
-        self._rise = rise / max(heights.high_m - heights.low_m, 1e-9)
-        known = np.isfinite(rise).all(axis=1)
-        self.slide = np.median(self._rise[known], axis=0) if known.any() else np.zeros(2)
-        around = self._low[known] - self._low[known][:1]
-        around[:, 0] = wrap_degrees(around[:, 0])
-        self.extent = float(np.min(np.ptp(around, axis=0))) if known.any() else 0.0
-        self.box = np.full((2, 4), np.nan)
-        if known.any():
-            corner = self._low[known][0]
-            self.box[:] = np.r_[corner + around.min(axis=0), corner + around.max(axis=0)], np.tile(self.slide, 2)
-
-    def outline(self, height_m: float) -> np.ndarray:
-        """Return the outline's lon, lat at a height, ``(k, 2)``."""
-        return self._low + (height_m - self._heights.low_m) * self._rise
-
-
-def compute_overlap_share(first: SlidingFootprint, second: SlidingFootprint, heights: GroundRange) -> float:
-    """Return the larger share that one image sees of the other, at the height where it is largest."""
-    # Heights between which the two footprints slide past one another by at most a tenth of an image
-    slide = float(np.abs(first.slide - second.slide).max()) * (heights.high_m - heights.low_m)
-    steps = int(np.clip(np.ceil(10.0 * slide / max(min(first.extent, second.extent), 1e-9)), 1, 40))
-    return max(
-        max(compute_overlap(*(make_polygon(footprint.outline(level)) for footprint in (first, second))))
-        for level in np.linspace(*heights, steps + 1)
-    )
-
-
 def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
     """Return the footprint on a surface: each point's height is looked up where it lies at that height."""
     outline = image.outline_px(OUTLINE_PER_SIDE)
@@ -146,34 +105,14 @@ def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRang
     return compute_footprint(image, height)
 
 
-def intersect_heights(first: GroundRange, second: GroundRange) -> GroundRange:
-    """Return the heights that both images may see; all of both where they exclude one another."""
-    low, high = max(first.low_m, second.low_m), min(first.high_m, second.high_m)
-    return GroundRange(low, high) if low < high else GroundRange(min(*first, *second), max(*first, *second))
-
-
 def find_likely_overlaps(
     images: list[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
 ) -> list[Overlap]:
     """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
     candidates = find_candidate_pairs(images, ranges)
     if 2 * len(candidates) > CHOICE.measured_partners * len(images):
-        # Approximate overlaps by the boxes around the footprints: the largest of three heights
-        boxes = [SlidingFootprint(image, heights).box for image, heights in zip(images, ranges, strict=True)]
-        box, slide = np.array(boxes).transpose(1, 0, 2)
-        first, second = np.array(candidates, dtype=np.int64).T
-        low, high = np.array(ranges).T
-        bottom, top = np.maximum(low[first], low[second]), np.minimum(high[first], high[second])
-        share = np.zeros(len(first))
-        for part in (0.0, 0.5, 1.0):
-            level = bottom + part * (top - bottom)
-            x0, y0, x1, y1 = (box[first] + (level - low[first])[:, None] * slide[first]).T
-            u0, v0, u1, v1 = (box[second] + (level - low[second])[:, None] * slide[second]).T
-            turn = wrap_degrees(u0 - x0) - (u0 - x0)
-            width = np.minimum(x1, u1 + turn) - np.maximum(x0, u0 + turn)
-            common = np.maximum(width, 0.0) * np.maximum(np.minimum(y1, v1) - np.maximum(y0, v0), 0.0)
-            smaller = np.minimum((x1 - x0) * (y1 - y0), (u1 - u0) * (v1 - v0))
-            share = np.fmax(share, common / np.maximum(smaller, 1e-18))
+        sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
+        share = estimate_overlap_shares(sliding, ranges, candidates)
         rough = [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
         first, second = np.array(candidates).T
         angle_deg = compute_convergence_deg(compute_central_views(images), first, second)
@@ -185,7 +124,7 @@ def find_likely_overlaps(
     else:
         sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
     found = []
-    for a, b in find_candidate_pairs(images, ranges) if candidates is None else candidates:
+    for a, b in candidates:
         if surface is not None:
             of_pair = max(compute_overlap(outlines[a], outlines[b]))
         else:

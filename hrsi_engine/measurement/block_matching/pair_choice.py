@@ -24,10 +24,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from ...block.block import Image
+from ...block.sliding_footprints import GroundRange
 from ...foundation.workers.scheduling import PartResult
 from ..tile_matching.epipolar import compute_epipolar_miss
 from .coarse import compute_epipolar_lines, reduce_rpc
-from .overlaps import CHOICE, GroundRange
+from .overlaps import CHOICE
 from .overview import match_in_bands
 
 
