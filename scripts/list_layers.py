@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hrsi.hrsi_engine.io.geopackage import declared_layers
 from hrsi.hrsi_engine.io.geopackage.typed_rows import LayerRows
+from hrsi.processing_algorithms.laboratory import layers as layers_of_laboratory
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "layers.md"
 COMMAND = ".venv/bin/python scripts/list_layers.py"
@@ -31,10 +32,8 @@ def write_page() -> str:
 
 def declared_classes() -> list[type[LayerRows]]:
     """Return the classes of rows that declare a layer."""
-    classes = (
-        value for value in vars(declared_layers).values() if isinstance(value, type) and issubclass(value, LayerRows)
-    )
-    return [rows for rows in classes if rows.layer]
+    values = (vars(declared_layers) | vars(layers_of_laboratory)).values()
+    return [rows for rows in values if isinstance(rows, type) and issubclass(rows, LayerRows) and rows.layer]
 
 
 def write_layer(rows: type[LayerRows]) -> str:

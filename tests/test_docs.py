@@ -101,6 +101,7 @@ def test_tutorial_prints_what_it_says(tmp_path: Path):
 
 
 @pytest.mark.programs
+@pytest.mark.programs
 def test_site_builds_without_warnings(tmp_path: Path):
     pytest.importorskip("sphinx")
     call = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", str(tmp_path / "trees")]

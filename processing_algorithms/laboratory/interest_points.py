@@ -6,7 +6,6 @@ import numpy as np
 
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.ground.sun import SunAngles
-from ...hrsi_engine.io.geopackage.declared_layers import InterestPointRows
 from ...hrsi_engine.io.geopackage.layers import Layer
 from ...hrsi_engine.io.rasters.sun_angles import SunReading, read_sun
 from ...hrsi_engine.laboratory.interest_points.detectors import detect_interest_points
@@ -18,6 +17,7 @@ from ..files.opening import ImagePixels, ground_of, ground_warnings, open_pixels
 from ..files.result_folder import check_folder, plan_folder, tell, write_folder
 from ..interface.declare import Context, Report
 from .declarations.interest_points import INTEREST_POINTS_FILE, INTEREST_POINTS_LAYER, InterestPointsOptions
+from .layers import InterestPointRows
 
 QUARTERS = ("upper left", "upper right", "lower left", "lower right")
 

@@ -6,12 +6,10 @@ from time import perf_counter
 import numpy as np
 
 from ...hrsi_engine.block.points import ImagePoints
-from ...hrsi_engine.drawing.target_chips import PictureSide, draw_pair
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.progress import stage
 from ...hrsi_engine.foundation.robust_scale import MAD_TO_SIGMA
 from ...hrsi_engine.ground.geodesy import WGS84_3D
-from ...hrsi_engine.io.geopackage.declared_layers import CorrespondenceRows, MatchedPointRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.pages.report import write_page
 from ...hrsi_engine.io.point_files.csv_text import write_csv
@@ -22,6 +20,8 @@ from ..files.opening import ImagePixels, ground_of, ground_warnings, open_pixels
 from ..files.result_folder import PAGE_FILE, check_folder, plan_folder, stage_results
 from ..interface.declare import Context, Report
 from .declarations.match import MATCH_FILE, MATCH_LAYER, MatchAlgorithmOptions
+from .layers import CorrespondenceRows, MatchedPointRows
+from .paired_windows import PictureSide, draw_pair
 
 POINTS_LAYER = "matched_points"
 TABLE_FILE = "correspondences.csv"

@@ -13,7 +13,6 @@ from ...hrsi_engine.block.block import ImagePoints
 from ...hrsi_engine.drawing.plots import choose_round_length, compute_typical_length, draw_bars, make_arrow_path
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import advance
-from ...hrsi_engine.io.geopackage.declared_layers import RegisteredPointRows
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from ...hrsi_engine.io.output_dir import stage_folder
 from ...hrsi_engine.io.pages.report import write_page, write_report_json
@@ -26,6 +25,7 @@ from ..files.opening import open_terrain
 from ..files.result_folder import check_folder, plan_folder
 from ..interface.declare import Context, Report
 from .declarations.register import LAYER, LAYERS_FILE, RegisterOptions
+from .layers import RegisteredPointRows
 
 PAGE_FILE = "report.html"
 

@@ -14,19 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from list_layers import declared_classes
 from osgeo import gdal
 
-from hrsi.hrsi_engine.io.geopackage import declared_layers
 from hrsi.hrsi_engine.io.geopackage.declared_layers import ImagePointRows, ResidualRows, TiePointRows
 from hrsi.hrsi_engine.io.geopackage.layer_styles import NEEDED, STYLES, default_style
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
 from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, StackedColumn, column, make_shared_words
 
 ROOT = Path(__file__).resolve().parents[2]
-CLASSES = [
-    value for value in vars(declared_layers).values()
-    if isinstance(value, type) and issubclass(value, LayerRows) and value.layer
-]  # fmt: skip
+CLASSES = declared_classes()
 VALUES = {
     str: np.array(["a", "b"]),
     float: np.array([0.5, np.nan]),
@@ -44,7 +41,10 @@ def columns_of(rows: type[LayerRows]) -> dict[str, np.ndarray]:
 def test_columns_that_are_not_as_declared_are_refused(rows: type[LayerRows]) -> None:
     sound = columns_of(rows)
     assert list(rows(**sound)) == list(rows.declared)
-    with pytest.raises(TypeError, match=rf"`{rows.__name__}` of declared_layers.py does not declare the column 'mood'"):
+    with pytest.raises(
+        TypeError,
+        match=rf"`{rows.__name__}` of {rows.__module__.rpartition('.')[2]}.py does not declare the column 'mood'",
+    ):
         rows(**sound, mood=VALUES[float])
     for name, said in rows.declared.items():
         assert said.description
