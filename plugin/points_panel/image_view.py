@@ -19,7 +19,7 @@ from qgis.core import (
 )
 from qgis.gui import QgsMapCanvas, QgsMapCanvasItem, QgsMapToolEmitPoint
 from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, QTimer, pyqtSignal
-from qgis.PyQt.QtGui import QBrush, QColor, QPainter, QPainterPath, QPen, QPixmap, QWheelEvent
+from qgis.PyQt.QtGui import QColor, QPainter, QPen, QPixmap, QWheelEvent
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import (
     QComboBox,
@@ -42,7 +42,8 @@ ARROW_PX = 30.0  # on the screen, of a residual of one pixel
 _ARM = 9.0
 _NOWHERE = (math.nan, math.nan)
 _BESIDE = 200.0  # on the screen: names and arrows of points that lie beside what is shown reach into it
-_DARK, _LIGHT = QColor(0, 0, 0, 190), QColor(255, 255, 255, 220)  # around texts
+_DARK, _LIGHT = QColor(0, 0, 0), QColor(255, 255, 255)  # around texts
+_HALO = [QPointF(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0) if across or down]
 GOOD, PREDICTED, PROPOSED = QColor(255, 176, 0), QColor(90, 200, 255), QColor(80, 230, 120)
 
 
@@ -130,16 +131,16 @@ class PointMarkers(QgsMapCanvasItem):
             at = measured
             _draw_crosses(painter, colour, [(at.x(), at.y())], [marker.residual_px], turn)
         if are_named or marker.is_chosen or marker.is_suspicious:
-            # Write a text that is read on bright and on dark ground
-            outline = QPainterPath()
-            text = marker_label(marker)
-            outline.addText(at + QPointF(_ARM + 2.0, -_ARM - 2.0), painter.font(), text)
-            beyond = outline.boundingRect().right() + 4.0 - self._canvas.width()
+            # A text that is read on bright and on dark ground: glyphs are kept drawn, outlines of letters are not
+            text, place = marker_label(marker), at + QPointF(_ARM + 2.0, -_ARM - 2.0)
+            beyond = place.x() + painter.fontMetrics().horizontalAdvance(text) + 4.0 - self._canvas.width()
             if beyond > 0.0 and at.x() < self._canvas.width():  # as far as it can be read
-                outline.translate(-beyond, 0.0)
-            halo = _LIGHT if colour == SUSPICIOUS else _DARK
-            painter.strokePath(outline, QPen(halo, 3.0, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-            painter.fillPath(outline, QBrush(colour))
+                place -= QPointF(beyond, 0.0)
+            painter.setPen(_LIGHT if colour == SUSPICIOUS else _DARK)
+            for aside in _HALO:
+                painter.drawText(place + aside, text)
+            painter.setPen(colour)
+            painter.drawText(place, text)
 
 
 def _colour_of(marker: Marker) -> QColor:
@@ -349,7 +350,15 @@ class ImageView(QWidget):
         layer, band, extent = self._layer, self.band.value(), self.canvas.extent()
         if layer is None:
             return
-        wanted = layer.id(), band, self.gamma.value(), extent.toString(1)
+        step = max(extent.width(), 1.0) / 4.0  # a view that moves less shows nearly the same
+        wanted = (
+            layer.id(),
+            band,
+            self.gamma.value(),
+            round(step),
+            round(extent.xMinimum() / step),
+            round(extent.yMinimum() / step),
+        )
         if wanted == self._stretched:
             return
         self._stretched = wanted

@@ -64,13 +64,9 @@ def trace_heights(session: PointSession, name: str, first_id: str, second_id: st
 
     At the lowest, the highest and the likeliest of the heights that it may have.
     """
-    measured = session.measured[(name, first_id)]
-    return np.array(
-        [
-            session.project(second_id, locate_ground(session, first_id, (measured.sample, measured.line), m)[None])[0]
-            for m in list_heights(session, name)
-        ]
-    )
+    measured, heights = session.measured[(name, first_id)], list_heights(session, name)
+    xy = np.array([[measured.sample, measured.line]] * len(heights))
+    return session.project(second_id, locate_ground(session, first_id, xy, np.array(heights)))
 
 
 def list_heights(session: PointSession, name: str) -> tuple[float, float, float]:
@@ -99,22 +95,28 @@ def dem_height(dem: str, height_datum: str, lonlat: tuple[float, float]) -> floa
     return float(height)
 
 
-def locate_ground(session: PointSession, image_id: str, xy: tuple[float, float], height_m: float) -> np.ndarray:
-    """Return lon, lat, height ``(3,)`` of what an image shows at a place, by the last adjustment if there is one."""
-    target, image = np.array(xy, dtype=np.float64), session.images[image_id]
-    ground = image.rpc.localize(target[None], np.array([height_m])).ground
+def locate_ground(session: PointSession, image_id: str, xy: np.ndarray, heights_m: np.ndarray) -> np.ndarray:
+    """Return lon, lat, height ``(n, 3)`` of what an image shows at places ``(n, 2)`` of such heights ``(n,)``.
+
+    By the last adjustment if there is one.
+    """
+    ground = session.images[image_id].rpc.localize(xy, heights_m).ground
+    steps = [np.tile(step, (len(xy), 1)) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
     for _ in range(PANEL.newton_steps):
-        seen = session.project(image_id, ground)[0]
-        aside = [move_ground(ground, np.array([step])) for step in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-        by_ground = np.column_stack([session.project(image_id, place)[0] - seen for place in aside])
-        east, north = np.linalg.solve(by_ground, target - seen)
-        ground = move_ground(ground, np.array([[east, north, 0.0]]))
-    return np.asarray(ground[0])
+        seen, *aside = np.split(
+            session.project(image_id, np.concatenate([ground, *(move_ground(ground, step) for step in steps)])), 3
+        )
+        by_ground = np.stack([place - seen for place in aside], axis=-1)
+        move = np.zeros_like(ground)
+        move[:, :2] = np.linalg.solve(by_ground, (xy - seen)[..., None])[..., 0]
+        ground = move_ground(ground, move)
+    return np.asarray(ground)
 
 
 def new_tie(session: PointSession, name: str, image_id: str, xy: tuple[float, float]) -> SurveyPoint:
     """Return a tie point at what an image shows at a place, at the middle height of the points."""
-    lon, lat, height = locate_ground(session, image_id, xy, session.middle_height_m()).tolist()
+    ground = locate_ground(session, image_id, np.array([xy]), np.array([session.middle_height_m()]))
+    lon, lat, height = ground[0].tolist()
     return SurveyPoint(name, lon, lat, height, TIE)
 
 
@@ -163,13 +165,10 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
     if first is None or second is None:
         return Transfer(refusal="no pixels")
     measured = session.measured[(name, first_id)]
-    xy = measured.sample, measured.line
+    xy = np.array([measured.sample, measured.line])
     *line, at = trace_heights(session, name, first_id, second_id)
-    height = list_heights(session, name)[-1]
-    sides = [
-        session.project(second_id, locate_ground(session, first_id, (xy[0] + i, xy[1] + j), height)[None])[0]
-        for i, j in ((PANEL.difference_px, 0.0), (0.0, PANEL.difference_px))
-    ]
-    by_first = np.column_stack([side - at for side in sides]) / PANEL.difference_px
+    heights = np.repeat(list_heights(session, name)[-1], 2)
+    sides = session.project(second_id, locate_ground(session, first_id, xy + PANEL.difference_px * np.eye(2), heights))
+    by_first = (sides - at).T / PANEL.difference_px
     margin_px = max(session.estimate_margin_px(first_id), session.estimate_margin_px(second_id))
-    return transfer_point(first, np.array(xy), second, np.array(line), by_first, margin_px)
+    return transfer_point(first, xy, second, np.array(line), by_first, margin_px)

@@ -28,6 +28,7 @@ from hrsi.tests.qgis.panels import close, wait_for
 BIAS_PX = ((80.0, 0.0), (-57.0, 57.0), (0.0, -80.0))
 MOST_ACTIONS = 25  # the panel's issue: 10 GCPs on 3 images, where it were 56
 LARGEST_PX = 0.15
+LONGEST_CLICK_S = 0.15  # from a click to redrawn views: what follows a hand at once
 WRONG = ("G000004", "image_2")  #: what is measured 9 px off
 Truth = dict[tuple[str, str], np.ndarray]
 
@@ -216,30 +217,44 @@ def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: T
         assert dock.session.fit("image_1", tuple(place + (3.4, -2.6)), "center").measured.kind == "center"
 
 
-@pytest.mark.parametrize("number", mark_beyond(1, "large", [3, 9]))
-def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int) -> None:
-    """CPU time from a click until all views are drawn anew and the residuals follow."""
+@pytest.mark.parametrize(("number", "is_measured"), mark_beyond(2, "large", [(9, False), (9, True), (3, True)]))
+def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is_measured: bool) -> None:
+    """CPU time from a click until all views are drawn anew and the residuals follow: the fastest of six.
+
+    The point is measured in all images and its residuals follow, or in none: then all others go to where it is now.
+    """
     dock.ui.number.setCurrentText(str(number))
     session = make_session(block, number)
     for key, place in truth.items():
         for image in session.images:
             if key[0] in session.points and image.startswith(key[1]):
                 session.measured[(key[0], image)] = ImageMeasurement(*place, 0.1, "center", 0.9)
-    name = next(name for name in session.points if all((name, image) in session.measured for image in session.images))
+    names = [name for name in session.points if all((name, image) in session.measured for image in session.images)]
+    made = dict(session.measured)
+    for key in made if not is_measured else ():
+        if key[0] in names[:-1]:
+            del session.measured[key]
     dock.show_session(session)
     dock.adjust()
-    dock.choose(name)
-    wait_for(lambda: is_at_rest(dock))
-    view = dock.ui.list_views()[0]
-    took, place = [], session.measured[(name, view.image())]
+    took = []
     for step in range(6):
+        name = names[0 if is_measured else step % (len(names) - 1)]
+        dock.choose(name)
+        wait_for(lambda: is_at_rest(dock))
+        view = dock.ui.list_views()[0]
+        place, before = made[(name, view.image())], dock.session.history.state
         began = time.process_time()
         click(dock, view.image(), np.array([place.sample + 0.3 * step, place.line]))
+        dock._searched = []  # looking for it in the others comes behind: an image at a time
+        QApplication.processEvents()
         wait_for(lambda: not any(one.canvas.isDrawing() for one in dock.ui.list_views()))
         took.append(time.process_time() - began)
+        assert dock.session.history.state != before
+        dock.undo()
         wait_for(lambda: is_at_rest(dock))
-    print(f"a click with {number} images: {np.median(took):.3f} s CPU (median of {len(took)}) to redrawn views")
-    assert min(took) < 0.3  # 0.15 s is the aim; a machine whose processors others use takes twice the CPU seconds
+    what = "measured" if is_measured else "new"
+    print(f"a click on a {what} point with {number} images: {min(took):.3f} s CPU (median {np.median(took):.3f})")
+    assert min(took) <= LONGEST_CLICK_S
 
 
 def test_views_have_north_on_top_and_zoom_together(adjusted) -> None:

@@ -150,6 +150,9 @@ def pixel_view(path: str) -> str:
     It lives in memory, for this process. Raises `InputError` where the image cannot be opened.
     """
     name = f"/vsimem/hrsi/{hashlib.sha256(path.encode('utf-8')).hexdigest()}.vrt"
+    made = gdal.VSIStatL(name)  # asked for with every click
+    if made is not None and os.path.exists(path) and made.mtime > os.path.getmtime(path):
+        return name
     source = open_raster(path)
     view = None
     with gdal_messages() as messages:

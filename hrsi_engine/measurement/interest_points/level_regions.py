@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from ...foundation.pixel_filters import blur, reduce_by_area, reduce_mask, should_use_opencv, slopes
 from ...foundation.thresholds import threshold, thresholds
@@ -115,8 +113,11 @@ def _find_stable_regions(
     limits = MserLimits(stable_steps, REGION.fewest_pixels, int(reach**2), largest_change)
     find = find_mser_by_opencv if should_use_opencv() else find_mser_by_tree
     pixels = find(steps, limits)
-    boxes = [(*low, *(high - low + 1)) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in pixels)]
-    return pixels, np.array(boxes, dtype=np.int64).reshape(-1, 4)
+    if not pixels:
+        return pixels, np.empty((0, 4), dtype=np.int64)
+    every, begin = np.concatenate(pixels), np.cumsum([0, *map(len, pixels[:-1])])
+    low = np.minimum.reduceat(every, begin)
+    return pixels, np.column_stack([low, np.maximum.reduceat(every, begin) - low + 1]).astype(np.int64)
 
 
 def _select_compact(
@@ -216,9 +217,8 @@ def find_mser_by_tree(image: np.ndarray, limits: MserLimits) -> list[np.ndarray]
         of_old = len(new) + np.arange(len(old))
         to = np.empty(len(beside), np.int64)
         to[is_new], to[~is_new] = place[beside[is_new]], of_old
-        made, region = _group_pairs(
-            len(new) + len(old), np.r_[place[first[pairs]], of_old], np.r_[to, len(new) + slot[old]]
-        )
+        ends = np.concatenate([place[first[pairs]], of_old]), np.concatenate([to, len(new) + slot[old]])
+        made, region = _group_pairs(len(new) + len(old), *ends)
         is_once = slot[old] == np.arange(len(old))
         old = old[is_once]
         own, into = region[: len(new)], region[len(new) :][is_once] + count
@@ -257,28 +257,23 @@ class _ComponentTree(NamedTuple):
 
 def _group_pairs(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
     """Return the number of connected components of ``count`` nodes joined by pairs, and the component of each node."""
-    if len(first) > 500:  # a SciPy graph takes a third of a millisecond however small it is
-        graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), (count, count))
-        return csgraph.connected_components(graph, directed=False)
-    head = list(range(count))  # of each node one of its component with a number not larger
-    for one, other in zip(first.tolist(), second.tolist(), strict=True):
-        while head[one] != one:
-            head[one] = one = head[head[one]]
-        while head[other] != other:
-            head[other] = other = head[head[other]]
-        head[max(one, other)] = min(one, other)
-    group: list[int] = []
-    made = 0
-    for node, before in enumerate(head):
-        group.append(made if before == node else group[before])
-        made += before == node
-    return made, np.array(group, np.int64)
+    nodes = np.arange(count)
+    head = nodes.copy()  # of each node one of its component with a number not larger
+    while len(first):
+        one, other = head[first], head[second]
+        apart = one != other
+        first, second, one, other = first[apart], second[apart], one[apart], other[apart]
+        head[np.maximum(one, other)[::-1]] = np.minimum(one, other)[::-1]  # of several the first, mostly the least
+        while not ((further := head[head]) == head).all():
+            head = further
+    is_head = head == nodes
+    return int(is_head.sum()), (np.cumsum(is_head) - 1)[head]
 
 
 def _find_roots(ancestor: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Return the largest regions so far that contain some; paths are shortened on the way (union-find)."""
     at = region
-    while not np.array_equal(further := ancestor[at], at):
+    while not ((further := ancestor[at]) == at).all():
         ancestor[at] = ancestor[further]
         at = further
     ancestor[region] = at

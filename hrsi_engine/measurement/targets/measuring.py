@@ -44,7 +44,7 @@ class TARGETS:
     near_px: float = threshold(1.5, "px", "and from here on: nearer, the sensor rounds the corner")
     end_px: float = threshold(4.0, "px", "largest distance of an edge's end from the corner")
     stray_px: float = threshold(0.6, "px", "edge points farther from their line are stray")
-    statistics_px: int = threshold(256, "px", "half side of the area of local statistics")
+    statistics_px: int = threshold(255, "px", "half side of the area of local statistics: one sample of 512 px")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,9 @@ def _read_window(
 
 def measure_centre(raster: Raster, approximate: np.ndarray, options: TargetOptions) -> TargetMeasurement:
     """Return the gravity centre of the best closed region near a position; raises `SolveError` where there is none."""
-    window, statistics = _read_window(raster, approximate, options.search_px, options.largest_px + 64.0)
+    window, statistics = _read_window(
+        raster, approximate, options.search_px, options.largest_px / 2.0 + 2.0 * CENTRE.object_margin_px
+    )
     if not window.usable.any():
         raise SolveError("the image has no valid pixels there")
     wanted = CentreOptions(options.smallest_px, options.largest_px, quality=TARGETS.smallest_quality)
