@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from parsed_sources import parse_source
+
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("hrsi_engine", "processing_algorithms")
 
@@ -28,7 +30,7 @@ class OptionReads:
     """All classes of the product, and the pairs (class, field) that its functions read."""
 
     def __init__(self) -> None:
-        trees = [ast.parse(path.read_text(encoding="utf-8")) for part in PARTS for path in (ROOT / part).rglob("*.py")]
+        trees = [parse_source(path) for part in PARTS for path in (ROOT / part).rglob("*.py")]
         self.classes: dict[str, ClassSource] = {}
         self.functions: dict[str, str | None] = {}
         for tree in trees:

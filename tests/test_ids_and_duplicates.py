@@ -12,6 +12,7 @@ import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from parsed_sources import parse_source
 from simulated_blocks import images as simulated_images
 
 from hrsi.hrsi_engine.block.assembly import assemble, find_similar_ids, normalise_spellings
@@ -148,7 +149,7 @@ def test_json_is_written_in_one_place(repository: Path):
         f"{path.relative_to(repository)}:{node.lineno}"
         for part in ("hrsi_engine", "processing_algorithms", "plugin")
         for path in (repository / part).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(parse_source(path))
         if isinstance(node, ast.Attribute)
         and node.attr in ("dump", "dumps", "JSONEncoder")
         and not (isinstance(node.value, ast.Name) and node.value.id == "pickle")

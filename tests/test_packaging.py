@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from parsed_sources import parse_source
 
 from hrsi.hrsi_engine.foundation.version import VERSION
 from hrsi.plugin import dependencies
@@ -208,7 +209,7 @@ def test_modules_open_with_a_docstring(repository: Path):
         path.relative_to(repository)
         for part in ("hrsi_engine", "plugin", "processing_algorithms")
         for path in (repository / part).rglob("*.py")
-        if path.stat().st_size and not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+        if path.stat().st_size and not ast.get_docstring(parse_source(path))
     ]
     assert silent == []
 

@@ -15,6 +15,7 @@ import numpy as np
 import pyproj
 import pytest
 from osgeo import gdal
+from parsed_sources import parse_source
 
 from hrsi.benchmarks import geodesy as benchmark
 from hrsi.hrsi_engine.adjustment import adjust
@@ -61,7 +62,7 @@ def test_nothing_else_converts_coordinates() -> None:
             forbidden = FORBIDDEN
             if path.relative_to(ROOT).as_posix() in MAP_WINDOW:
                 forbidden = FORBIDDEN - {"QgsCoordinateTransform"}
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in ast.walk(parse_source(path)):
                 name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
                 names = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else [name]
                 found += [f"{path.relative_to(ROOT)}: {one}" for one in names if one in forbidden]
@@ -85,6 +86,7 @@ def test_each_point_of_a_file_goes_by_the_operation_of_its_area(tmp_path: Path) 
     assert max(of_spain, of_turkey) < 1.0
 
 
+@pytest.mark.thorough
 def test_dem_cells_and_points_with_the_same_map_coordinates_lie_together(tmp_path: Path) -> None:
     assert benchmark.compare_dem_with_points(tmp_path) < 1.0
 

@@ -99,6 +99,7 @@ def test_an_rpc_of_twice_the_size(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     assert "up to 199 px" in caplog.text
 
 
+@pytest.mark.wrong_inputs
 def test_blocks_are_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Half the pixels with the whole RPC make a block doubtful; GDAL's quarter of a pixel is a warning in the log."""
     block = tmp_path / "block"

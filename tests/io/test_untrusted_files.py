@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from osgeo import gdal, ogr
+from parsed_sources import parse_source
 from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
@@ -123,7 +124,7 @@ def test_xml_is_parsed_in_one_place(repository: Path):
         path.relative_to(repository).as_posix()
         for part in ("hrsi_engine", "processing_algorithms", "plugin")
         for path in (repository / part).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(parse_source(path))
         if isinstance(node, (ast.Import, ast.ImportFrom))
         for name in [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
         if name.partition(".")[0] in ("xml", "lxml", "defusedxml")

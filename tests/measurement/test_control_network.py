@@ -234,6 +234,7 @@ def test_homogeneous_texture(texture: str, rotation_deg: float):
     assert abs((found.rotation_deg - rotation_deg + 180.0) % 360.0 - 180.0) < 0.3
 
 
+@pytest.mark.rendered
 def test_scale_is_free_within_its_range():
     pair = true_pair("forest", 500, 60.0, scale=0.5, relief_px=3.0)
     found = match_windows(pair.first, pair.second, ControlNetworkOptions(scales=(0.45, 0.55), share=1.0))
@@ -276,6 +277,7 @@ def test_other_ground_does_not_match(other: str):
     assert np.isnan(found.rotation_deg)
 
 
+@pytest.mark.rendered
 def test_repeated_texture_is_ambiguous():
     """A planting on a regular grid: every shift by a row looks the same."""
     rng = np.random.default_rng(6)

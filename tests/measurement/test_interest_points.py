@@ -198,6 +198,7 @@ def test_blobs_are_where_spots_are():
     np.testing.assert_array_equal(np.sign(found.contrast[near]), np.array(sign)[spots])
 
 
+@pytest.mark.rendered
 def test_roofs_near_a_rough_position(small_objects: BlockSimulation):
     """Of roofs of 10 px most are measured from 2 px off, and at most one is mistaken for something beside it."""
     raster = scenes.rendered(small_objects, "image_1")
@@ -223,6 +224,7 @@ def test_grey_roofs_between_bright_and_dark(small_objects: BlockSimulation):
     assert scenes.rms(errors) <= 0.10
 
 
+@pytest.mark.rendered
 def test_pan_and_multispectral_centres_agree(large_objects: BlockSimulation):
     """At 1:4 ellipses agree to half a PAN pixel, an eighth of an MS pixel; Harris's maxima are 2 PAN px apart."""
     pan, ms = (scenes.rendered(large_objects, "image_1", band) for band in ("pan", "green"))

@@ -122,6 +122,7 @@ def test_bias_and_height_come_out(found):
     assert np.std(found.height_m - truth) < 0.3
 
 
+@pytest.mark.thorough
 def test_points_depend_on_the_first_window_alone(pair, found):
     """Whole pixels, the same for other partners; tiles and results go through pickle unchanged."""
     other = match_tile(pair[0], rendered(2), geometry(2))

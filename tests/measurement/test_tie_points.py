@@ -71,6 +71,7 @@ def test_ties_are_spread(triplet, found):
         assert len(cells) >= 14, image.id
 
 
+@pytest.mark.thorough
 def test_result_does_not_depend_on_threads(triplet, found):
     for threads in (1, 3):
         again = find_tie_points(triplet, OPTIONS, scheduler=open_scheduler(threads=threads))
@@ -104,6 +105,7 @@ def test_small_windows_find_what_large_ones_find(triplet, found, monkeypatch):
     assert ties.pairs[0].matches > 0.8 * whole
 
 
+@pytest.mark.large
 def test_windows_of_large_images(triplet, monkeypatch):
     """Images that count as large are matched in small windows, as exactly as others."""
     from hrsi.hrsi_engine.measurement.block_matching import star

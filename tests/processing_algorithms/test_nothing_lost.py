@@ -238,6 +238,7 @@ def test_one_of_six_runs_in_place_wins(folder: Path, tmp_path: Path) -> None:
     assert not list(folder.rglob(".*"))
 
 
+@pytest.mark.thorough
 def test_a_simulation_of_fewer_images_leaves_nothing_of_the_earlier_one(tmp_path: Path) -> None:
     options = {"sensor": "pleiades", "size": 64, "gcps": 1, "checks": 0, "ties": 0, "output_dir": str(tmp_path / "s")}
     run("simulate", images=3, along="-9,0,9", ortho=True, **options)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from parsed_sources import parse_source
 
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.foundation.options import inner_options_of, option_of
@@ -120,7 +121,7 @@ def texts_of(part: str) -> list[tuple[str, int, str]]:
     """Return every text in the modules of a part, docstrings too: file, line, text."""
     found = []
     for path in sorted((ROOT / part).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parse_source(path)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found.append((str(path.relative_to(ROOT)), node.lineno, node.value))
     return found

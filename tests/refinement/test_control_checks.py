@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.refinement.estimate import Control
@@ -138,7 +139,10 @@ def test_a_height_outside_the_range(image, control):
     )
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.0 / FOOT_M, "are in feet"), (FOOT_M, "were converted from feet")])
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    mark_beyond(1, "wrong_inputs", [(1.0 / FOOT_M, "are in feet"), (FOOT_M, "were converted from feet")]),
+)
 def test_heights_in_another_unit(image, control, factor, said):
     ground = control.ground * [1.0, 1.0, factor]
     assert said in warnings(image, replace(control, ground=ground))
