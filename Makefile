@@ -8,6 +8,8 @@ IMAGES := $(BUILD)/demo-images
 # QGIS without a desktop; its runtime directory must be private.
 QGIS_ENV := QT_QPA_PLATFORM=offscreen XDG_RUNTIME_DIR=$${XDG_RUNTIME_DIR:-$(CURDIR)/$(BUILD)/runtime} PATH=$(CURDIR)/$(BIN):$$PATH
 PYTEST := $(BIN)/python -m pytest
+# Tests start hundreds of programs: compiled modules are kept, also where the environment forbids it.
+export PYTHONDONTWRITEBYTECODE :=
 # Processor time of all that make has run, and of the shell of this line; $(1) is the last of it.
 tell_processor_time = cat /proc/$$PPID/stat /proc/$$$$/stat 2>/dev/null | \
 	awk '{ticks += $$16 + $$17} END {printf "processor time so far: %.1f minutes (after $(1))\n", ticks / 6000}'

@@ -34,7 +34,7 @@ def check_rmse(block, truth, result):
     return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
 
 
-@pytest.mark.parametrize("share", mark_beyond(1, "coverage", [0.01, 0.1]))
+@pytest.mark.parametrize("share", mark_beyond(1, "thorough", [0.01, 0.1]))
 def test_snooping_finds_the_blunders(share):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
     bad, rows = spoilt(block, share)
@@ -60,7 +60,7 @@ def test_snooping_finds_the_blunders(share):
 
 
 # Huber's weights bound a blunder's pull and do not remove it: a tenth of all measurements still costs something
-@pytest.mark.parametrize(("share", "cost"), mark_beyond(1, "coverage", [(0.01, 0.05), (0.1, 0.15)]))
+@pytest.mark.parametrize(("share", "cost"), mark_beyond(1, "thorough", [(0.01, 0.05), (0.1, 0.15)]))
 def test_huber_holds_the_cameras(share, cost):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
     bad, _ = spoilt(block, share)

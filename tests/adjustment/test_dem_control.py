@@ -62,7 +62,7 @@ def height_error_m(block: Block, truth: np.ndarray, options: AdjustOptions) -> n
     return np.array([error.mean(), np.sqrt(np.mean(error**2))])
 
 
-@pytest.mark.parametrize("seed", mark_beyond(1, "coverage", [1, 2, 3]))
+@pytest.mark.parametrize("seed", mark_beyond(1, "thorough", [1, 2, 3]))
 def test_a_quarter_of_wrong_heights_does_little_harm(seed, monkeypatch):
     terrain, dirty, known = surfaces(0.25, seed)
     block, truth = weak_block(terrain, seed)

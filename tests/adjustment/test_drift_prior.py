@@ -104,6 +104,7 @@ def test_the_drift_of_many_images_is_found():
     assert drift.sigma == pytest.approx(DRIFT_OF_SIMULATED, rel=3.0 / np.sqrt(2 * drift.redundancy))
 
 
+@pytest.mark.thorough
 def test_corrections_at_a_solution_spare_solutions(monkeypatch):
     """Where each correction is followed by a solution, and until 0.1 %, more solutions give the same sizes."""
     block = simulated(90)

@@ -76,7 +76,7 @@ def test_measurements_as_made_are_told_of(shaken):
     assert np.abs(result.block.measurements.xy - without.block.measurements.xy).max() > 0.5
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_what_two_images_do_not_separate_is_told():
     block, truth = make_block(2)
     result = adjust(block, AdjustOptions(jitter="70"))

@@ -55,7 +55,7 @@ def check_rmse(truth, result):
 
 @pytest.mark.parametrize(
     ("images", "share", "least"),
-    mark_beyond(1, "coverage", [(2, 0.3, 0.95), (3, 0.3, 0.95), (3, 0.4, 0.9), (4, 0.4, 0.9)]),
+    mark_beyond(1, "thorough", [(2, 0.3, 0.95), (3, 0.3, 0.95), (3, 0.4, 0.9), (4, 0.4, 0.9)]),
 )
 def test_ties_wrong_by_the_dozen(images, share, least):
     """RPCs tens of pixels off, errors of 30 px: no start from all measurements finds its way here."""

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
-
-if not os.environ.get("HRSI_TEST_DATA"):
-    pytest.skip("HRSI_TEST_DATA is not set", allow_module_level=True)
 
 from hrsi.benchmarks import surface_triplet as triplet
 from hrsi.hrsi_engine import find_tie_points, open_image
@@ -16,7 +11,8 @@ from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Role
 
 
-def test_the_displaced_triplet_comes_back(tmp_path):
+@pytest.mark.real
+def test_the_displaced_triplet_comes_back(real_data, tmp_path):
     images = [open_image(str(triplet.FOLDER / f"img_0{k}.tif")) for k in (1, 2, 3)]
     ties, judge = find_tie_points(images).image_points, triplet.Judge()
     coarse = triplet.write_degraded(str(tmp_path))

@@ -86,7 +86,7 @@ def test_an_infinite_variance_leaves_the_other_coordinates_their_own_sigmas():
     assert result.observations == 2 * taking_part + 12
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_correlations_bring_the_residuals_to_their_share():
     """Survey errors drawn from the covariances: misses weighted with them are chi² with the right redundancy."""
     sigma0 = []

@@ -106,7 +106,7 @@ def test_the_sigmas_make_the_cameras_better():
     assert np.mean(with_) < 0.25 * np.mean(without)
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_by_kind_and_sensor_together():
     found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True), kinds=True)
     print(found)
@@ -115,7 +115,7 @@ def test_by_kind_and_sensor_together():
         assert found[f"image points: {name}"] == pytest.approx(sigma, rel=0.1), name
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_by_image():
     noise = (0.2, 0.3, 0.4, 0.6)
     found = sigmas(AdjustOptions(test_sigmas=False, variance_components=True, variance_groups="image"), noise=noise)
@@ -124,6 +124,7 @@ def test_by_image():
         assert found[f"image points: I{k}"] == pytest.approx(sigma, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_the_user_names_the_images_of_a_sensor():
     options = AdjustOptions(
         test_sigmas=False,

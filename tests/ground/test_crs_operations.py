@@ -288,7 +288,7 @@ def test_the_error_of_an_operation_is_in_what_the_block_predicts_and_not_in_what
     np.testing.assert_allclose(other[:, 0, 0], expected, rtol=1e-3)
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_predicted_accuracies_cover_errors_drawn_from_the_stated_accuracy() -> None:
     low, high = benchmark.COVERED
     for share in benchmark.cover(benchmark.take_operation("EPSG:23030", (-3.7, 40.4))):

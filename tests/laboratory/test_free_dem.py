@@ -71,7 +71,7 @@ def errors(dem: Grid, truth: Grid, displaced: np.ndarray, side: int = 5) -> tupl
     return (dem.heights - means - displaced[2])[inside, inside], slope[inside, inside]
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_cell_noise_and_correlation_length(tmp_path: Path):
     dem, truth, displaced = simulate(tmp_path, landform="flat", free_dem_trees=0.0)
     np.testing.assert_allclose(dem.cell_m, 30.0, rtol=2e-3)
@@ -151,7 +151,7 @@ def test_landforms_have_their_relief(landform: str, relief_m: float, tmp_path: P
     np.testing.assert_allclose(np.ptp(truth.heights), relief_m, rtol=1e-4)
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_displacements_are_as_large_as_glo30_is_stated_to():
     terrain = TerrainSurface(Chart(5.0, 43.0), np.full((3, 3), 100.0, dtype=np.float32), -50.0, 50.0, 50.0)
     drawn = np.array([simulate_free_dem(terrain, 60.0, FreeDemSpec(30.0), [seed, 60]).shift_m for seed in range(1000)])

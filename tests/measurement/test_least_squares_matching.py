@@ -135,6 +135,7 @@ def test_windows_on_invalid_pixels_and_without_texture_are_refused(way):
     np.testing.assert_array_equal(found.status, [WEAK, OUTSIDE, OUTSIDE, DONE, OUTSIDE])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("setting", ["1", "0"])
 def test_search_finds_the_window_and_its_rival(monkeypatch, setting: str):
     """Windows moved by whole pixels are found; in a pattern that repeats after 8 px the rival is as good."""

@@ -158,6 +158,7 @@ def test_flat_images_give_no_points_but_a_warning():
     assert [warning.partition(":")[0] for warning in result.warnings] == ["view0", "view1"]
 
 
+@pytest.mark.rendered
 def test_clouds_and_water_give_no_points(triplet):
     """A cloud that only one image has, and smooth water in both."""
     images = [replace(image, raster=ArrayRaster(image.raster.grey.copy())) for image in triplet[:2]]

@@ -54,7 +54,7 @@ def test_an_uncertainty_that_all_points_share_changes_nothing() -> None:
     np.testing.assert_allclose(alone, shared, atol=1e-6)
 
 
-@pytest.mark.coverage
+@pytest.mark.thorough
 def test_points_that_are_less_certain_count_less() -> None:
     """Every third point is a narrow pair's, 5 m uncertain among such of 0.2 m; without sigmas the surface shows it."""
     rng = np.random.default_rng(5)

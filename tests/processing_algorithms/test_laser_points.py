@@ -105,6 +105,7 @@ def test_laser_points_in_a_national_crs(block: Path, tmp_path: Path):
         run("adjust", **options(block, tmp_path / "strict", **given, strict_datum=True))
 
 
+@pytest.mark.thorough
 def test_surveyed_points_take_the_error_of_the_dem_that_gives_their_heights(block: Path, tmp_path: Path):
     """GCPs without heights, and a DEM above a geoid that another model stands in for."""
     rows = list(csv.DictReader((block / "ground_points.csv").open()))

@@ -228,6 +228,7 @@ def test_a_dem_round_the_earth_has_no_edge(tmp_path: Path, west: float, lon: flo
         assert image["height_m"] == pytest.approx(100.0 + 80.0 * np.sin(2.0 * np.radians(image["lon"])), abs=0.1)
 
 
+@pytest.mark.wrong_inputs
 def test_a_dem_on_the_other_side_of_the_earth_is_told_at_once(date_line: Path, tmp_path: Path, capsys: Any) -> None:
     """Rays at the meridian opposite to a DEM do not lie a turn of its cells wide."""
     scene = simulate(tmp_path / "scene", 0.0, -17.0, 100.0)

@@ -115,6 +115,7 @@ def test_automatic_tie_points_are_the_same(result, pair, tmp_path):
     assert not (tmp_path / UNFINISHED).exists()
 
 
+@pytest.mark.killed
 def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
     """Killed (SIGKILL) with some parts finished; the same command takes these and comes to the same points."""
     folder = tmp_path / "ties"
@@ -237,7 +238,7 @@ def test_changed_pixels_are_matched_again_though_size_and_time_are_the_same(pair
     assert {name.partition("-")[0] for name in made} == {"pair", "windows"}
 
 
-@pytest.mark.parametrize("trap", mark_beyond(1, "rendered", ["negative", "cliffs"]))
+@pytest.mark.parametrize("trap", mark_beyond(0, "rendered", ["negative", "cliffs"]))
 def test_a_negative_and_cliffs_give_no_false_tie_points(tmp_path: Path, trap: str) -> None:
     """Through the command line, against the cameras and the surface that made the images."""
     simulated = simulate_block(
