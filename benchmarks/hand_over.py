@@ -77,7 +77,7 @@ def installed(program: str, work: Path) -> str:
         constraints.write_text("\n".join(BUILDING))
         words = os.environ | {
             "CPATH": ":".join(map(str, headers)), "LIBRARY_PATH": str(libraries), "LD_LIBRARY_PATH": str(libraries),
-            "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "LD_RUN_PATH": str(libraries),
+            "PKG_CONFIG_PATH": str(libraries / "pkgconfig"),
             "PATH": f"{usr / 'bin'}:{os.environ['PATH']}",
             "PIP_CONSTRAINT": str(constraints),
         }  # fmt: skip
@@ -100,7 +100,10 @@ def adjusted(work: Path) -> Path:
 def typed(folder: Path, commands: list[str], result: Path, programs: str) -> None:
     """Run the printed commands in a shell, unless their result is there."""
     if not result.exists():
+        compiled_with = ":".join(map(str, Path(programs).parent.glob("debian/usr/lib/*-linux-gnu")))  # s2p's mgm: FFTW
         environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+        if compiled_with:
+            environment["LD_LIBRARY_PATH"] = compiled_with
         with open(f"{folder}.log", "w", encoding="utf-8") as log:
             subprocess.run(" && ".join(commands), shell=True, check=True, env=environment, stdout=log, stderr=log)
 

@@ -71,6 +71,8 @@ class Follower:
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
         squares = compute_drift_squares(self._problem, self._last)
         self._gain = compute_drift_gain(self._problem, self._loop, squares)
+        delivered = self.result.values[np.unique(self._problem.observations.camera_of_image, return_index=True)[1]]
+        self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `given_position`
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
         self._system: CameraSystem = choose_camera_system(self._pattern)
@@ -106,7 +108,7 @@ class Follower:
             step = self._system.solve_nearby(blocks, prior, 0.0, right)
         except np.linalg.LinAlgError as error:
             raise SolveError(f"the equations are singular without what was edited ({error})") from error
-        delivered = absorb_drift(values + step, self._gain)
+        delivered = absorb_drift(values + step, self._gain) + self._kept
         ground = np.full_like(self.result.ground, np.nan)
         if self._watched is not None:
             equations, state, weight, normals = self._watched
@@ -191,7 +193,7 @@ class Follower:
             return None
         before = self._select_before(wanted)
         equations, weighting = form_point_equations(before.observations, problem.model), before.weighting
-        delivered = absorb_drift(self._last.state.values, self._gain)
+        delivered = absorb_drift(self._last.state.values, self._gain) + self._kept
         state = State(delivered, self.result.ground[points[wanted]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
         return equations, state, weighting.image, normals

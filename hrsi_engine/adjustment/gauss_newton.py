@@ -113,14 +113,14 @@ class GaussNewton:
         The history grows over all runs, one row for every step.
         """
         unweighed = np.ones(len(weighting.image))
-        return self._descend(lambda: self._form_solution(state, weighting, unweighed), robust, tolerance, progress)
+        return self._descend(lambda: self.form_solution(state, weighting, unweighed), robust, tolerance, progress)
 
     def continue_from(self, last: Solution, robust: str, tolerance: float, progress: Progress) -> Solution:
         """Iterate from a solution with its own weights: what has changed are the priors (`set_prior_weight`)."""
 
         def begin() -> Solution:
             if self.common:  # they are in the equations
-                return self._form_solution(last.state, last.weighting, last.factor)
+                return self.form_solution(last.state, last.weighting, last.factor)
             return replace(last, cost=self.compute_cost(last))
 
         return self._descend(begin, robust, tolerance, progress)
@@ -143,7 +143,7 @@ class GaussNewton:
             by_values = self.system.solve_nearby(at.normals.blocks, self.prior_weight, damping, right)
             self.solves += 1
             by_ground = self.equations.compute_point_steps(at.state, at.weight, at.normals, by_values)
-            ahead = self._form_solution(
+            ahead = self.form_solution(
                 State(at.state.values + by_values, move_ground(at.state.ground, by_ground)), at.weighting, at.factor
             )
             braked = 0.5 * self.system.compute_damping_cost(by_values)
@@ -170,9 +170,10 @@ class GaussNewton:
             points = held.add_to_priors(weighting.points, at.state.ground, at.normals.inverse)
             weighting = replace(weighting, points=points)
         t = np.linalg.norm(at.normals.residual, axis=1) * np.sqrt(weighting.image)
-        return self._form_solution(at.state, weighting, robustly(t))
+        return self.form_solution(at.state, weighting, robustly(t))
 
-    def _form_solution(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
+    def form_solution(self, state: State, weighting: Weighting, factor: np.ndarray) -> Solution:
+        """Return the equations and the cost at a state, with robust factors ``(n,)``; nothing is iterated."""
         normals = self.equations.form_normals(state, weighting.image * factor, weighting.points, weighting.contributes)
         for joint in self.joint:
             joint.add_to(normals, state.values, self.pattern)

@@ -14,6 +14,7 @@ from ..ground.geodesy import ground_difference_m
 from .area_accuracy import describe_parts, predict_without_surveys
 from .delivery import CameraDelivery, deliver_cameras
 from .gauss_newton import GaussNewton, Solution
+from .given_position import keep_given_position
 from .joint_prior import JointCameras
 from .problem import Problem
 from .result import (
@@ -78,6 +79,7 @@ def assemble_adjustment(
 ) -> Adjustment:
     """Return the result of an adjustment."""
     observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
+    solution, precise = keep_given_position(problem, loop, solution, precise)
     sigma0 = sums["sigma0"]
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]

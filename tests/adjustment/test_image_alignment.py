@@ -82,7 +82,7 @@ def test_the_cost_is_what_the_equations_lower():
 
     def form_solution(metres: float) -> Solution:
         ground = move_ground(problem.start.ground, [0.0, 0.0, 300.0] + metres * direction)
-        return loop._form_solution(State(problem.start.values, ground), weighting, np.ones(len(weighting.image)))
+        return loop.form_solution(State(problem.start.values, ground), weighting, np.ones(len(weighting.image)))
 
     slope = (form_solution(1.0).cost - form_solution(-1.0).cost) / 2.0
     assert slope == pytest.approx(-float((form_solution(0.0).normals.point_right * direction).sum()), rel=1e-3)
