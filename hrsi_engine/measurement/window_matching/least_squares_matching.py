@@ -43,6 +43,9 @@ from .windows import (
     Results,
 )
 
+_OF_SLOPES = np.array([[0, 2, 3], [1, 4, 5]])  # terms of Tx and Ty: times 1, x and y
+_GREY, _ONE = 6, 7
+
 
 def match_patches(
     first: MatchImage, second: MatchImage, centre: np.ndarray, start: np.ndarray, affine: np.ndarray,
@@ -101,23 +104,27 @@ def _match_batch(
 ) -> None:
     """Match windows whose templates are inside the first image; results are changed in place."""
     xy, affine, covariance, figures, status = results
-    weight = options.make_weights().ravel()
-    line = np.arange(-options.half, options.half + 1, dtype=np.float64)
-    offset = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    # Design matrices of the templates, transposed (n, 8, pixels); affine terms count in half windows
-    columns, rows = (centre[:, None] + offset.astype(np.int64)).transpose(2, 0, 1)
-    place = rows * first.grey.shape[1] + columns
-    dx, dy = (offset / offset.max()).T
-    A = np.empty((len(centre), TERMS, len(offset)))
-    gx, gy = A[:, 0], A[:, 1]
-    gx[:], gy[:] = (slope.ravel().take(place) for slope in first.slopes)
-    for term, values in enumerate((gx * dx, gx * dy, gy * dx, gy * dy), start=2):
-        A[:, term] = values
-    grey = first.grey.ravel().take(place).astype(np.float64)
-    A[:, 6] = grey - (grey @ weight / weight.sum())[:, None]
-    A[:, 7] = 1.0
-    weighted = A * weight
-    N = weighted @ A.transpose(0, 2, 1)
+    weight, half = options.make_weights().ravel(), options.half
+    line = np.arange(-half, half + 1, dtype=np.float64)
+    column, row = (centre[:, axis, None] + line.astype(np.int64) for axis in (0, 1))
+    place = (row[:, :, None] * first.grey.shape[1] + column[:, None]).reshape(len(centre), -1)
+    # The templates' slopes and grey values without their mean (3, n, pixels): with the products of 1, x, y they have
+    # all of the design matrices' columns; affine terms count in half windows
+    template = np.stack([layer.ravel().take(place) for layer in (*first.slopes, first.grey)]).astype(np.float64)
+    gx, gy, grey = template
+    grey -= (grey @ weight / weight.sum())[:, None]
+    ones = np.ones_like(weight)
+    basis = np.stack([ones, *(values.ravel() for values in np.meshgrid(line / half, line / half))])
+    squares = (basis[:, None] * basis).reshape(len(basis) ** 2, -1).T
+    N = np.empty((len(centre), TERMS, TERMS))
+    for terms, slope in zip(_OF_SLOPES, (gx, gy), strict=True):
+        weighted = slope * weight
+        for others, other in zip(_OF_SLOPES, (gx, gy), strict=True):
+            N[:, terms[:, None], others] = (weighted * other @ squares).reshape(-1, len(basis), len(basis))
+        for term, values in ((_GREY, grey), (_ONE, ones)):
+            N[:, terms, term] = N[:, term, terms] = weighted * values @ basis.T
+    N[:, _GREY, _GREY], N[:, _GREY, _ONE], N[:, _ONE, _ONE] = grey**2 @ weight, grey @ weight, weight.sum()
+    N[:, _ONE, _GREY] = N[:, _GREY, _ONE]
     diagonal = np.sqrt(np.einsum("nii->ni", N))
     positive = diagonal.min(axis=1) > 0.0
     safe = np.where(positive[:, None], diagonal, 1.0)
@@ -127,28 +134,38 @@ def _match_batch(
     inverse = np.full_like(N, np.nan)
     inverse[solvable] = np.linalg.inv(N[solvable])
     begin = xy.copy()
-    solution, seen = np.zeros((len(centre), TERMS)), np.zeros((len(centre), len(offset)))
+    solution, seen = np.zeros((len(centre), TERMS)), np.zeros(place.shape)
     going = np.flatnonzero(solvable)
+    rows, columns = second.coefficients.shape
     for _ in range(options.iterations):
-        rows, columns = second.coefficients.shape
-        reach = options.half * np.abs(affine[going]).sum(axis=2)
+        reach = half * np.abs(affine[going]).sum(axis=2)
         inside = np.all((xy[going] - reach >= 1.0) & (xy[going] + reach < np.array([columns, rows]) - 3.0), axis=1)
         status[going[~inside]] = OUTSIDE
         going = going[inside]
         if not len(going):
             break
-        at = xy[going, :, None] + affine[going] @ offset.T
-        seen[going] = _interpolate_spline(second.coefficients, at[:, 0], at[:, 1])
-        right = weighted[going] @ seen[going, :, None]
-        solution[going] = (inverse[going] @ right)[..., 0]
+        # Places of the window's pixels by what their columns and rows add, (2, n, side, side)
+        along, down = (affine[going, :, axis, None].transpose(1, 0, 2) * line for axis in (0, 1))
+        at = (xy[going].T[..., None] + along)[:, :, None] + down[..., None]
+        values = _interpolate_spline(second.coefficients, *at).reshape(len(going), -1)
+        seen[going] = values
+        values = values * weight
+        chosen = template if len(going) == len(centre) else template[:, going]  # a copy takes longer than the product
+        by_slope = (chosen * values) @ basis.T
+        right = np.empty((len(going), TERMS))
+        right[:, _OF_SLOPES] = by_slope[:2].transpose(1, 0, 2)
+        right[:, _GREY], right[:, _ONE] = by_slope[2, :, 0], values.sum(axis=1)
+        solution[going] = (inverse[going] @ right[..., None])[..., 0]
         going = _update_warps(xy, affine, begin, status, solution, going, options)
     matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
     # Correlation, gain and RMS residual
-    A, seen, solution = A[matched], seen[matched], solution[matched]
+    gx, gy, grey = template[:, matched]
+    seen, solution = seen[matched], solution[matched]
     spread = ((seen - (seen @ weight / weight.sum())[:, None]) ** 2) @ weight
-    figures[matched, 0] = (A[:, 6] * seen) @ weight / np.sqrt(np.maximum(N[matched, 6, 6] * spread, 1e-30))
-    figures[matched, 1] = solution[:, 6]
-    residual = seen - (solution[:, None] @ A)[:, 0]
+    figures[matched, 0] = (grey * seen) @ weight / np.sqrt(np.maximum(N[matched, _GREY, _GREY] * spread, 1e-30))
+    figures[matched, 1] = solution[:, _GREY]
+    by_x, by_y = (solution[:, terms] @ basis for terms in _OF_SLOPES)
+    residual = seen - (gx * by_x + gy * by_y + solution[:, _GREY, None] * grey + solution[:, _ONE, None])
     figures[matched, 2] = np.sqrt(residual**2 @ weight / weight.sum())
     scale = (figures[matched, 2] / figures[matched, 1]) ** 2
     by_template = inverse[matched, :2, :2] * scale[:, None, None]
@@ -161,12 +178,17 @@ def _interpolate_spline(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) 
     across, down = (_compute_spline_weights((at - whole).astype(np.float32)) for at, whole in ((x, column), (y, row)))
     width = coefficients.shape[1]
     flat = np.ravel(coefficients)
-    place = (row - 1) * width + (column - 1)
-    total = np.zeros(x.shape, np.float32)
+    row -= 1
+    row *= width
+    row += column
+    row -= 1
+    total, line, term = (np.empty(x.shape, np.float32) for _ in range(3))
+    total.fill(0.0)
     for j, below in enumerate(down):
-        line = across[0] * flat[j * width :].take(place)
+        np.multiply(across[0], flat[j * width :].take(row), out=line)
         for i in (1, 2, 3):
-            line += across[i] * flat[j * width + i :].take(place)
+            np.multiply(across[i], flat[j * width + i :].take(row), out=term)
+            line += term
         line *= below
         total += line
     return total
