@@ -51,9 +51,9 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
 
 
 def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
-    """Return the RPC that an ``.adjust`` file moves, ``FILE|camera=IMAGE``; None for any other file."""
+    """Return the RPC that a file of ASP moves, ``FILE|camera=IMAGE``; None without a camera, but for ``.adjust``."""
     path, _, camera = spec.partition("|camera=")
-    if not path.lower().endswith(".adjust"):
+    if not camera and not path.lower().endswith(".adjust"):
         return None
     try:
         numbers = np.array([float(word) for word in read_bytes(path).split()])

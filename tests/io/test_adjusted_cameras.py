@@ -103,6 +103,15 @@ def test_offset_and_scale_of_a_crop(camera, tmp_path):
     np.testing.assert_allclose(image_of(ground, camera), image * 2.0 + [1000.0, 500.0], atol=1e-4)
 
 
+def test_its_name_does_not_matter_where_a_camera_is_named(camera, tmp_path):
+    files = [write_adjustment(tmp_path / name) for name in ("run-img.adjust", "renamed.txt")]
+    by_name, renamed = (read_adjusted_rpc(f"{path}|camera={camera}").sample_correspondences(0.0, 100.0)
+                        for path in files)  # fmt: skip
+    np.testing.assert_array_equal(by_name[1], renamed[1])
+    with pytest.raises(InputError, match="no translation and unit quaternion"):
+        read_adjusted_rpc(f"{camera}|camera={camera}")
+
+
 def test_what_is_no_adjustment_of_an_rpc_gets_an_answer(camera, tmp_path):
     path = Path(write_adjustment(tmp_path / "run-img.adjust"))
     with pytest.raises(InputError, match=r"name it, .*run-img\.adjust\|camera=IMAGE"):

@@ -32,5 +32,5 @@ def plan_s2p_project(project: BlockProject) -> PlannedProject:
     }  # fmt: skip
     files[DEM_FILE] = partial(write_initial_dem, project)
     files[_FILE] = json_text(configuration, indent=1) + "\n"
-    notice = f"s2p pairs all images with {reference}: {left_out} chosen pairs are left out"
+    notice = f"s2p pairs all images with {reference}; chosen pairs that are left out: {left_out}"
     return PlannedProject(files, (f"s2p {_FILE}",), _RESULT, (notice,) * bool(left_out))
