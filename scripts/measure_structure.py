@@ -40,7 +40,7 @@ import tarfile
 import tempfile
 import tokenize
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -103,10 +103,15 @@ class Source:
         return ast.parse(self.text)
 
     @cached_property
+    def nodes(self) -> list[ast.AST]:
+        """All of the tree, in the order of `ast.walk`, which takes longer than what is counted."""
+        return list(ast.walk(self.tree))
+
+    @cached_property
     def lines(self) -> Counter[str]:
         """Return how many lines hold code, docstrings, and comments alone."""
         docstrings = {
-            line for node in docstrings_of(self.tree) for line in range(node.lineno, (node.end_lineno or 0) + 1)
+            line for node in docstrings_of(self.nodes) for line in range(node.lineno, (node.end_lineno or 0) + 1)
         }
         code: set[int] = set()
         comments: set[int] = set()
@@ -120,9 +125,9 @@ class Source:
         return Counter(code=len(code & filled), docstrings=len(docstrings & filled), comments=len(comments - code))
 
 
-def docstrings_of(tree: ast.AST) -> Iterator[ast.Constant]:
+def docstrings_of(nodes: Iterable[ast.AST]) -> Iterator[ast.Constant]:
     """Yield the docstrings of a module, its classes and functions, and strings that describe an attribute."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             yield node.value
 
@@ -151,7 +156,7 @@ class Product:
         """Every import, also those inside functions and under ``TYPE_CHECKING``."""
         found = []
         for source in self.sources.values():
-            for node in ast.walk(source.tree):
+            for node in source.nodes:
                 if isinstance(node, ast.Import):
                     found += [Import(source.module, node.lineno, alias.name, False) for alias in node.names]
                 elif isinstance(node, ast.ImportFrom):
@@ -239,14 +244,14 @@ class Product:
         return [
             (source, node)
             for source in self.sources.values()
-            for node in ast.walk(source.tree)
+            for node in source.nodes
             if isinstance(node, FUNCTIONS)
         ]
 
     def figures(self) -> dict[str, float]:
         """Return the figures of the table."""
         lines = sum((source.lines for source in self.sources.values()), Counter())
-        used = {source.module: Counter(names_used(source.tree)) for source in self.sources.values()}
+        used = {source.module: Counter(names_used(source.nodes)) for source in self.sources.values()}
         functions = self.functions()
         several = self.names_with_several_places()
         constants = sum(name.isupper() for name in several)
@@ -282,7 +287,7 @@ class Product:
                 "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
                 "lines of code": lines["code"],
                 "statements": sum(
-                    isinstance(node, ast.stmt) for part in self.sources.values() for node in ast.walk(part.tree)
+                    isinstance(node, ast.stmt) for part in self.sources.values() for node in part.nodes
                 ),
                 "docstring lines": lines["docstrings"],
                 "comment lines": lines["comments"],
@@ -299,7 +304,7 @@ class Product:
                 "private functions": len(private),
                 "private functions used once": sum(used[module][name] == 1 for module, name in private),
                 "options read from a dict by a string": sum(
-                    string_options(source.tree) for source in self.sources.values()
+                    string_options(source.nodes) for source in self.sources.values()
                 ),
                 "functions with a Parameters section": sum(
                     "Parameters\n" in (ast.get_docstring(node) or "") for _, node in functions
@@ -399,9 +404,9 @@ def assignments_of(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.expr]]:
                 yield target, value
 
 
-def names_used(tree: ast.AST) -> Iterator[str]:
+def names_used(nodes: Iterable[ast.AST]) -> Iterator[str]:
     """Yield every name and attribute that is read."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             yield node.id
         elif isinstance(node, ast.Attribute):
@@ -419,10 +424,10 @@ def inner_imports(function: ast.AST) -> int:
     return count
 
 
-def string_options(tree: ast.AST) -> int:
+def string_options(nodes: Iterable[ast.AST]) -> int:
     """Return how often an option is fetched by its name as a string: ``options["sigma_image"]``."""
     count = 0
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Subscript):
             owner, key = node.value, node.slice
         elif (

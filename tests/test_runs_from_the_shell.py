@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import pytest
 from every_algorithm import sound_options, words_of
+from long_tests import mark_beyond
 
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.interface.cli import main
@@ -128,7 +129,9 @@ def test_dry_run_of_every_algorithm_writes_nothing(name: str, block: Path, tmp_p
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.parametrize("name", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate"}])
+@pytest.mark.parametrize(
+    "name", mark_beyond(6, "thorough", [name for name in REGISTRY if name not in MATCHING | {"evaluate", "simulate"}])
+)
 def test_dry_run_names_the_files_that_the_run_writes(name: str, block: Path, tmp_path: Path, capsys) -> None:
     algorithm = REGISTRY[name]
     options = {key: value for key, value in sound_options(algorithm, block / "block").items() if key != "no_report"}

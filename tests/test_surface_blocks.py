@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.benchmarks.surface import DEM, Place, adjust_block, measure_block, read_truth
 
 SEED = 9  # of development; those from 7000 on are the page's
 
 
-@pytest.mark.parametrize("sensor", ["spot5", "pleiades"])
+@pytest.mark.parametrize("sensor", mark_beyond(1, "thorough", ["spot5", "pleiades"]))
 def test_mountains_hold_a_block_in_plan(sensor: str, tmp_path: Path):
     block = Place(sensor, "mountains", SEED).write(tmp_path)
     truth = read_truth(block)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.delivered_model import find_judging_gcps, predict_left_out
@@ -18,7 +19,7 @@ from hrsi.hrsi_engine.refinement.selection import NESTED_MODELS
 KNOWN = AdjustOptions(sigma_drift=1e-4, test_sigmas=False, reject_sigma=0.0)
 
 
-@pytest.mark.parametrize("asked", NESTED_MODELS)
+@pytest.mark.parametrize("asked", mark_beyond(1, "thorough", NESTED_MODELS))
 def test_leave_one_out_is_what_adjustments_without_each_gcp_predict(asked):
     block, _, _ = blocks.block(gcps=6, checks=0, ties=20, drift=1e-4)
     _, adjuster = run_adjuster(block, replace(KNOWN, model=asked))

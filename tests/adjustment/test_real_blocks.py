@@ -32,6 +32,7 @@ def test_hobart_centres_and_corners():
     assert np.all(corners < [0.87, 0.81, 2.22])
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("gcps", mark_beyond(1, "real", [45, 10, 25]))
 def test_hobart_with_sigmas_three_to_five_times_too_small(gcps):
     """The residuals are told to be larger than stated, and nine in ten check points lie within the headline.

@@ -42,6 +42,7 @@ def test_places_and_rpcs_share_by_their_sigmas(scene):
     assert result.ground_sigma_m[checks, 0].mean() > 0.5 * shared  # three hundred places count as one
 
 
+@pytest.mark.thorough
 def test_a_corner_15_m_off_is_named_and_does_no_harm(scene):
     wrong = scene.with_corner(15.0)
     result, good = adjusted(wrong), adjusted(scene)

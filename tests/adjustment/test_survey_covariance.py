@@ -118,6 +118,7 @@ def test_cross_validation_and_tests_take_correlated_surveys():
     assert np.abs(result.cross_validation.error_m).max() < 3.0
 
 
+@pytest.mark.thorough
 def test_variance_components_of_correlated_surveys():
     """Covariances given a quarter of what they are come out scaled by 2, as a whole."""
     factors = []

@@ -52,6 +52,7 @@ def test_ties_do_not_move_a_block_without_gcps_by_the_drift(drift):
     assert rms(ignored - without) > rms(sigma)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("gcps", "drift"), mark_beyond(1, "coverage", [(4, 3e-5), (4, 0.0), (10, 3e-5)]))
 def test_with_gcps_it_costs_nothing_and_the_prediction_holds(gcps, drift):
     """Six blocks, each with the error of its own few GCPs.

@@ -242,6 +242,7 @@ def test_realisations_of_etrs89_move_with_it(code: int) -> None:
     assert operations_of("EPSG:5252").motion_in(2023.5) is None  # TUREF: Anatolia does not follow Eurasia
 
 
+@pytest.mark.thorough
 def test_the_epoch_of_the_command_line_moves_gcps_as_pyproj_does(tmp_path: Path) -> None:
     """GDA2020 to ITRF2014 in 2023.5 by pyproj alone; JGD2011 stays, and that is told."""
     simulate = dict(lon=147.3, lat=-42.9, size=300, gcps=6, checks=4, ties=20, images=2)

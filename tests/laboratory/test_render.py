@@ -119,6 +119,7 @@ def phase_shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.linalg.solve(normal, A.T @ (weight * np.angle(cross[low])))
 
 
+@pytest.mark.rendered
 def test_two_views_of_flat_ground_register_as_the_truth_says():
     block = simulated(SceneSpec(relief_m=0.0))
     one, two = (make_renderer(block, image_id) for image_id in ("image_1", "image_2"))
@@ -150,6 +151,7 @@ def test_noise_and_radiometry():
     assert abs(neighbours) < 0.02  # white: 1 / sqrt(65 000) is 0.004
 
 
+@pytest.mark.rendered
 def test_multispectral_bands_are_the_same_ground(hilly: BlockSimulation):
     pan = make_renderer(hilly, "image_1").window(0, 0, 800, 800).astype(float)
     bands = make_multispectral_renderers(hilly, "image_1")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
@@ -61,7 +62,7 @@ def seen_on(block: BlockSimulation, index: int) -> tuple[np.ndarray, np.ndarray]
     return block.truth.ground[points.point[seen]], points.xy[seen]
 
 
-@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize("index", mark_beyond(1, "thorough", [0, 1]))
 def test_gdals_transformer_agrees_with_the_truth_within_the_stated_fit(
     block: BlockSimulation, folder: Path, index: int
 ):

@@ -83,6 +83,7 @@ def test_blunders_and_wrong_heights_are_named():
     np.testing.assert_array_equal(height_error > 5.0, truth.wrong_height)
 
 
+@pytest.mark.rendered
 def test_the_same_arguments_give_the_same_block():
     first, second, other = block(), block(), block(spec=SceneSpec(seed=2))
     ground = first.truth.ground

@@ -252,6 +252,7 @@ def test_windows_of_an_image_give_positions_in_the_image():
     assert np.hypot(*(found.positions.second - pair.carried(found.positions.first)).T).max() < FALSE_PX
 
 
+@pytest.mark.rendered
 def test_points_stay_out_of_nodata():
     pair = true_pair("grass", 400)
     valid = np.ones((400, 400), bool)
@@ -346,6 +347,7 @@ def test_real_pairs_turned(real_data: Path, folder: str, names: tuple, window: t
     assert far <= 0.01
 
 
+@pytest.mark.rendered
 def test_features_tell_where_the_second_window_shows_the_first():
     """Windows with origins of their own, looked at as they are and reduced: the map is that of the images' pixels."""
     pair = true_pair("grass", 400, 30.0, scale=0.8)

@@ -70,6 +70,7 @@ def test_heights_are_those_of_the_dem(scene, control):
     np.testing.assert_allclose(control.ground[:, 2], terrain.height_at(control.ground), atol=1e-6)
 
 
+@pytest.mark.rendered
 def test_reference_of_another_season(scene):
     grey = scenes.another_season(scene.reference.raster.grey)
     changed = replace(scene.reference, raster=ArrayRaster(grey))

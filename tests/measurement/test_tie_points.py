@@ -79,6 +79,7 @@ def test_result_does_not_depend_on_threads(triplet, found):
         np.testing.assert_array_equal(again.image_points.ids, found.image_points.ids)
 
 
+@pytest.mark.thorough
 def test_rpcs_off_by_far_more_than_the_search_margin(triplet):
     """The search widens by itself: 80 px against a margin of 16."""
     far = [triplet[0], replace(triplet[1], rpc=triplet[1].rpc.shift(20.0, 80.0))]

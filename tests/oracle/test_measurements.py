@@ -80,6 +80,7 @@ def rays_miss(true_cameras, seen: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([xy - camera.project(at)[0] for camera, xy in rays])
 
 
+@pytest.mark.thorough
 def test_tie_points(scene, true_cameras, tmp_path) -> None:
     """Tracks are of one ground point: true rays meet; counts, views and positions follow from the rows."""
     out = tmp_path / "out"
@@ -201,6 +202,7 @@ def test_measure_targets(scene, true_cameras, tmp_path) -> None:
     assert 0.9 < np.median(ratio) < 2.5
 
 
+@pytest.mark.thorough
 def test_gcps_from_reference(scene, true_cameras, tmp_path) -> None:
     """Each GCP's survey is the place of its image point, by the true camera; its residuals are of the corrected RPC."""
     out = tmp_path / "out"

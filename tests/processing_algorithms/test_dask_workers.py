@@ -49,6 +49,7 @@ def find(output: Path, address: str, *options: str | Path, code: int = 0) -> Non
     assert cli.main([*map(str, words), "--quiet"]) == code
 
 
+@pytest.mark.thorough
 def test_images_with_relative_paths_are_found_by_workers_in_another_folder(in_scene: Path, tmp_path: Path) -> None:
     assert (
         cli.main(

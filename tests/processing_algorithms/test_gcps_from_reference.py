@@ -82,6 +82,7 @@ def test_layer_is_read_back_as_gcps(block, tmp_path):
     assert json.loads((tmp_path / "report.json").read_text())["algorithm"] == "gcps-from-reference"
 
 
+@pytest.mark.thorough
 def test_triangulate_takes_its_gcps_from_a_reference(block, tmp_path):
     """Check points, which are surveyed to 0.1 m, are right to a fraction of a metre without any surveyed GCP."""
     gcps = str(block / "ground_points.csv")

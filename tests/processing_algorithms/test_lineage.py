@@ -19,6 +19,7 @@ import pyproj
 import pytest
 import simulated_blocks as blocks
 from every_algorithm import sound_options, words_of
+from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -43,7 +44,9 @@ def scene(sound_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copytree(sound_inputs, tmp_path_factory.mktemp("own") / "scene"))
 
 
-@pytest.mark.parametrize("name", [name for name in WITH_FOLDER if name not in SLOW and name != "write-rpc"])
+@pytest.mark.parametrize(
+    "name", mark_beyond(8, "thorough", [name for name in WITH_FOLDER if name not in SLOW and name != "write-rpc"])
+)
 def test_report_tells_its_run(name: str, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything that it takes to follow a run, under the same names for every algorithm."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", EPOCH)

@@ -85,7 +85,7 @@ def extent_m(code: int, extent: np.ndarray, lat: float) -> float:
     return float(sides.max())
 
 
-@pytest.fixture(scope="module", params=mark_beyond(2, "rendered", PLACES))
+@pytest.fixture(scope="module", params=mark_beyond(1, "rendered", PLACES))
 def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Place, Path]:
     """A scene with everything that is made of it."""
     chosen = PLACES[request.param]

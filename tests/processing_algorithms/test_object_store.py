@@ -143,6 +143,7 @@ def adjusted(store: Path, output_dir: str, **more: Any) -> dict[str, Any]:
     )  # fmt: skip
 
 
+@pytest.mark.programs
 def test_an_adjustment_of_images_in_a_store(store: Path, tmp_path: Path):
     """Refined images, items and reports are in the bucket in the end, and nothing else."""
     at_once = adjusted(store, str(tmp_path / "out"))

@@ -83,6 +83,7 @@ def test_who_looks_at_frames_keeps_no_file_open(scene: Path, tmp_path: Path, mon
     assert any(frame.f_code.co_name == "warp_chunk" for frame in kept)
 
 
+@pytest.mark.killed
 def test_a_killed_worker_does_not_matter(
     scene: Path, cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -112,6 +112,7 @@ def test_evaluate_tells_the_displacement_without_adjusting(folder: Path, held: d
     assert "<h2>Displacement against the surface</h2>" in (tmp_path / "evaluated" / "report.html").read_text()
 
 
+@pytest.mark.thorough
 def test_other_control_is_as_good_beside_it(folder: Path, tmp_path: Path) -> None:
     dem = str(folder / "sim" / "dem.tif")
     by_gcps = adjust(folder, tmp_path / "gcps", gcps=True)

@@ -75,6 +75,7 @@ def list_shown(panel: PointsDock) -> list[str]:
     return [panel.ui.pictures.item(row).text() for row in range(panel.ui.pictures.count())]
 
 
+@pytest.mark.thorough
 def test_photographs_and_chips_are_shown_beside_the_images(dock, block: Path, tmp_path: Path) -> None:
     dock.choose(NAME)
     images = [image for name, image in dock.session.measured if name == NAME]
