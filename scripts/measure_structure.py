@@ -242,10 +242,7 @@ class Product:
     def functions(self) -> list[tuple[Source, ast.FunctionDef | ast.AsyncFunctionDef]]:
         """Return every function and method."""
         return [
-            (source, node)
-            for source in self.sources.values()
-            for node in source.nodes
-            if isinstance(node, FUNCTIONS)
+            (source, node) for source in self.sources.values() for node in source.nodes if isinstance(node, FUNCTIONS)
         ]
 
     def figures(self) -> dict[str, float]:
@@ -286,9 +283,7 @@ class Product:
                 "files": len(self.sources),
                 "files above 400 lines": sum(source.text.count("\n") > 400 for source in self.sources.values()),
                 "lines of code": lines["code"],
-                "statements": sum(
-                    isinstance(node, ast.stmt) for part in self.sources.values() for node in part.nodes
-                ),
+                "statements": sum(isinstance(node, ast.stmt) for part in self.sources.values() for node in part.nodes),
                 "docstring lines": lines["docstrings"],
                 "comment lines": lines["comments"],
                 "explanation: docstring and comment lines per line of code": round(
