@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from scipy.optimize import least_squares
 
 from hrsi.benchmarks import real_blocks
@@ -95,7 +96,7 @@ def test_no_step_helps_where_the_derivatives_are_wrong():
     assert not found.converged
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", mark_beyond(4, "thorough", list(MODELS)))
 def test_every_model_of_a_real_block_converges(name, thesis_data, monkeypatch):
     """All 71 points of Hobart are GCPs: a curved valley for generic-full."""
     monkeypatch.setattr(real_blocks, "DATA", thesis_data.parent)

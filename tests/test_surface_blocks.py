@@ -27,6 +27,7 @@ def test_mountains_hold_a_block_in_plan(sensor: str, tmp_path: Path):
         assert np.quantile(np.hypot(*given[:, :2].T), 0.9) > 2.0 * found.ce90_m
 
 
+@pytest.mark.thorough
 def test_flat_ground_is_said_to_hold_no_plan(tmp_path: Path):
     block = Place("spot5", "flat", SEED).write(tmp_path)
     found = adjust_block(block, read_truth(block), *DEM)

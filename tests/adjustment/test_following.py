@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment.following import Follower
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
@@ -62,7 +63,7 @@ EDITS: dict[str, tuple[str, Callable[[Block], tuple[Block, Block]]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("edit", EDITS)
+@pytest.mark.parametrize("edit", mark_beyond(4, "thorough", EDITS))
 @pytest.mark.parametrize("model", ["shift", "affine"])
 def test_following_is_adjusting_anew(edit: str, model: str) -> None:
     block, _, _ = simulated_blocks.block(gcps=10, checks=10, ties=30, count=3, seed=4)

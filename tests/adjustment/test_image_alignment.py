@@ -55,7 +55,9 @@ def test_residuals_that_neighbours_share_are_no_blunders():
     assert (result.decision != Decision.KEPT).mean() < 0.01
 
 
-@pytest.mark.parametrize(("model", "sigma_drift"), [("shift", 0.0), ("generic-shift", None)])
+@pytest.mark.parametrize(
+    ("model", "sigma_drift"), mark_beyond(1, "thorough", [("shift", 0.0), ("generic-shift", None)])
+)
 def test_a_drift_that_no_parameter_follows_does_not_move_the_block(model, sigma_drift):
     """Frames drift by 2 px and matching is good to 0.02 px: ties must not outweigh where the RPCs say the block is."""
     simulated = simulate_strip(15.0, drift_px=2.0, image_px=0.02)

@@ -77,7 +77,7 @@ def test_ties_wrong_by_the_dozen(images, share, least):
     assert alarms <= 0.001 * right
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mark_beyond(1, "thorough", range(4)))
 def test_two_wrong_heights_do_not_hide_each_other(seed):
     block, _, _ = blocks.block(gcps=6, checks=0, ties=100, seed=seed, drift=2e-5)
     result = adjust(moved(block, [1, 4], [0.0, 0.0, 25.0]), TESTED)

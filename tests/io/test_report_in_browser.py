@@ -187,6 +187,7 @@ def test_it_opens_with_what_was_reached(simulated: Path) -> None:
     assert page.count('<svg class="card"') == 2
 
 
+@pytest.mark.programs
 def test_a_row_leads_to_the_map_and_the_map_to_the_row(page: Browser, simulated: Path) -> None:
     worst = report_of(simulated)["check_points"][0]
     page.value("for (const part of document.querySelectorAll('#known details')) part.open = true")

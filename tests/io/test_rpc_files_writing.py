@@ -278,6 +278,7 @@ def test_in_place_follows_a_link_and_keeps_permissions(image: Path, tmp_path: Pa
     assert read_rpc(str(image)).rpc == NEW
 
 
+@pytest.mark.killed
 @pytest.mark.parametrize("kills", [int(os.environ.get("HRSI_KILLS", "40"))])
 def test_killed_writers_leave_a_whole_file(kills: int) -> None:
     """HRSI_KILLS=200 for the full number; each kill is at a random moment of writing in place or restoring."""

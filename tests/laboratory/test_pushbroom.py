@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pyproj
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ground.geodesy import from_ecef, ground_difference_m
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, Vibration, aim_camera
@@ -37,7 +38,7 @@ def image_points(camera: PushbroomCamera, count: int = 2000) -> tuple[np.ndarray
     return rng.uniform(-0.1, 1.1, (count, 2)) * camera.size, rng.uniform(-100.0, 3000.0, count)
 
 
-@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("name", mark_beyond(4, "thorough", SENSORS))
 @pytest.mark.parametrize("error", [OrientationError(), LARGE], ids=["exact", "disturbed"])
 @pytest.mark.parametrize("case", CASES)
 def test_directions_close_on_each_other(name: str, error: OrientationError, case: str):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 from scipy import ndimage, signal
 
 from hrsi.hrsi_engine.laboratory.simulation.landscape import COVERS, Landscape
@@ -41,7 +42,7 @@ def test_rectangle_cover_is_a_blurred_rectangle():
     assert np.abs(cover - oracle).max() < 0.02  # half a grid cell of the oracle's edge
 
 
-@pytest.mark.parametrize("sigma", [0.3, 2.0])
+@pytest.mark.parametrize("sigma", mark_beyond(1, "thorough", [0.3, 2.0]))
 def test_periodic_field_is_blurred_exactly(sigma: float):
     field = PeriodicField.power_law(256, 0.5, 0.9, np.random.default_rng(0))
     fine = signal.resample(signal.resample(np.fft.irfft2(field.spectrum, s=(256, 256)), 2048), 2048, axis=1)

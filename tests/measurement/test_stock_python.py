@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.foundation.array_filters import ArrayFilters
 from hrsi.hrsi_engine.foundation.opencv_filters import OpenCVFilters
@@ -101,7 +102,7 @@ def test_sift_finds_what_opencv_finds():
     assert descriptors.shape == (len(xy), 128)
 
 
-@pytest.mark.parametrize(("scale", "turn_deg"), [(1.0, 0.0), (0.8, 40.0), (1.3, 200.0)])
+@pytest.mark.parametrize(("scale", "turn_deg"), mark_beyond(1, "thorough", [(1.0, 0.0), (0.8, 40.0), (1.3, 200.0)]))
 def test_sift_matches_a_turned_image(scale: float, turn_deg: float):
     """The mutual nearest descriptors of an image and its known similarity lie on one another."""
     first = texture(256)

@@ -40,6 +40,7 @@ def dem_height(path: str, plan: np.ndarray) -> np.ndarray:
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_rpc_info(scene: SimpleNamespace, tmp_path) -> None:
     """Sizes, pixel sizes, view and footprint of each image, geometry of each pair: report and layers."""
     report = run("rpc-info", images=scene.images, height=HEIGHT_M, output_dir=str(tmp_path / "out"))

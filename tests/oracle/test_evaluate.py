@@ -97,6 +97,7 @@ def across(one: Camera, other: Camera, first: np.ndarray, second: np.ndarray, ne
     return float(np.linalg.norm(residual))  # what least squares leaves is the null direction's part
 
 
+@pytest.mark.thorough
 def test_every_number_of_the_report(scene: SimpleNamespace, evaluated: SimpleNamespace) -> None:
     ties = [p for p in scene.measured if p.startswith("T")]
     names = list(scene.cameras)

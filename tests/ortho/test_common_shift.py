@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ortho.misregistration import SHIFT, find_common_shift
 from hrsi.tests.ortho.scenes import texture
@@ -27,7 +28,9 @@ def reader(grey: np.ndarray):
     return read
 
 
-@pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (12.0, -7.0), (-101.5, 63.5), (210.0, 180.0)])
+@pytest.mark.parametrize(
+    ("dx", "dy"), mark_beyond(1, "thorough", [(12.0, -7.0), (0.0, 0.0), (-101.5, 63.5), (210.0, 180.0)])
+)
 def test_common_shift_comes_back(dx: float, dy: float) -> None:
     """Also where one image is a negative of the other with noise, as over another season; to a reduced pixel."""
     rng = np.random.default_rng(3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.ortho.misregistration import (
     MisregistrationOptions,
@@ -37,7 +38,10 @@ def matched(first: np.ndarray, second: np.ndarray, valid: np.ndarray | None = No
 
 
 @pytest.mark.parametrize("noise", [0.0, 15.0])
-@pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (0.25, -0.4), (0.5, 0.5), (-0.1, 0.75), (-2.3, 3.6), (5.05, -6.9)])
+@pytest.mark.parametrize(
+    ("dx", "dy"),
+    mark_beyond(3, "thorough", [(0.0, 0.0), (0.25, -0.4), (0.5, 0.5), (-0.1, 0.75), (-2.3, 3.6), (5.05, -6.9)]),
+)
 def test_known_shifts_come_back_without_bias(dx: float, dy: float, noise: float) -> None:
     """Also with another gain and offset, grey values rounded, and noise of 1/20 of the contrast."""
     rng = np.random.default_rng(11)

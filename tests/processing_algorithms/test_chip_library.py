@@ -123,6 +123,7 @@ def test_other_ground_is_refused(folder: Path, library: str) -> None:
     assert not off, "found where there is nothing of the kind"
 
 
+@pytest.mark.thorough
 def test_coarser_images_are_searched(folder: Path, truth: Truth, library: str, tmp_path: Path) -> None:
     """Images of half the resolution, as of another sensor: within the same part of their pixels."""
     paths = [str(folder / f"d2_{number}.tif") for number in (1, 2)]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
@@ -79,14 +80,18 @@ def test_dividing_gives_the_flag(options):
     assert drawn == here.sum()
 
 
-@pytest.mark.parametrize("single", [False, True], ids=["stereo", "one image"])
+@pytest.mark.parametrize("single", mark_beyond(1, "thorough", [False, True]), ids=["stereo", "one image"])
 @pytest.mark.parametrize(
     ("options", "scene"),
-    [
-        (AFFINE, {"noise_px": 0.05}),
-        (AFFINE, {"noise_px": 0.3, "noise_m": 0.01}),
-        (DRIFT, {"noise_px": 0.05, "noise_m": 0.1, "drift": 1e-4}),
-    ],
+    mark_beyond(
+        1,
+        "thorough",
+        [
+            (AFFINE, {"noise_px": 0.05}),
+            (AFFINE, {"noise_px": 0.3, "noise_m": 0.01}),
+            (DRIFT, {"noise_px": 0.05, "noise_m": 0.1, "drift": 1e-4}),
+        ],
+    ),
     ids=["surveys decide", "images decide", "drift"],
 )
 def test_check_points_are_judged_with_what_was_predicted(options, scene, single):

@@ -62,6 +62,7 @@ def test_drifts_of_their_own_have_no_common_cause(seed: int):
     assert fit_deformation(clean("ikonos", 12).images, drifts)[1] > 1e-3
 
 
+@pytest.mark.thorough
 def test_scale_of_a_map():
     """0.9996, the scale factor of UTM in the middle of a zone: 0.4 m/km."""
     right = clean("worldview-2", 13, 3, 10)

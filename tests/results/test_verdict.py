@@ -10,6 +10,7 @@ import pytest
 import simulated_blocks
 from hypothesis import given
 from hypothesis import strategies as st
+from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment.options import AdjustOptions
 from hrsi.hrsi_engine.adjustment.result import Adjustment
@@ -123,7 +124,7 @@ def test_check_heights_off_together_are_told_though_each_fits():
     assert "difference in east" not in reason.message
 
 
-@pytest.mark.parametrize("gcps", [2, 3])
+@pytest.mark.parametrize("gcps", mark_beyond(1, "thorough", [2, 3]))
 @pytest.mark.parametrize("step", [(20.0, 0.0, 0.0), (0.0, 0.0, 60.0)])
 def test_one_of_few_gcps_that_is_wrong_is_doubtful_and_in_the_prediction(gcps: int, step: tuple[float, float, float]):
     """What comes out is compared with the right survey of the wrong GCP, and with the metres that it was moved by."""
