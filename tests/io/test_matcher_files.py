@@ -50,8 +50,9 @@ KEYPOINTS = {
 }
 
 
-def test_colmap_counts_from_the_corner(tmp_path):
-    path = write_database(tmp_path / "database.db", KEYPOINTS, {(1, 2): [[0, 2], [1, 0]]})
+@pytest.mark.parametrize("name", ["database.db", "matches.sqlite", "renamed"])
+def test_colmap_counts_from_the_corner(tmp_path, name):
+    path = write_database(tmp_path / name, KEYPOINTS, {(1, 2): [[0, 2], [1, 0]]})
     tables = read_points(path, image_ids=IDS)
     assert tables.pairwise
     assert tables.image.image_ids.tolist() == ["a", "a", "b", "b"]

@@ -246,14 +246,15 @@ def test_orthority_gcps(real_data: Path) -> None:
     assert set(tables.image.image_ids) == {"qb2_basic1b"}
 
 
-def test_qgis_georeferencer_points(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["img.tif.points", "img.tif.csv"])
+def test_qgis_georeferencer_points(tmp_path: Path, name: str) -> None:
     """The centre of the first pixel is (0.5, -0.5) in QGIS."""
     en = in_crs("EPSG:32755")
     lines = [
         f"{x!r},{y!r},{10.5 + k},{-20.5 - k},{0 if k == 2 else 1},0,0,0" for k, (x, y, _) in enumerate(en.tolist())
     ]
     header = f"#CRS: {crs_wkt('EPSG:32755')}\nmapX,mapY,sourceX,sourceY,enable,dX,dY,residual\n"
-    path = write_text(tmp_path / "img.tif.points", header + "\n".join(lines))
+    path = write_text(tmp_path / name, header + "\n".join(lines))
     tables = read_points(path, surface=lambda lonlat: np.full(len(lonlat), 7.0), image_ids=["img"])
     assert tables.ground is not None
     assert tables.image is not None

@@ -17,6 +17,7 @@
 import csv
 import math
 import os
+import re
 from itertools import islice
 from typing import Any
 
@@ -177,6 +178,9 @@ ORTHORITY_GCPS = PointReader(
 # ---- QGIS ----------------------------------------------------------------------------------------------------------
 
 
+_QGIS_HEADER = re.compile(rb"^\W*mapX,mapY,(?:source|pixel)X,", re.MULTILINE)
+
+
 def read_qgis_points(path: str, _layer: str = "") -> PointTable:
     """Return the points that are switched on; raise `InputError` where the file is damaged."""
     require_size(path, "points")
@@ -217,5 +221,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
 
 
 QGIS_POINTS = PointReader(
-    "QGIS Georeferencer points", lambda _path, name, _head: name.endswith(".points"), read_qgis_points
+    "QGIS Georeferencer points",
+    lambda _path, name, head: name.endswith(".points") or bool(_QGIS_HEADER.search(head)),
+    read_qgis_points,
 )

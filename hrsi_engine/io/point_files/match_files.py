@@ -194,7 +194,9 @@ def _parse_blob(path: str, table: str, data: object, rows: object, cols: object,
 
 
 COLMAP_DATABASE = PointReader(
-    "COLMAP database", lambda _path, name, head: head.startswith(b"SQLite format 3\0") and name.endswith(".db"),
+    "COLMAP database",
+    lambda _path, name, head: head.startswith(b"SQLite format 3\0")
+    and (name.endswith(".db") or b"two_view_geometries" in head),  # its schema is on the first page
     read_colmap,
 )  # fmt: skip
 
