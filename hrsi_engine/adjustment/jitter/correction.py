@@ -50,10 +50,10 @@ def adjust_without_jitter(
         estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
         prior = estimate.prior
         before, xy = xy, estimate.displace(ids, block.measurements.image, block.measurements.xy, remove=True)
+        if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px and number:
+            break
         corrected = replace(block, measurements=replace(block.measurements, xy=xy))
         result, adjuster = adjust_once(corrected, replace(options, jitter_estimate=estimate), part)
-        if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px:
-            break
     return result
 
 

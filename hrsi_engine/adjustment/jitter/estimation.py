@@ -9,7 +9,7 @@ A point's d is eliminated with an orthonormal basis N of what J does not reach (
 holds it: its survey, heights of a surface or of laser points are further rows. Two rays leave one equation a point,
 across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
 curves have no constant and linear part (Q x = 0 by conditioning, Rue and Held, Gaussian Markov Random Fields,
-2005, 2.3.3): those are the corrections', and the block is not bent. The posterior has the precision matrix
+2005, 2.3.3), nor a cubic one where waves are short: those are the corrections', and the block is not bent. The posterior has the precision matrix
 K = B' B / n + R / s^2, with the variance n of the noise. All curves have one variance s^2: where only differences of
 images are observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is
 iterated by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square
@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
 from ...block.block import Image, number_exposures
@@ -34,7 +35,7 @@ from ...foundation.thresholds import threshold, thresholds
 from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import Solution
 from ..problem import Problem
-from .line_splines import LineSpline
+from .line_splines import LOW_DEGREES, MOST_LOW_DEGREES, LineSpline
 
 
 @thresholds
@@ -49,7 +50,8 @@ class JITTER_CURVES:
     damping: tuple[float, ...] = threshold((0.3, 0.1, 0.02), "", "of priors with its period; the most likely is taken")
     start_px: float = threshold(1.0, "px", "standard deviation of a curve before it is estimated")
     least_px: float = threshold(0.003, "px", "smallest standard deviation: such a curve changes nothing")
-    steps: int = threshold(8, "steps", "of the iteration of the variance")
+    steps: int = threshold(6, "steps", "of the iteration of the variance, at most")
+    settled_variance: float = threshold(0.03, "", "relative change of the variance that ends its iteration")
     outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
     most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
     samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
@@ -93,16 +95,21 @@ def estimate_jitter(
     prior : its frequency and damping; by default the most likely one of some
     Raises `InputError` where no exposure has measurements over the lines between two knots.
     """
-    places, unknowns = _place_splines(problem, spacing)
+    places, unknowns = _place_splines(problem, spacing, period)
     if not places:
         raise InputError(
             f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
         )
     rows = _form_rows(problem, solution, measured, places, unknowns)
-    fits = [_Fit(rows, list(places.values()), one, unknowns) for one in ([prior] if prior else list_priors(period))]
-    for fit in fits:
-        fit.iterate()
-    likely = max(fits, key=lambda fit: fit.log_likelihood)
+    weighted, variance = _Weighted(rows, list(places.values())[-1].stop), JITTER_CURVES.start_px**2
+    fits = list[tuple[float, float, _Fit]]()
+    for number, one in enumerate([prior] if prior else list_priors(period)):
+        weighted.noise = fits[0][1] if fits else 1.0
+        fit = _Fit(weighted, list(places.values()), one, variance)
+        fit.iterate(0 if number else ROBUST_STEPS, JITTER_CURVES.steps)
+        variance = fit.variance
+        fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
+    _, weighted.noise, likely = max(fits, key=lambda one: one[0])
     mean, drawn = likely.solved, likely.draw(JITTER_CURVES.samples)
     curves: dict[str, JitterCurve] = {}
     samples: list[dict[str, JitterCurve]] = [{} for _ in range(JITTER_CURVES.samples)]
@@ -138,7 +145,9 @@ def _scene_lines(image: Image, line: np.ndarray | float) -> np.ndarray:
     return np.asarray(first + image.camera_pixel * np.asarray(line))
 
 
-def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict[int, _Place], int]:
+def _place_splines(
+    problem: Problem, spacing: Mapping[int, float], period: float
+) -> tuple[dict[int, _Place], int]:
     """Return the splines of the exposures over the lines with measurements, and the number of all unknowns."""
     observations, places, start = problem.observations, dict[int, _Place](), 0
     exposures = number_exposures(observations.images)
@@ -153,7 +162,10 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float]) -> tuple[dict
             continue
         first, last = float(reach.min()), float(reach.max())
         intervals = max(int(np.ceil((last - first) / lines)), 4)
-        places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals), start)
+        # A polynomial of degree d goes up and down d / 2 times: what is slower than half the waves is no jitter, and
+        # would bend heights where nothing but few GCPs shows it
+        degrees = int(np.clip((last - first) / period, LOW_DEGREES, MOST_LOW_DEGREES))
+        places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals, degrees), start)
         start = places[exposure].stop
     return places, start + problem.observations.cameras * len(problem.camera.parameters)
 
@@ -245,54 +257,82 @@ def _form_rows(
     return _Rows(sparse.vstack(matrices).tocsr(), np.concatenate(rights), np.concatenate(points))
 
 
+class _Weighted:
+    """The equations with robust weights, and what all priors share of their solution: matrices, noise, an order.
+
+    root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
+    order : of the unknowns, in which factors of the normal matrix are narrow (Cuthill and McKee), the cameras last
+    """
+
+    def __init__(self, rows: _Rows, splines: int) -> None:
+        self.rows, self.splines, self.noise = rows, splines, 1.0
+        _, self.number = np.unique(rows.point, return_inverse=True)
+        self.counts = np.bincount(self.number)
+        self.weigh(np.zeros_like(rows.right))
+        # A weak prior of the cameras: what nothing determines (the block's place) stays where it is
+        squares = self.normal.diagonal()[splines:]
+        self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
+        self.order = np.arange(self.normal.shape[0])
+
+    def weigh(self, residual: np.ndarray) -> None:
+        """Give the points weights by their residuals."""
+        length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
+        self.weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number]
+        root = np.sqrt(self.weight)
+        self.root, self.right = (sparse.diags(root) @ self.rows.matrix).tocsr(), root * self.rows.right
+        self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
+        self.noisy = dict[int, np.ndarray]()
+
+    def draw(self, count: int) -> np.ndarray:
+        """Return samples of root' e, always the same ones."""
+        if count not in self.noisy:
+            rng = np.random.default_rng([count, 1])
+            self.noisy[count] = self.root.T @ rng.normal(0.0, 1.0, (self.root.shape[0], count))
+        return self.noisy[count]
+
+
 class _Fit:
     """Curves with one prior: `iterate` finds their variance, ``solved`` are the unknowns."""
 
-    def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float], unknowns: int) -> None:
-        self.rows, self.places, self.prior = rows, places, prior
+    def __init__(self, weighted: _Weighted, places: list[_Place], prior: tuple[float, float], variance: float) -> None:
+        self.weighted, self.places, self.prior, self.variance = weighted, places, prior, variance
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
-        self.variance = JITTER_CURVES.start_px**2
-        self.noise = 1.0
-        self.solved = np.zeros(unknowns)
-        self.log_likelihood = -np.inf
         low = [place.spline.low_degrees for place in places for _ in range(2)]
-        ends = places[-1].stop
+        ends, unknowns = places[-1].stop, weighted.root.shape[1]
         self.low = np.pad(sparse.block_diag(low).toarray(), ((0, 0), (0, unknowns - ends)))
-        # A weak prior of the cameras: what nothing determines (the block's place) stays where it is
-        squares = np.asarray(rows.matrix.multiply(rows.matrix).sum(axis=0)).ravel()[ends:]
-        self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
-        _, self.number = np.unique(rows.point, return_inverse=True)
-        self.counts = np.bincount(self.number)
+        self.noisy = dict[int, np.ndarray]()
+        if weighted.order[0] == 0:
+            pattern = (weighted.normal[:ends, :ends] + sparse.block_diag([one for one in self.precisions for _ in "xy"]))
+            weighted.order[:ends] = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
 
-    def iterate(self) -> None:
-        """Iterate robust weights, noise and the curves' variance."""
-        matrix, right = self.rows.matrix, self.rows.right
-        weight, residual = np.ones(len(right)), right
-        for step in range(JITTER_CURVES.steps):
-            if step < ROBUST_STEPS:
-                length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
-                weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number] if step else weight
-                scaled = sparse.diags(weight) @ matrix
-                self._normal, self._right = (matrix.T @ scaled).tocsc(), scaled.T @ right
-                self._root = sparse.diags(np.sqrt(weight)) @ matrix
+    def iterate(self, robust: int, steps: int) -> None:
+        """Iterate robust weights in some steps, the noise and the curves' variance until it settles."""
+        weighted = self.weighted
+        for step in range(robust + steps):
             self._factorise()
-            self.solved = self._condition(self._solve(self._right / self.noise))
-            residual = right - matrix @ self.solved
+            residual = weighted.rows.right - weighted.rows.matrix @ self.solved
             drawn, squares = self.draw(8), list[float]()
             for place, along in zip(self.places, self.along, strict=True):
                 axes = np.split(np.arange(place.start, place.stop), 2)
                 found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
                 unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
                 squares.append(sum(min(zip(unsure, found, strict=True))))
-            self.variance = max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
-            unsure_rows = float(np.mean(weight @ (matrix @ drawn) ** 2))
-            self.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
+            before, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
+            unsure_rows = float(np.mean(np.sum((weighted.root @ drawn) ** 2, axis=0)))
+            weight = weighted.weight
+            weighted.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
+            if step < robust:
+                weighted.weigh(residual)
+            elif abs(np.log(self.variance / before)) < JITTER_CURVES.settled_variance:
+                break
         self._factorise()
-        b = self._right / self.noise
-        self.solved = self._condition(self._solve(b))
-        quadratic = float(weight @ right**2) / self.noise - float(b @ self.solved)
+
+    def compute_log_likelihood(self) -> float:
+        """Return the logarithm of the marginal likelihood."""
+        weighted = self.weighted
+        quadratic = float(weighted.right @ weighted.right - weighted.projected @ self.solved) / weighted.noise
         of_priors = [splu(one) for one in self.precisions]
         free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in of_priors)
         by_prior = sum(
@@ -300,30 +340,36 @@ class _Fit:
             for place, one in zip(self.places, of_priors, strict=True)
         )
         by_all = np.linalg.slogdet(self.low @ self._spread)[1]
-        self.log_likelihood = -0.5 * float(
-            weight.sum() * np.log(self.noise) + quadratic + _log_determinant(self._factor) - free + by_all - by_prior
-        )
+        rows = weighted.weight.sum() * np.log(weighted.noise)
+        return -0.5 * float(rows + quadratic + _log_determinant(self._factor) - free + by_all - by_prior)
 
     def draw(self, count: int) -> np.ndarray:
         """Return samples ``(unknowns, count)`` of the posterior, without its mean."""
-        rng = np.random.default_rng(count)  # the same ones every time
-        right = self._root.T @ rng.normal(0.0, 1.0, (self._root.shape[0], count)) / np.sqrt(self.noise)
-        for place, root in zip(self.places, self.roots, strict=True):
-            for axis in np.split(np.arange(place.start, place.stop), 2):
-                right[axis] += root.T @ rng.normal(0.0, 1.0, (root.shape[0], count)) / np.sqrt(self.variance)
+        if count not in self.noisy:
+            rng = np.random.default_rng([count, 2])
+            self.noisy[count] = np.zeros((self.low.shape[1], count))
+            for place, root in zip(self.places, self.roots, strict=True):
+                for axis in np.split(np.arange(place.start, place.stop), 2):
+                    self.noisy[count][axis] = root.T @ rng.normal(0.0, 1.0, (root.shape[0], count))
+        right = self.weighted.draw(count) / np.sqrt(self.weighted.noise) + self.noisy[count] / np.sqrt(self.variance)
         return self._condition(self._solve(right))
 
     def _factorise(self) -> None:
+        """Find ``solved`` with the noise and variance as they are."""
+        weighted, order = self.weighted, self.weighted.order
         priors = [one / self.variance for one in self.precisions for _ in "xy"]
-        prior = sparse.block_diag([*priors, sparse.diags(self.of_cameras / self.noise)])
+        prior = sparse.block_diag([*priors, sparse.diags(weighted.of_cameras / weighted.noise)])
         self._factor: SuperLU = splu(
-            (self._normal / self.noise + prior).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            (weighted.normal / weighted.noise + prior).tocsr()[order][:, order].tocsc(), permc_spec="NATURAL",
+            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         self._spread = self._solve(np.ascontiguousarray(self.low.T))
+        self.solved = self._condition(self._solve(weighted.projected / weighted.noise))
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
-        return np.asarray(self._factor.solve(right))
+        solved = np.empty_like(right)
+        solved[self.weighted.order] = self._factor.solve(np.ascontiguousarray(right[self.weighted.order]))
+        return solved
 
     def _condition(self, x: np.ndarray) -> np.ndarray:
         """Return unknowns without low degrees in the curves: the posterior under ``Q x = 0``."""

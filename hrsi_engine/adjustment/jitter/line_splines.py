@@ -11,7 +11,7 @@ For a = 1 it is the Matern process of smoothness 3/2, whose correlation falls to
 small a is a vibration with periods about 2 pi / k in a band of the relative half width sqrt(a). R is the sum of a times
 that of a = 1, and of 1 - a times the square of k^2 f + f'', the equation of a vibration, but for its ends. R
 is banded. Functions without constant and linear part fulfil Q x = 0, Q the integrals of the B_j times
-the Legendre polynomials of degree 0 and 1.
+the Legendre polynomials of degree 0 and 1; further degrees where waves are short against the lines.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ import numpy as np
 from scipy import sparse
 
 LOW_DEGREES = 2  # constant and linear, which the corrections of RPCs follow
+MOST_LOW_DEGREES = 4  # to the cubic
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class LineSpline:
     first: float
     spacing: float
     intervals: int
+    degrees: int = LOW_DEGREES
 
     @property
     def size(self) -> int:
@@ -85,9 +87,9 @@ class LineSpline:
 
     @cached_property
     def low_degrees(self) -> np.ndarray:
-        """Q ``(2, size)`` of the module's text, rows of about unit length."""
+        """Q ``(degrees, size)`` of the module's text, rows of about unit length."""
         line, weight = self._nodes
         t = 2.0 * (line - self.first) / (self.spacing * self.intervals) - 1.0
-        legendre = np.polynomial.legendre.legvander(t, LOW_DEGREES - 1)
+        legendre = np.polynomial.legendre.legvander(t, self.degrees - 1)
         rows = (self.make_matrix(line).T @ (weight[:, None] * legendre)).T
         return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
