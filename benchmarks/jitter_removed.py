@@ -155,7 +155,7 @@ def main(words: Sequence[str] | None = None) -> None:
         for images in (2, 3)
         for surface in (0, 1)
     }
-    named["all"] = sum(named.values(), [])
+    named["all"] = [one for group in named.values() for one in group]
     shares = []
     for name, group in named.items():
         before, after = (np.concatenate([one[how] for one in group]) for how in ("none", "auto"))

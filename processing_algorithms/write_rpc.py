@@ -10,6 +10,7 @@ from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
 from ..hrsi_engine.io import rpc_files as rpc_formats
+from ..hrsi_engine.io.jitter_files import JitterFile, find_jitter_file
 from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.rasters.images import image_id
 from ..hrsi_engine.io.safety.transactions import Transaction
@@ -41,6 +42,10 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         for path, part in zip(options.images, parts, strict=True) if options.restore else ():
             advance(part, 0.0)
             notices[path] = rpc_formats.prepare_restoring(path, changes, part)
+        restored = {image_id(path): path for path, told in notices.items() if told}
+        for file in {file for path in restored.values() if (file := find_jitter_file(path)) is not None}:
+            if JitterFile(file).ids <= set(restored):  # else it serves the others; each curve names its RPC
+                changes.remove(file)
         without = [path for path, told in notices.items() if not told]
         if without and len(without) < len(notices):
             raise InputError(f"{list_ids(without)}: {rpc_formats.KEEPS_NONE}: leave it out; nothing was changed")

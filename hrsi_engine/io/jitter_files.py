@@ -53,6 +53,11 @@ class JitterFile:
         except (OSError, ValueError, csv.Error) as error:
             raise InputError(f"{path}: cannot be read ({error}): adjust the block again") from None
 
+    @property
+    def ids(self) -> set[str]:
+        """The images whose jitter it has."""
+        return {name for name, lines in self._lines.items() if any(line.startswith("#rpc,") for line in lines)}
+
     def find_curve(self, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
         """Return the curve of an image, and why there is none where the file has one for another RPC.
 

@@ -186,6 +186,11 @@ def write_results(
                 report["warnings"] += free_the_way(file, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
             report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, _lineage_of(image, items))
+        for place in {os.path.dirname(os.path.abspath(image.path)) for image, _ in in_place if image.id in curves}:
+            if place != os.path.abspath(target.output_dir):  # curves lie beside their images
+                here = {one.id: new.rpc for one, new in in_place if os.path.dirname(os.path.abspath(one.path)) == place}
+                with changes.replacing(os.path.join(place, JITTER_FILE)) as temporary:
+                    write_jitter(temporary, {name: curves[name] for name in here if name in curves}, here)
         if output.stac and how != WRITE_NOTHING:
             _write_items(folder, report, pairs, target.output_dir)
         clock.lap("write")

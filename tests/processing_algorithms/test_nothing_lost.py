@@ -18,6 +18,7 @@ from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.io.jitter_files import JitterFile
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.processing_algorithms import run
@@ -251,3 +252,28 @@ def test_a_simulation_of_fewer_images_leaves_nothing_of_the_earlier_one(tmp_path
 def test_memory_is_no_output_directory(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rpc-info", str(folder / "image_1.tif"), "--output-dir", "/vsimem/x"]) == 2
     assert "nothing would remain" in capsys.readouterr().err
+
+
+def test_jitter_of_images_in_place_lies_beside_them_and_goes_with_them(folder: Path, tmp_path: Path) -> None:
+    names = [f"image_{number}" for number in (1, 2, 3)]
+    before = digests(folder)
+    adjust(folder, tmp_path / "o", write="in-place", jitter="40")
+    beside = folder / "jitter.csv"
+    found = {
+        name: JitterFile(str(beside)).find_curve(name, read_rpc(str(folder / f"{name}.tif")).rpc) for name in names
+    }
+    assert all(curve is not None and not told for curve, told in found.values())
+    run("write-rpc", images=[str(folder / "image_1.tif")], restore=True)
+    assert JitterFile(str(beside)).ids == set(names)  # it serves the two others
+    adjust(folder, tmp_path / "o", write="in-place", jitter="40", overwrite=True)
+    run("write-rpc", images=[str(folder / f"{name}.tif") for name in names], restore=True)
+    assert not beside.exists()
+    assert {name for name in digests(folder) if "jitter" in name or name not in before} == set()
+
+
+def test_jitter_of_results_stays_where_nothing_is_restored(folder: Path, tmp_path: Path) -> None:
+    adjust(folder, tmp_path / "o", write="sidecar", jitter="40")
+    report = run(
+        "write-rpc", images=[str(tmp_path / "o" / f"image_{number}_RPC.TXT") for number in (1, 2)], restore=True
+    )
+    assert (tmp_path / "o" / "jitter.csv").exists() and len(report["warnings"]) == 2

@@ -8,13 +8,14 @@ Measured minus computed image points y, in standard deviations, with the cameras
 A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
 holds it: its survey, heights of a surface or of laser points are further rows. Two rays leave one equation a point,
 across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
-curves have no constant and linear part (Q x = 0 by conditioning, Rue and Held, Gaussian Markov Random Fields,
-2005, 2.3.3), nor a cubic one where waves are short: those are the corrections', and the block is not bent. The posterior has the precision matrix
-K = B' B / n + R / s^2, with the variance n of the noise. All curves have one variance s^2: where only differences of
-images are observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is
-iterated by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square
-of the curves and of samples of their error, on the axis that is better observed, so that it tells how large the other
-one may be. Of some priors that with the largest marginal likelihood is taken.
+curves have no constant and linear part, nor a cubic one where waves are short (Q x = 0 by conditioning, Rue and Held,
+Gaussian Markov Random Fields, 2005, 2.3.3): those are the corrections', and the block is not bent. The posterior has
+the precision matrix K = B' B / n + R / s^2, with the variance n of the noise. All curves have one variance s^2: where
+only differences of images are observed, their jitter is shared by them. (A variance for each curve gives all of it to
+one image.) It is iterated by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977,
+1-38): the mean square of the curves and of samples of their error, on the axis that is better observed, so that it
+tells how large the other one may be. Of some priors that with the largest marginal likelihood is taken. They share the
+robust weights of the points, which are those of the first one.
 """
 
 from __future__ import annotations
@@ -145,9 +146,7 @@ def _scene_lines(image: Image, line: np.ndarray | float) -> np.ndarray:
     return np.asarray(first + image.camera_pixel * np.asarray(line))
 
 
-def _place_splines(
-    problem: Problem, spacing: Mapping[int, float], period: float
-) -> tuple[dict[int, _Place], int]:
+def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float) -> tuple[dict[int, _Place], int]:
     """Return the splines of the exposures over the lines with measurements, and the number of all unknowns."""
     observations, places, start = problem.observations, dict[int, _Place](), 0
     exposures = number_exposures(observations.images)
@@ -304,7 +303,7 @@ class _Fit:
         self.low = np.pad(sparse.block_diag(low).toarray(), ((0, 0), (0, unknowns - ends)))
         self.noisy = dict[int, np.ndarray]()
         if weighted.order[0] == 0:
-            pattern = (weighted.normal[:ends, :ends] + sparse.block_diag([one for one in self.precisions for _ in "xy"]))
+            pattern = weighted.normal[:ends, :ends] + sparse.block_diag([one for one in self.precisions for _ in "xy"])
             weighted.order[:ends] = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
 
     def iterate(self, robust: int, steps: int) -> None:
