@@ -84,6 +84,22 @@ class JitterEstimate:
     samples: tuple[Mapping[str, JitterCurve], ...]
     prior: tuple[float, float]
 
+    def add(self, other: "JitterEstimate") -> "JitterEstimate":
+        """Return the sum of two estimates, the second of what the first leaves.
+
+        Parameters
+        ----------
+        other : JitterEstimate
+            The second estimate, whose prior the sum has.
+
+        Returns
+        -------
+        JitterEstimate
+            With the sums of the curves and of their errors.
+        """
+        samples = tuple(_add_curves(*both) for both in zip(self.samples, other.samples, strict=True))
+        return JitterEstimate(_add_curves(self.curves, other.curves), samples, other.prior)
+
     def displace(self, ids: Sequence[str], image: np.ndarray, xy: np.ndarray, remove: bool = False) -> np.ndarray:
         """Return measurements with jitter added, or removed.
 
@@ -109,3 +125,13 @@ class JitterEstimate:
                 here, curve = np.flatnonzero(image == number), self.curves[name]
                 moved[here] = curve.remove_from(xy[here]) if remove else xy[here] + curve.evaluate(xy[here, 1])
         return moved
+
+
+def _add_curves(one: Mapping[str, JitterCurve], other: Mapping[str, JitterCurve]) -> dict[str, JitterCurve]:
+    """Return the sums of curves, which have the same lines where an image has both."""
+    return {**one, **other} | {
+        name: JitterCurve(
+            curve.first_line, curve.shift_px + other[name].shift_px, np.hypot(curve.sigma_px, other[name].sigma_px)
+        )
+        for name, curve in one.items() if name in other
+    }  # fmt: skip

@@ -98,6 +98,32 @@ def test_block_without_jitter_is_the_same_to_the_last_digit(count):
         assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
 
 
+def test_weak_wave_beside_a_strong_one_is_removed_too():
+    """A prior of the strong wave's period leaves nothing for one that is ten times as short."""
+    block, _ = make_block(3, shaken=False)
+    rows, xy = block.measurements, block.measurements.xy.copy()
+    fine = 2.0 * np.pi / 150.0
+    for number in range(3):
+        here = rows.image == number
+        strong = np.sin(2.0 * np.pi * xy[here, 1] / 1500.0 + 1.7 * number)
+        xy[here, 0] += strong + 0.5 * np.sin(fine * xy[here, 1] + 0.9 * number)
+    result = adjust(replace(block, measurements=replace(rows, xy=xy)), AdjustOptions(jitter="auto"))
+    line = np.arange(600.0, 3400.0)
+    for number, image in enumerate(result.block.images):
+        across = result.jitter.curves[image.id].evaluate(line)[:, 0]
+        sines = np.column_stack([np.sin(fine * line), np.cos(fine * line)])
+        a, b = np.linalg.lstsq(sines, across, rcond=None)[0]
+        assert np.hypot(a - 0.5 * np.cos(0.9 * number), b - 0.5 * np.sin(0.9 * number)) < 0.25 * 0.5, image.id
+
+
+def test_waves_too_small_to_matter_change_nothing():
+    block, _ = make_block(3, shaken=False)
+    rows, xy = block.measurements, block.measurements.xy.copy()
+    xy[:, 0] += 0.03 * np.sin(2.0 * np.pi * xy[:, 1] / 400.0 + rows.image)
+    block = replace(block, measurements=replace(rows, xy=xy))
+    assert adjust(block, AdjustOptions(jitter="auto")).jitter is None
+
+
 def test_knots_can_be_named():
     block, _ = make_block(2, shaken=False)
     result = adjust(block, AdjustOptions(jitter="200"))

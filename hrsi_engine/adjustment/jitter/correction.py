@@ -13,6 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from ...block.block import Block, number_exposures
+from ...block.jitter_curve import JitterEstimate
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, stage
 from ..gauss_newton import Solution
@@ -38,22 +39,33 @@ def adjust_without_jitter(
 ) -> Adjustment:
     """Return the adjustment of a block whose measurements are corrected by the curves that its residuals show.
 
-    Where they show none it is the ordinary one. The result's measurements are the corrected ones.
+    Where they show none it is the ordinary one. What strong waves hide is looked for again without them. The result's
+    measurements are the corrected ones.
     """
     result, adjuster = adjust_once(block, options, stage(progress, 0.0, 0.3))
-    spacing, period = choose_spacings(result, options.jitter)
-    prior = None
-    xy, ids = block.measurements.xy, [image.id for image in block.images]
-    for number in range(JITTER_CURVES.most_rounds if spacing else 0):
-        problem, part = adjuster.problem, stage(progress, 0.3 + 0.2 * number, 0.5 + 0.2 * number)
-        measured = block.measurements.xy[problem.observations.rows]
-        estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
-        prior = estimate.prior
-        before, xy = xy, estimate.displace(ids, block.measurements.image, block.measurements.xy, remove=True)
-        if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px and number:
+    xy, ids, image = block.measurements.xy, [one.id for one in block.images], block.measurements.image
+    earlier: JitterEstimate | None = None
+    done = 0.3
+    for _ in range(JITTER_CURVES.most_parts if options.jitter in JITTER_CHOICES else 1):
+        spacing, period = choose_spacings(result, options.jitter)
+        without, prior = xy, None  # what the curves so far leave
+        for number in range(JITTER_CURVES.most_rounds if spacing else 0):
+            problem, done_before, done = adjuster.problem, done, done + 0.3 * (1.0 - done)
+            measured = without[problem.observations.rows]
+            estimate = estimate_jitter(problem, adjuster.solution, measured, spacing, period, prior)
+            prior = estimate.prior
+            whole = estimate if earlier is None else earlier.add(estimate)
+            before, xy = xy, whole.displace(ids, image, block.measurements.xy, remove=True)
+            if np.sqrt(np.mean((xy - before) ** 2)) < JITTER_CURVES.settled_px and number:
+                xy = before
+                break
+            corrected = replace(block, measurements=replace(block.measurements, xy=xy))
+            result, adjuster = adjust_once(
+                corrected, replace(options, jitter_estimate=whole), stage(progress, done_before, done)
+            )
+        earlier = result.jitter
+        if not spacing:
             break
-        corrected = replace(block, measurements=replace(block.measurements, xy=xy))
-        result, adjuster = adjust_once(corrected, replace(options, jitter_estimate=estimate), part)
     return result
 
 
@@ -82,7 +94,8 @@ def choose_spacings(result: Adjustment, asked: str) -> tuple[dict[int, float], f
         return spacings, JITTER_CURVES.knots_in_period * min(spacings.values())
     if asked != "auto":
         return {}, np.inf
-    waves = find_block_waves(collect_line_profiles(result))
+    found = find_block_waves(collect_line_profiles(result))
+    waves = [[wave for wave in own if wave.amplitude_px >= JITTER_CURVES.least_wave_px] for own in found]
     shortest = pixel * [min((wave.period_lines for wave in own), default=np.inf) for own in waves]
     if not np.isfinite(shortest).any():
         return {}, np.inf

@@ -8,14 +8,14 @@ Measured minus computed image points y, in standard deviations, with the cameras
 A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
 holds it: its survey, heights of a surface or of laser points are further rows. Two rays leave one equation a point,
 across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
-curves have no constant and linear part, nor a cubic one where waves are short (Q x = 0 by conditioning, Rue and Held,
-Gaussian Markov Random Fields, 2005, 2.3.3): those are the corrections', and the block is not bent. The posterior has
-the precision matrix K = B' B / n + R / s^2, with the variance n of the noise. All curves have one variance s^2: where
-only differences of images are observed, their jitter is shared by them. (A variance for each curve gives all of it to
-one image.) It is iterated by expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977,
-1-38): the mean square of the curves and of samples of their error, on the axis that is better observed, so that it
-tells how large the other one may be. Of some priors that with the largest marginal likelihood is taken. They share the
-robust weights of the points, which are those of the first one.
+curves have no constant and linear part, which are the corrections' (Q x = 0 by conditioning, Rue and Held, Gaussian
+Markov Random Fields, 2005, 2.3.3). Nor have they a cubic part where waves are short and little is observed, so that
+few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n + R / s^2, with the variance n of
+the noise. All curves have one variance s^2: where only differences of images are observed, their jitter is shared by
+them. (A variance for each curve gives all of it to one image.) It is iterated by expectation maximisation (Dempster,
+Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curves and of samples of their error, on
+the axis that is better observed, so that it tells how large the other one may be. Of some priors that with the largest
+marginal likelihood is taken. They share the robust weights of the points, which are those of the first one.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ class JITTER_CURVES:
     """How curves of jitter are estimated and when they are settled."""
 
     knots_in_period: int = threshold(6, "knots", "in the shortest period: a spline then keeps 99.7 % of a sine")
+    least_wave_px: float = threshold(
+        0.05, "px", "amplitude from which a wave is removed", "the Pleiades triplet has 0.02"
+    )
     least_spacing: float = threshold(8.0, "lines", "smallest distance between knots")
     ranges: tuple[float, ...] = threshold(
         (0.5, 1.0), "", "ranges of priors without a period, in periods of the strongest wave"
@@ -53,10 +56,14 @@ class JITTER_CURVES:
     least_px: float = threshold(0.003, "px", "smallest standard deviation: such a curve changes nothing")
     steps: int = threshold(6, "steps", "of the iteration of the variance, at most")
     settled_variance: float = threshold(0.03, "", "relative change of the variance that ends its iteration")
+    weak: float = threshold(
+        0.5, "", "variance of what is not known of an axis, relative to the prior's, from which it has no cubic part"
+    )
     outlier: float = threshold(3.0, "sigma", "scale of the robust weights (Cauchy) of points")
     most_points: int = threshold(100_000, "points", "from which curves are estimated, of more an even choice")
     samples: int = threshold(24, "samples", "of the posterior, by which the uncertainty of the curves is estimated")
     settled_px: float = threshold(0.03, "px", "RMS change of the curves that ends the rounds", "below a measurement")
+    most_parts: int = threshold(2, "parts", "of a curve: the second of waves that the first one leaves")
     most_rounds: int = threshold(3, "rounds", "of estimating curves and adjusting")
 
 
@@ -161,8 +168,7 @@ def _place_splines(problem: Problem, spacing: Mapping[int, float], period: float
             continue
         first, last = float(reach.min()), float(reach.max())
         intervals = max(int(np.ceil((last - first) / lines)), 4)
-        # A polynomial of degree d goes up and down d / 2 times: what is slower than half the waves is no jitter, and
-        # would bend heights where nothing but few GCPs shows it
+        # A polynomial of degree d goes up and down d / 2 times: slower than half the waves is no jitter
         degrees = int(np.clip((last - first) / period, LOW_DEGREES, MOST_LOW_DEGREES))
         places[exposure] = _Place(LineSpline(first, (last - first) / intervals, intervals, degrees), start)
         start = places[exposure].stop
@@ -272,6 +278,7 @@ class _Weighted:
         squares = self.normal.diagonal()[splines:]
         self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
         self.order = np.arange(self.normal.shape[0])
+        self.weak = dict[int, bool]()  # by the first unknown of an axis: whether its curve is mostly the prior's
 
     def weigh(self, residual: np.ndarray) -> None:
         """Give the points weights by their residuals."""
@@ -298,13 +305,22 @@ class _Fit:
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
-        low = [place.spline.low_degrees for place in places for _ in range(2)]
-        ends, unknowns = places[-1].stop, weighted.root.shape[1]
-        self.low = np.pad(sparse.block_diag(low).toarray(), ((0, 0), (0, unknowns - ends)))
+        self.set_low_degrees()
+        ends = places[-1].stop
         self.noisy = dict[int, np.ndarray]()
         if weighted.order[0] == 0:
             pattern = weighted.normal[:ends, :ends] + sparse.block_diag([one for one in self.precisions for _ in "xy"])
             weighted.order[:ends] = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
+
+    def set_low_degrees(self) -> None:
+        """Form Q of all axes; where few observations show a curve, it would bend heights to fit them."""
+        weak = self.weighted.weak
+        self.low_of_axes = [
+            place.spline.low_degrees[: None if weak.get(start) else LOW_DEGREES]
+            for place in self.places for start in (place.start, place.start + place.spline.size)
+        ]  # fmt: skip
+        low = sparse.block_diag(self.low_of_axes).toarray()
+        self.low = np.pad(low, ((0, 0), (0, self.weighted.root.shape[1] - low.shape[1])))
 
     def iterate(self, robust: int, steps: int) -> None:
         """Iterate robust weights in some steps, the noise and the curves' variance until it settles."""
@@ -318,12 +334,18 @@ class _Fit:
                 found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
                 unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
                 squares.append(sum(min(zip(unsure, found, strict=True))))
+                if step < robust:
+                    weighted.weak |= {
+                        int(axis[0]): of_prior > JITTER_CURVES.weak * self.variance
+                        for axis, of_prior in zip(axes, unsure, strict=True)
+                    }
             before, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
             unsure_rows = float(np.mean(np.sum((weighted.root @ drawn) ** 2, axis=0)))
             weight = weighted.weight
             weighted.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
             if step < robust:
                 weighted.weigh(residual)
+                self.set_low_degrees()
             elif abs(np.log(self.variance / before)) < JITTER_CURVES.settled_variance:
                 break
         self._factorise()
@@ -335,8 +357,8 @@ class _Fit:
         of_priors = [splu(one) for one in self.precisions]
         free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in of_priors)
         by_prior = sum(
-            2.0 * np.linalg.slogdet(self.variance * place.spline.low_degrees @ one.solve(place.spline.low_degrees.T))[1]
-            for place, one in zip(self.places, of_priors, strict=True)
+            np.linalg.slogdet(self.variance * low @ of_priors[number // 2].solve(low.T))[1]
+            for number, low in enumerate(self.low_of_axes)
         )
         by_all = np.linalg.slogdet(self.low @ self._spread)[1]
         rows = weighted.weight.sum() * np.log(weighted.noise)
