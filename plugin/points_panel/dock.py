@@ -267,6 +267,7 @@ class PointsDock(QDockWidget):
         self.map.mark((point.lon, point.lat) if point else None)
         self._store()
         self.refresh()
+        self.ui.measurements.resizeColumnsToContents()  # what is suspicious has a mark before its name
         self._show_pictures()
         library, measured = self.session.library, any(other == name for other, _ in self.session.measured)
         if point is not None and library is not None and not measured and library.find_rows(point).size:
