@@ -80,7 +80,6 @@ def assemble_adjustment(
     """Return the result of an adjustment."""
     observations, block, sums = problem.observations, problem.block, _count_sums(problem, loop, solution, precise)
     solution, precise = keep_given_position(problem, loop, solution, precise)
-    sigma0 = sums["sigma0"]
     own = slice(len(problem.model.parameters))  # behind them is the drift that the model does not follow
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own]
     cameras = deliver_cameras(problem, loop, solution)
@@ -90,12 +89,12 @@ def assemble_adjustment(
     alike = _count_points_alike(problem, loop)
     shared = _propagate_shared_errors(problem, loop, solution)
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
-        problem, found, solution, precise, cameras, sigma0, alike, placed, shared
+        problem, found, solution, precise, cameras, sums["sigma0"], alike, placed, shared
     )
     parts = describe_parts(problem, solution, precise, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
-    horizontal, height, correlated = (max(sigma0, 1.0) * one for one in found.survey_factors)
+    horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in found.survey_factors)
     warnings = (
         *problem.warnings, *found.warnings, *_warn_of_weak_parameters(problem, loop, prior_share),
         *_warn_of_heights(heights), *_warn_of_plan(plan), *_warn_of_parallel_rays(parts),

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...hrsi_engine.block.block import Block, Image, Role
+from ...hrsi_engine.block.jitter_curve import JitterCurve
 from ...hrsi_engine.camera.rpc import RPC
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.progress import Progress, advance, stage
@@ -186,16 +187,11 @@ def write_results(
                 report["warnings"] += free_the_way(file, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
             report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, _lineage_of(image, items))
-        for place in {os.path.dirname(os.path.abspath(image.path)) for image, _ in in_place if image.id in curves}:
-            if place != os.path.abspath(target.output_dir):  # curves lie beside their images
-                here = {one.id: new.rpc for one, new in in_place if os.path.dirname(os.path.abspath(one.path)) == place}
-                with changes.replacing(os.path.join(place, JITTER_FILE)) as temporary:
-                    write_jitter(temporary, {name: curves[name] for name in here if name in curves}, here)
+        _write_curves_in_place(in_place, curves, target.output_dir, changes)
         if output.stac and how != WRITE_NOTHING:
             _write_items(folder, report, pairs, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
-        # The report is complete
         if output.report:
             write_report_html(str(folder / PAGE_FILE), report, result.draw_figures(find_outline))
         write_report_json(str(folder / REPORT_FILE), report)
@@ -206,6 +202,17 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
+
+
+def _write_curves_in_place(
+    in_place: Pairs, curves: dict[str, JitterCurve], output_dir: str, changes: Transaction
+) -> None:
+    """Write the curves of images that are written in place beside them, where that is not the output folder."""
+    for place in {os.path.dirname(os.path.abspath(image.path)) for image, _ in in_place if image.id in curves}:
+        if place != os.path.abspath(output_dir):
+            here = {one.id: new.rpc for one, new in in_place if os.path.dirname(os.path.abspath(one.path)) == place}
+            with changes.replacing(os.path.join(place, JITTER_FILE)) as temporary:
+                write_jitter(temporary, {name: curves[name] for name in here if name in curves}, here)
 
 
 def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tuple[Image, RefitRPC]]]:

@@ -103,7 +103,7 @@ def _match_batch(
     first: MatchImage, second: MatchImage, centre: np.ndarray, results: Results, options: LsmOptions
 ) -> None:
     """Match windows whose templates are inside the first image; results are changed in place."""
-    xy, affine, covariance, figures, status = results
+    xy, affine, _, _, status = results
     weight, half = options.make_weights().ravel(), options.half
     line = np.arange(-half, half + 1, dtype=np.float64)
     column, row = (centre[:, axis, None] + line.astype(np.int64) for axis in (0, 1))
@@ -157,8 +157,22 @@ def _match_batch(
         right[:, _GREY], right[:, _ONE] = by_slope[2, :, 0], values.sum(axis=1)
         solution[going] = (inverse[going] @ right[..., None])[..., 0]
         going = _update_warps(xy, affine, begin, status, solution, going, options)
+    _judge_windows(results, (template, seen, solution), (N, inverse), (weight, basis))
+
+
+def _judge_windows(
+    results: Results, windows: tuple[np.ndarray, np.ndarray, np.ndarray], normals: tuple[np.ndarray, np.ndarray],
+    of_pixels: tuple[np.ndarray, np.ndarray],
+) -> None:  # fmt: skip
+    """Enter correlation, gain, RMS residual and covariance of the windows that were matched.
+
+    windows : templates (3, n, pixels), what was seen (n, pixels), solutions (n, `TERMS`)
+    normals : normal matrices and their inverses (n, `TERMS`, `TERMS`)
+    of_pixels : weights (pixels,), and 1, x, y (3, pixels)
+    """
+    _, affine, covariance, figures, status = results
+    (template, seen, solution), (N, inverse), (weight, basis) = windows, normals, of_pixels
     matched = np.flatnonzero((status == DONE) | (status == ITERATIONS_USED_UP))
-    # Correlation, gain and RMS residual
     gx, gy, grey = template[:, matched]
     seen, solution = seen[matched], solution[matched]
     spread = ((seen - (seen @ weight / weight.sum())[:, None]) ** 2) @ weight
