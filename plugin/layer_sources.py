@@ -96,8 +96,12 @@ def read_box(
 
 
 def crs_text(crs: QgsCoordinateReferenceSystem) -> str:
-    """Return a CRS as the engine takes it: EPSG:code, or WKT where it has none."""
-    return str(crs.authid() if crs.authid().startswith("EPSG:") else crs.toWkt())
+    """Return a CRS as the engine takes it: EPSG:code, or WKT 2 where it has none.
+
+    QGIS's default, WKT 1, has no words for heights above an ellipsoid: it is empty for EPSG:4979.
+    """
+    wkt = crs.toWkt(QgsCoordinateReferenceSystem.WktVariant.WKT_PREFERRED)
+    return str(crs.authid() if crs.authid().startswith("EPSG:") else wkt)
 
 
 def _static(value: Any) -> Any:

@@ -21,7 +21,7 @@ from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session.rows import ROLES, SurveyPoint
 from ..dialog_fields import LayerOrFile
-from ..layer_sources import point_source, raster_source
+from ..layer_sources import crs_text, point_source, raster_source
 from ..translation import tr
 
 HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
@@ -88,7 +88,7 @@ class NewBlockDialog(QDialog):
         crs = self.crs.crs()
         return {
             "images": QgsFileWidget.splitFilePaths(self.images.filePath()), **points,
-            "ground_crs": crs.toWkt() if crs.isValid() else None, "height_datum": self.datum.currentText(),
+            "ground_crs": crs_text(crs) if crs.isValid() else None, "height_datum": self.datum.currentText(),
         }  # fmt: skip
 
 

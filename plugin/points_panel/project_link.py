@@ -11,6 +11,7 @@ from qgis.PyQt.QtCore import Qt
 from qgis.PyQt.QtGui import QColor
 
 from ...processing_algorithms import point_session
+from ..layer_sources import crs_text
 
 _MARK = QColor(255, 176, 0)
 
@@ -60,7 +61,7 @@ class MapLink:
         self._mark.setPenWidth(2)
         of_map = self.canvas.mapSettings().destinationCrs()
         if of_map.isValid():
-            lonlat = point_session.operations_of(of_map.toWkt()).from_wgs84(np.array([lonlat]))[0]
+            lonlat = point_session.operations_of(crs_text(of_map)).from_wgs84(np.array([lonlat]))[0]
         self._mark.setCenter(QgsPointXY(*map(float, lonlat)))
 
 
@@ -70,7 +71,7 @@ def lonlat_of(canvas: QgsMapCanvas, point: QgsPointXY) -> tuple[float, float]:
     if not of_map.isValid():
         return point.x(), point.y()
     place = np.array([[point.x(), point.y(), 0.0]])
-    lon, lat, _ = point_session.operations_of(of_map.toWkt()).to_wgs84(place)[0].tolist()
+    lon, lat, _ = point_session.operations_of(crs_text(of_map)).to_wgs84(place)[0].tolist()
     return lon, lat
 
 
