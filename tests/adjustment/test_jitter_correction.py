@@ -98,6 +98,7 @@ def test_block_without_jitter_is_the_same_to_the_last_digit(count):
         assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
 
 
+@pytest.mark.thorough
 def test_weak_wave_beside_a_strong_one_is_removed_too():
     """A prior of the strong wave's period leaves nothing for one that is ten times as short."""
     block, _ = make_block(3, shaken=False)

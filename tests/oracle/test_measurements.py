@@ -116,6 +116,7 @@ def test_tie_points(scene, true_cameras, tmp_path) -> None:
         assert np.abs(metres(place, near)[0]).max() < 10.0  # m: held by weak priors of the RPCs' common error of 4 m
 
 
+@pytest.mark.thorough
 def test_match(scene, true_cameras, tmp_path) -> None:
     """Correspondences are of one ground point; affine map, rotation, scale and residuals follow from the rows."""
     out = tmp_path / "out"

@@ -63,6 +63,7 @@ def values(report: dict[str, Any], image: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array([one["value"] for one in found]), np.array([one["sigma"] for one in found])
 
 
+@pytest.mark.thorough
 def test_all_free_is_one_adjustment(scene: Path, first: Path, at_once: dict[str, Any], tmp_path: Path) -> None:
     grown = adjust(scene, tmp_path, (NEW,), "new", add_to=str(first))
     for image in (*OLD, NEW):

@@ -153,6 +153,7 @@ def test_refined_image_tells_of_its_making(write: str, name: str, scene: Path, t
     assert np.array_equal(gdal.Open(str(tmp_path / "out" / name)).ReadAsArray(), pixels)
 
 
+@pytest.mark.thorough
 def test_copy_and_image_in_place_get_their_original_back(scene: Path, tmp_path: Path) -> None:
     vendor = read_rpc(str(scene / "image_1.tif")).rpc
     adjusted(scene, tmp_path / "out")

@@ -196,6 +196,7 @@ def test_residuals_are_sorted_filtered_and_switched_off_in_one_table(adjusted) -
     assert dock.session.points[WRONG[0]].role == "gcp"
 
 
+@pytest.mark.thorough
 def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: Truth) -> None:
     """On texture a click is taken as it is, and told to be; what is only predicted is refused there."""
     dock.show_session(make_session(block))
