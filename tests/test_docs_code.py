@@ -82,7 +82,7 @@ TASKS = ROOT / "docs" / "tasks.md"
 RUN = [page for page in PAGES if page != TASKS and any(not code.reason for code in code_of(page))]
 
 
-@pytest.mark.parametrize("page", RUN, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", mark_beyond(2, "thorough", RUN), ids=lambda page: str(page.relative_to(ROOT)))
 def test_code_runs(page: Path, place: Path, capsys):
     run_page(page)
     capsys.readouterr()
