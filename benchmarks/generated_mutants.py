@@ -7,7 +7,8 @@
 that take least time, and stops at the first that fails; its results go to ``build/mutants/results.json``. A later run
 tries what is new, and with ``--again`` the survivors, with the tests as they are now.
 A mutant is never written to a file: it is put in place of its module as that is imported, in a process of its own.
-``benchmarks/mutants_sorted_out.toml`` names survivors that change no output, each with the reason.
+``benchmarks/mutants_sorted_out.toml`` names survivors that change no output (``mutants``), each with the reason, and
+says of others (``survivors``) why no test notices them; these count as survivors.
 """
 
 from __future__ import annotations
@@ -342,7 +343,8 @@ def run(options: argparse.Namespace) -> int:
     """Try the mutants, print the table; return 1 where fewer than 95 % are noticed."""
     known = json.loads(LINES.read_text())
     results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    reasons = tomllib.loads(SORTED_OUT.read_text())["mutants"] if SORTED_OUT.exists() else {}
+    judged = tomllib.loads(SORTED_OUT.read_text()) if SORTED_OUT.exists() else {}
+    reasons = judged.get("mutants", {})
     mutants = {name_of(file, fault): (file, fault) for file, fault in drawn(known, options.seed, options.count)}
     jobs = []
     for name, (file, fault) in mutants.items():
@@ -376,7 +378,7 @@ def run(options: argparse.Namespace) -> int:
     run_all(jobs, options.processes, done, options.minutes)
     drop_false_alarms(results)
     RESULTS.write_text(json.dumps(results, indent=1))
-    text, share = table(mutants, results, reasons)
+    text, share = table(mutants, results, reasons, judged.get("survivors", {}))
     print(text)
     if options.docs:
         put_between(DOCS / "mutants.md", "mutants", text)
@@ -400,8 +402,11 @@ def drop_false_alarms(results: dict[str, dict]) -> None:
 KINDS = ("drawn", "same", "sorted out", "dies", "survives")
 
 
-def table(mutants: dict, results: dict, reasons: dict) -> tuple[str, float]:
-    """Return the page's table, and the share of the mutants that change an output and are noticed."""
+def table(mutants: dict, results: dict, reasons: dict, remarks: dict) -> tuple[str, float]:
+    """Return the page's table, and the share of the mutants that change an output and are noticed.
+
+    reasons : of survivors that change no output and do not count; remarks : of those that count
+    """
     rows, survivors = collections.defaultdict(collections.Counter), []
     by = collections.defaultdict(collections.Counter)
     for name, (file, _) in mutants.items():
@@ -429,7 +434,12 @@ def table(mutants: dict, results: dict, reasons: dict) -> tuple[str, float]:
     counted = total["dies"] + total["survives"]
     share = total["dies"] / max(counted, 1)
     lines.append(f"| all | {' | '.join(str(total[key]) for key in KINDS)} | {100 * share:.1f} % of {counted} |")
-    lines += ["", "Survivors:", "", *(f"* `{name}`" for name in sorted(survivors))]
+    lines += [
+        "",
+        "Survivors:",
+        "",
+        *(f"* `{name}`{': ' + remarks[name] if name in remarks else ''}" for name in sorted(survivors)),
+    ]
     sorted_out = sorted(name for name in reasons if name in mutants and not results.get(name, {}).get("by"))
     if sorted_out:
         lines += ["", "Sorted out:", "", *(f"* `{name}`: {reasons[name]}" for name in sorted_out)]
