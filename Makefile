@@ -108,8 +108,9 @@ wheel: set-up  ## the Python package, in dist
 	@ls dist/*.whl
 
 .PHONY: screenshots
-screenshots: set-up-test  ## the pictures of docs/pictures, made in QGIS on a virtual screen
+screenshots: set-up-test  ## the pictures of docs/pictures, made in QGIS on a virtual screen, and those of the plugin's help
 	$(BIN)/python docs/make_screenshots.py
+	$(BIN)/python docs/make_help_pictures.py
 
 .PHONY: translations
 translations: set-up-test  ## collect the plugin's texts into plugin/i18n/*.ts, and compile these (qttools5-dev-tools)

@@ -13,6 +13,22 @@ from .dependencies import absence_note, speed_note
 from .parameters import label_of, qgis_name
 from .translation import tr
 
+#: By algorithm: the picture of its help, in the folder ``pictures``.
+HELP_PICTURES = {
+    "triangulate": "residuals", "adjust": "residuals", "orthorectify": "registration", "ortho-check": "registration",
+    "tie-points": "tie", "match": "tie", "measure-targets": "measuring", "evaluate": "leave_one_out",
+}  # fmt: skip
+#: What a picture shows.
+_CAPTIONS = {
+    "residuals": "Residuals in plan (surveyed minus computed) of a result: blue at GCPs, green at check points, which "
+    "the adjustment does not use. The legend has the scale of the arrows.",
+    "registration": "How far two orthoimages lie apart, with the RPCs as delivered (left) and with refined ones "
+    "(right, arrows 20 times as long).",
+    "tie": "A point in one image, and the place that matching finds for it on the epipolar line of another.",
+    "measuring": "A target with a wrong measurement: the red line is its residual of 9 px.",
+    "leave_one_out": "Leave-one-out: the point of two images is predicted in the third.",
+}
+
 
 def short_help(declaration: Algorithm) -> str:
     """Return the help of an algorithm and of each of its parameters as HTML."""
@@ -21,6 +37,9 @@ def short_help(declaration: Algorithm) -> str:
     paragraphs = [part for part in spell(declaration.help).split("\n\n") if part.strip()] or [declaration.summary]
     notes = [note for note in (absence_note(), *paragraphs, speed_note()) if note]
     parts = [f"<p>{_text(part)}</p>" for part in notes]
+    if name := HELP_PICTURES.get(declaration.name):
+        url = QUrl.fromLocalFile(str(Path(__file__).parent / "pictures" / f"{name}.png")).toString()
+        parts.insert(0, f'<p><img src="{escape(url)}" alt="" width="232"/><br/>{_CAPTIONS[name]}</p>')
     parts.append(f"<h2>{tr('Parameters')}</h2>")
     # QGIS writes <b> in dark grey, which nobody reads with its dark theme
     parts += [
