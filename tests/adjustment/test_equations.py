@@ -140,7 +140,7 @@ def blocks_priors():
 
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
 @pytest.mark.parametrize("shared", [False, True])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", mark_beyond(2, "thorough", sorted(MODELS, key=lambda name: name != "affine")))
 def test_compiled_equations_equal_numpys(name, shared, monkeypatch):
     """Every model, also where images share a set of parameters (a point is then measured twice by one camera)."""
     observations, model, pattern, state, weight = linearised(name)

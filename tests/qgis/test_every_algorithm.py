@@ -11,6 +11,7 @@ from typing import Any
 
 import processing
 import pytest
+from long_tests import mark_beyond
 from osgeo import gdal
 from qgis.core import (
     QgsApplication,
@@ -152,7 +153,7 @@ def test_dialog(hrsi_provider, qgis_new_project, monkeypatch, name: str) -> None
     QgsApplication.sendPostedEvents(dialog, QEvent.Type.DeferredDelete)  # before its algorithm goes
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", mark_beyond(len(RUNS) - 1, "thorough", sorted(RUNS, key="tie-points".__eq__)))
 def test_run(hrsi_provider, qgis_new_project, pixels: Path, grid: str, tmp_path: Path, name: str) -> None:
     """A run leaves a report, and what it declares to show is on the map with a style or a default one."""
     folder = tmp_path / "out"

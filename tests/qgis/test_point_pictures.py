@@ -97,6 +97,7 @@ def test_photographs_and_chips_are_shown_beside_the_images(dock, block: Path, tm
     assert point_session.list_photos(opened.points[OTHER]) == [str(block / "photos" / f"{OTHER}_north.png")]
 
 
+@pytest.mark.thorough  # what proposes is tested by tests/processing_algorithms/test_chip_library.py
 def test_library_proposes_in_a_new_project(dock, block: Path, tmp_path: Path) -> None:
     """Saved chips lead to measurements on the images of another day with one key a point; the setting is kept."""
     dock.choose_library(str(tmp_path / "chips.gpkg"))
