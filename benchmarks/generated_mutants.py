@@ -41,7 +41,8 @@ from independent_formulas import leaves
 FOLDER = ROOT / "build" / "mutants"
 LINES, RESULTS, OUTPUTS = FOLDER / "lines.json", FOLDER / "results.json", FOLDER / "outputs.json"
 SORTED_OUT = Path(__file__).with_name("mutants_sorted_out.toml")
-LONG = "coverage or rendered or killed or wrong_inputs or real or programs or large or thorough"
+#: Markers of tests that are left to `make test-all`.
+LONG = next(iter(re.findall(r"^LONG := (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)))
 PYTEST = ["-p", "no:pytest_qgis", "-p", "no:cacheprovider", "-q", "--no-header", "--tb=no", "--rootdir", str(ROOT)]
 #: What makes no number of an output: how work is shared out, pictures, pages, locks, what a command line looks like.
 WITHOUT_NUMBERS = (

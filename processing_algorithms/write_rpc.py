@@ -9,7 +9,6 @@ from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.foundation.progress import Progress, advance, stage
 from ..hrsi_engine.io import rpc_files
-from ..hrsi_engine.io import rpc_files as rpc_formats
 from ..hrsi_engine.io.jitter_files import JitterFile, find_jitter_file
 from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.rasters.images import image_id
@@ -41,38 +40,38 @@ def run(options: WriteRpcOptions, context: Context) -> Report:
         notices: dict[str, tuple[str, ...]] = {}
         for path, part in zip(options.images, parts, strict=True) if options.restore else ():
             advance(part, 0.0)
-            notices[path] = rpc_formats.prepare_restoring(path, changes, part)
+            notices[path] = rpc_files.prepare_restoring(path, changes, part)
         restored = {image_id(path): path for path, told in notices.items() if told}
         for file in {file for path in restored.values() if (file := find_jitter_file(path)) is not None}:
             if JitterFile(file).ids <= set(restored):  # else it serves the others; each curve names its RPC
                 changes.remove(file)
         without = [path for path, told in notices.items() if not told]
         if without and len(without) < len(notices):
-            raise InputError(f"{list_ids(without)}: {rpc_formats.KEEPS_NONE}: leave it out; nothing was changed")
+            raise InputError(f"{list_ids(without)}: {rpc_files.KEEPS_NONE}: leave it out; nothing was changed")
         report["warnings"] += [
             *itertools.chain(*notices.values()),
-            *(f"{path}: {rpc_formats.KEEPS_NONE}" for path in without),
+            *(f"{path}: {rpc_files.KEEPS_NONE}" for path in without),
         ]
         for job, part in zip(jobs, parts, strict=False):
             advance(part, 0.0)
             if job.how in SIDECAR_KINDS:
-                report["warnings"] += rpc_formats.prepare_sidecar(
+                report["warnings"] += rpc_files.prepare_sidecar(
                     job.output, job.found.rpc, changes, SIDECAR_KINDS[job.how]
                 )
             else:
                 report["warnings"] += WRITERS[job.how](job.path, job.output, job.found.rpc, changes, part)
         changes.commit()
     for path in options.images if options.restore else ():
-        found = rpc_formats.read_rpc_or_none(path)
+        found = rpc_files.read_rpc_or_none(path)
         report["images"][image_id(path)] = {
             "path": path, "output": path, "source": found.source if found else None, "max_difference_px": None
         }  # fmt: skip
     for job in jobs:
         if job.how in WRITERS:
-            rpc_formats.require_in_place(job.output, job.found.rpc)
+            rpc_files.require_in_place(job.output, job.found.rpc)
         report["images"][image_id(job.path)] = {
             "path": job.path, "output": job.output, "source": job.found.source, "ignored": list(job.found.ignored),
-            "max_difference_px": rpc_formats.read_back_px(job.output, job.found.rpc),
+            "max_difference_px": rpc_files.read_back_px(job.output, job.found.rpc),
         }  # fmt: skip
     for notice in report["warnings"]:
         context.log(notice)
@@ -86,7 +85,7 @@ class WriteJob(NamedTuple):
     path: str
     output: str
     how: str
-    found: rpc_formats.FoundRpc
+    found: rpc_files.FoundRpc
 
 
 def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob]:
@@ -97,9 +96,7 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
     for path in options.images:
         # An RPC file alone has no pixels to copy and becomes a sidecar
         how = (
-            "sidecar"
-            if options.write in _NEEDS_FOLDER and rpc_formats.rpc_reader_of(path) is not None
-            else options.write
+            "sidecar" if options.write in _NEEDS_FOLDER and rpc_files.rpc_reader_of(path) is not None else options.write
         )
         suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
         output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
@@ -109,9 +106,9 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
             raise InputError(
                 f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
             )
-        file = rpc_formats.rpc_in_folder(given, path) if given and os.path.isdir(given) else given
+        file = rpc_files.rpc_in_folder(given, path) if given and os.path.isdir(given) else given
         jobs.append(
-            WriteJob(path, output, how, rpc_formats.rpc_for_image(file, path) if file else rpc_formats.read_rpc(path))
+            WriteJob(path, output, how, rpc_files.rpc_for_image(file, path) if file else rpc_files.read_rpc(path))
         )
     for job in jobs:
         if job.how != "in-place" and os.path.exists(job.output) and not options.overwrite:

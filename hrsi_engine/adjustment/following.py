@@ -108,7 +108,7 @@ class Follower:
             step = self._system.solve_nearby(blocks, prior, 0.0, right)
         except np.linalg.LinAlgError as error:
             raise SolveError(f"the equations are singular without what was edited ({error})") from error
-        delivered = absorb_drift(values + step, self._gain) + self._kept
+        delivered = self._deliver(values + step)
         ground = np.full_like(self.result.ground, np.nan)
         if self._watched is not None:
             equations, state, weight, normals = self._watched
@@ -122,6 +122,10 @@ class Follower:
             weighting = now.weighting
             edited_ground[now.observations.points] = equations.intersect(state, weighting.image, weighting.points)
         return BlockUpdate(delivered[self._problem.observations.camera_of_image], ground, edited_ground)
+
+    def _deliver(self, values: np.ndarray) -> np.ndarray:
+        """Return cameras as the result has them: their drift absorbed, a free block where its RPCs put it."""
+        return absorb_drift(values, self._gain) + self._kept
 
     # ---- equations -------------------------------------------------------------------------------------------------
 
@@ -193,7 +197,7 @@ class Follower:
             return None
         before = self._select_before(wanted)
         equations, weighting = form_point_equations(before.observations, problem.model), before.weighting
-        delivered = absorb_drift(self._last.state.values, self._gain) + self._kept
+        delivered = self._deliver(self._last.state.values)
         state = State(delivered, self.result.ground[points[wanted]])
         normals = equations.form_normals(state, weighting.image, weighting.points, weighting.contributes)
         return equations, state, weighting.image, normals

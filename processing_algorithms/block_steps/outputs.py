@@ -5,6 +5,7 @@ Refined RPCs go into copies of the images, virtual images, ``_RPC.TXT`` files, o
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -208,11 +209,14 @@ def _write_curves_in_place(
     in_place: Pairs, curves: dict[str, JitterCurve], output_dir: str, changes: Transaction
 ) -> None:
     """Write the curves of images that are written in place beside them, where that is not the output folder."""
-    for place in {os.path.dirname(os.path.abspath(image.path)) for image, _ in in_place if image.id in curves}:
-        if place != os.path.abspath(output_dir):
-            here = {one.id: new.rpc for one, new in in_place if os.path.dirname(os.path.abspath(one.path)) == place}
-            with changes.replacing(os.path.join(place, JITTER_FILE)) as temporary:
-                write_jitter(temporary, {name: curves[name] for name in here if name in curves}, here)
+    rpcs = defaultdict[str, dict[str, RPC]](dict)  # by folder and image
+    for image, new in in_place:
+        if image.id in curves:
+            rpcs[os.path.dirname(os.path.abspath(image.path))][image.id] = new.rpc
+    rpcs.pop(os.path.abspath(output_dir), None)
+    for place, here in rpcs.items():
+        with changes.replacing(os.path.join(place, JITTER_FILE)) as temporary:
+            write_jitter(temporary, {name: curves[name] for name in here}, here)
 
 
 def _tell_writing(pairs: Pairs, context: Context) -> Iterator[tuple[Progress, tuple[Image, RefitRPC]]]:

@@ -109,12 +109,13 @@ def estimate_jitter(
             f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
         )
     rows = _form_rows(problem, solution, measured, places, unknowns)
-    weighted, variance = _Weighted(rows, list(places.values())[-1].stop), JITTER_CURVES.start_px**2
+    splines, priors = list(places.values()), [prior] if prior else list_priors(period)
+    weighted, variance = _WeightedPoints(rows, splines, priors[0]), JITTER_CURVES.start_px**2
     fits = list[tuple[float, float, _Fit]]()
-    for number, one in enumerate([prior] if prior else list_priors(period)):
+    for number, one in enumerate(priors):
         weighted.noise = fits[0][1] if fits else 1.0
-        fit = _Fit(weighted, list(places.values()), one, variance)
-        fit.iterate(0 if number else ROBUST_STEPS, JITTER_CURVES.steps)
+        fit = _Fit(weighted, splines, one, variance)
+        fit.iterate(0 if number else ROBUST_STEPS)
         variance = fit.variance
         fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
     _, weighted.noise, likely = max(fits, key=lambda one: one[0])
@@ -262,22 +263,26 @@ def _form_rows(
     return _Rows(sparse.vstack(matrices).tocsr(), np.concatenate(rights), np.concatenate(points))
 
 
-class _Weighted:
+class _WeightedPoints:
     """The equations with robust weights, and what all priors share of their solution: matrices, noise, an order.
 
     root, right : equations and right side in standard deviations of a weight of 1; ``normal`` is root' root
     order : of the unknowns, in which factors of the normal matrix are narrow (Cuthill and McKee), the cameras last
     """
 
-    def __init__(self, rows: _Rows, splines: int) -> None:
-        self.rows, self.splines, self.noise = rows, splines, 1.0
+    def __init__(self, rows: _Rows, places: list[_Place], prior: tuple[float, float]) -> None:
+        """``prior`` is any one: their matrices have the same elements other than zero."""
+        self.rows, self.noise, splines = rows, 1.0, places[-1].stop
         _, self.number = np.unique(rows.point, return_inverse=True)
         self.counts = np.bincount(self.number)
         self.weigh(np.zeros_like(rows.right))
         # A weak prior of the cameras: what nothing determines (the block's place) stays where it is
         squares = self.normal.diagonal()[splines:]
         self.of_cameras = 1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12))
+        of_axes = [root.T @ root for place in places for root in [place.spline.make_prior_root(*prior)] * 2]
+        pattern = (self.normal[:splines, :splines] + sparse.block_diag(of_axes)).tocsr()
         self.order = np.arange(self.normal.shape[0])
+        self.order[:splines] = reverse_cuthill_mckee(pattern, symmetric_mode=True)
         self.weak = dict[int, bool]()  # by the first unknown of an axis: whether its curve is mostly the prior's
 
     def weigh(self, residual: np.ndarray) -> None:
@@ -300,17 +305,15 @@ class _Weighted:
 class _Fit:
     """Curves with one prior: `iterate` finds their variance, ``solved`` are the unknowns."""
 
-    def __init__(self, weighted: _Weighted, places: list[_Place], prior: tuple[float, float], variance: float) -> None:
+    def __init__(
+        self, weighted: _WeightedPoints, places: list[_Place], prior: tuple[float, float], variance: float
+    ) -> None:
         self.weighted, self.places, self.prior, self.variance = weighted, places, prior, variance
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
         self.set_low_degrees()
-        ends = places[-1].stop
         self.noisy = dict[int, np.ndarray]()
-        if weighted.order[0] == 0:
-            pattern = weighted.normal[:ends, :ends] + sparse.block_diag([one for one in self.precisions for _ in "xy"])
-            weighted.order[:ends] = reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=True)
 
     def set_low_degrees(self) -> None:
         """Form Q of all axes; where few observations show a curve, it would bend heights to fit them."""
@@ -322,10 +325,10 @@ class _Fit:
         low = sparse.block_diag(self.low_of_axes).toarray()
         self.low = np.pad(low, ((0, 0), (0, self.weighted.root.shape[1] - low.shape[1])))
 
-    def iterate(self, robust: int, steps: int) -> None:
-        """Iterate robust weights in some steps, the noise and the curves' variance until it settles."""
+    def iterate(self, robust: int) -> None:
+        """Iterate robust weights in so many steps, the noise and the curves' variance until it settles."""
         weighted = self.weighted
-        for step in range(robust + steps):
+        for step in range(robust + JITTER_CURVES.steps):
             self._factorise()
             residual = weighted.rows.right - weighted.rows.matrix @ self.solved
             drawn, squares = self.draw(8), list[float]()

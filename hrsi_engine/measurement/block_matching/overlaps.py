@@ -110,8 +110,10 @@ def find_likely_overlaps(
 ) -> list[Overlap]:
     """Return the pairs that share at least ``smallest``; of images that touch very many, those that may be probed."""
     candidates = find_candidate_pairs(images, ranges)
-    if 2 * len(candidates) > CHOICE.measured_partners * len(images):
+    are_many = 2 * len(candidates) > CHOICE.measured_partners * len(images)
+    if are_many or surface is None:
         sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
+    if are_many:
         share = estimate_overlap_shares(sliding, ranges, candidates)
         rough = [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
         first, second = np.array(candidates).T
@@ -121,8 +123,6 @@ def find_likely_overlaps(
     # Pairs that share at least so much of one of them
     if surface is not None:
         outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
-    else:
-        sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
     found = []
     for a, b in candidates:
         if surface is not None:
