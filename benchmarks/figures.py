@@ -344,7 +344,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="entries of the registry; default: all, or all that are stale")
     parser.add_argument("--samples", action="store_true", help="of long studies their samples alone")
     parser.add_argument("--turn", nargs="?", type=int, const=datetime.date.today().toordinal(), metavar="DAY")
-    words = parser.parse_args()
+    words = parser.parse_intermixed_args()
     registry, made = read_registry(), read_made()
     unknown = sorted(set(words.names) - set(registry))
     if unknown:

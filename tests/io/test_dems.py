@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 from osgeo import gdal, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
 
@@ -83,6 +86,33 @@ def test_the_crs_of_the_file_says_what_heights_are(tmp_path: Path) -> None:
     assert surface_heights(ellipsoidal, lonlat)[0] == pytest.approx(100.0)
     assert surface_heights(named, lonlat)[0] == pytest.approx(151.5, abs=1.0)  # EGM96 here: 51 to 52 m
     assert surface_heights(compound, lonlat)[0] == pytest.approx(surface_heights(named, lonlat)[0], abs=1e-3)
+
+
+def test_pixels_of_a_reference_are_where_gdal_places_them(tmp_path: Path) -> None:
+    """A turned orthoimage: centres of pixels by GDAL's geotransform and PROJ; one pixel aside is 30 m."""
+    geotransform = (600000.0, 24.0, 18.0, 4900600.0, 18.0, -24.0)
+    reference = open_reference(write_dem(tmp_path / "ortho.tif", np.ones((40, 30)), "EPSG:32631", geotransform))
+    pixels = np.array([[0.0, 0.0], [29.0, 0.0], [0.0, 39.0], [12.25, 20.5]])
+    to_wgs84 = pyproj.Transformer.from_crs(32631, 4326, always_xy=True)
+    lonlat = np.column_stack(to_wgs84.transform(*np.transpose(
+        [gdal.ApplyGeoTransform(geotransform, column + 0.5, row + 0.5) for column, row in pixels]
+    )))  # fmt: skip
+    np.testing.assert_allclose(reference.to_lonlat(pixels), lonlat, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(reference.to_pixels(lonlat), pixels, atol=1e-5)
+    assert reference.gsd_m == pytest.approx(30.0, rel=1e-3)
+
+
+def test_a_geoid_is_added_where_the_cell_is(tmp_path: Path) -> None:
+    """The grid rises by 1 m in 0.01° to the east, 3 m to the north: a cell of the DEM aside is 0.1 and 0.3 m."""
+    lon, lat = 5.0 + 0.01 * np.arange(41), 44.0 + 0.01 * np.arange(41)
+    geoid = (100.0 * (lon[None] - 5.0) + 300.0 * (lat[:, None] - 44.0)).astype(">f4")
+    (tmp_path / "geoid.gtx").write_bytes(struct.pack(">4d2i", 44.0, 5.0, 0.01, 0.01, 41, 41) + geoid.tobytes())
+    dem = write_dem(tmp_path / "dem.tif", np.full((40, 50), 7.0), "EPSG:4326", (5.1, 1e-3, 0.0, 44.3, 0.0, -1e-3))
+    surface = open_dem(dem, str(tmp_path / "geoid.gtx"))
+    cells = np.array([[0.0, 0.0], [49.0, 0.0], [3.0, 39.0], [20.0, 11.0]])
+    centre = [5.1, 44.3] + (cells + 0.5) * [1e-3, -1e-3]
+    expected = 7.0 + 100.0 * (centre[:, 0] - 5.0) + 300.0 * (centre[:, 1] - 44.0)
+    np.testing.assert_allclose(surface.heights(cells), expected, atol=1e-4)  # float32 in the geoid grid
 
 
 def test_rotated_grid_feet_and_nodata(tmp_path: Path) -> None:

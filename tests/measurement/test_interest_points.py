@@ -14,14 +14,17 @@ from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster
 from hrsi.hrsi_engine.laboratory.interest_points import (
     DETECTORS,
+    CornerOptions,
     DetectionOptions,
     InterestPoints,
+    corners,
     detect_interest_points,
     detectors,
     select_best_per_cell,
 )
 from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, CentreOptions, windows
+from hrsi.hrsi_engine.measurement.interest_points.corners import CORNER_DETECTION, compute_structure_tensor
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
@@ -52,6 +55,55 @@ def same_points(first: InterestPoints, second: InterestPoints, tolerance_px: flo
     a, b = (points.select(np.lexsort(np.rint(points.xy * 10.0).T)) for points in (first, second))
     np.testing.assert_allclose(a.xy, b.xy, atol=tolerance_px)
     assert a.kind.tolist() == b.kind.tolist()
+
+
+def window_of(grey: np.ndarray) -> windows.DetectionWindow:
+    """A whole image as a window, all of it usable."""
+    area = Area(0, 0, grey.shape[1], grey.shape[0])
+    return windows.DetectionWindow(area, area, grey.astype(np.float32), np.ones(grey.shape, dtype=bool))
+
+
+def test_contrast_is_relative_to_its_surroundings():
+    """Noise of 5 about 100 and of 40 about 900: mean 0 and deviation 1; over a floor of 20 the first has 1/4."""
+    rng = np.random.default_rng(3)
+    grey = np.hstack([rng.normal(100.0, 5.0, (512, 512)), rng.normal(900.0, 40.0, (512, 512))])
+    left, right = np.s_[128:384, 128:384], np.s_[128:384, 640:896]  # no cell of the other half within reach
+    for floor, deviation in ((1e-6, 1.0), (20.0, 0.25)):
+        found = windows.normalise(window_of(grey), windows.ImageStatistics(None, 0.0, floor))
+        for part, expected in ((left, deviation), (right, 1.0)):
+            assert found[part].std() == pytest.approx(expected, rel=0.02)  # of 65536 and of 25600 pixels: 0.5 %
+            assert found[part].mean() == pytest.approx(0.0, abs=0.05)
+
+
+def test_peaks_are_those_of_a_paraboloid():
+    """A turned one, whose cross term moves the peak along both axes; closed form."""
+    Q, peak = np.array([[2.0, 0.6], [0.6, 1.0]]), np.array([3.3, 2.8])
+    column, row = np.meshgrid(np.arange(7.0), np.arange(7.0))
+    away = np.stack([column, row], axis=-1) - peak
+    strength = 10.0 - 0.5 * np.einsum("rci,ij,rcj->rc", away, Q, away)
+    offset = corners.compute_peak_offsets(strength, np.array([3]), np.array([3]))
+    np.testing.assert_allclose(offset, [peak - 3.0], atol=1e-12)
+
+
+def test_sigmas_of_corners_are_those_of_the_normal_equations(pixels: np.ndarray):
+    """Intersection of edge elements (Förstner and Gülch 1987): noise² N⁻¹ over pixels, mean of both axes."""
+    window, noise = window_of(pixels[:512, :512]), 30.0
+    statistics = windows.ImageStatistics(None, noise, 50.0)
+    peaks = corners.find_corner_peaks(window, statistics, CornerOptions(), corners.compute_foerstner_strength)
+    tensor = compute_structure_tensor(windows.normalise(window, statistics))
+    strength = corners.compute_foerstner_strength(tensor, CornerOptions())
+    expected = []
+    for xy, own in zip(peaks.xy, peaks.strength, strict=True):
+        near = [(r, c) for r in range(int(xy[1]) - 1, int(xy[1]) + 3) for c in range(int(xy[0]) - 1, int(xy[0]) + 3)]
+        row, column = next(place for place in near if strength[place] == own)
+        N = np.array(
+            [[tensor.xx[row, column], tensor.xy[row, column]], [tensor.xy[row, column], tensor.yy[row, column]]]
+        )
+        pixels_in_patch = 4.0 * np.pi * CORNER_DETECTION.patch_px**2  # of a Gaussian's squared weights
+        variance = (noise / 50.0) ** 2 / pixels_in_patch * np.trace(np.linalg.inv(N.astype(float))) / 2.0
+        expected.append(np.hypot(corners.CORNER_PEAKS.model_sigma_px, np.sqrt(variance)))
+    assert len(expected) > 50 and np.median(expected) > 1.05 * corners.CORNER_PEAKS.model_sigma_px  # noise counts
+    np.testing.assert_allclose(peaks.sigma_px, expected, rtol=1e-4)
 
 
 @FASTER_DETECTORS

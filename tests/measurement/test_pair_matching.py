@@ -20,6 +20,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     match_tile,
     transfer_points,
 )
+from hrsi.hrsi_engine.measurement.tile_matching.types import TileFrame
 
 HALF = 200.0
 SIZE = int(2 * HALF) + 1
@@ -154,6 +155,21 @@ def test_transfer_finds_points_at_known_heights(pair, found):
     assert len(matches) > 0.6 * len(few)
     assert {tuple(p) for p in matches.first_xy} <= {tuple(p) for p in few.first_xy}
     assert np.sqrt(np.mean(error**2)) < 0.15
+
+
+def test_the_search_reaches_as_far_as_heights_and_margins_say(pair):
+    """Along the lines: the margin and what 40 m of height move; across: the margin alone. View 1 has pixels of 2 m."""
+    own = geometry(gsd_m=2.0, margin_px=(12.0, 3.0))
+    frame = TileFrame(pair[0], rendered(1, gsd_m=2.0), own)
+    corners = np.array([[x, y] for x in (0.0, SIZE - 1.0) for y in (0.0, SIZE - 1.0)])
+    at = [own.second.project(own.first.localize(corners, blocks.HEIGHT + up)[0]) for up in (-40.0, 0.0, 40.0)]
+    aside = [own.second.project(own.first.localize(corners[:1] + step, blocks.HEIGHT)[0])
+             for step in ([0.0, 0.0], [1.0, 0.0], [0.0, 1.0])]  # fmt: skip
+    scale = np.sqrt(abs(np.linalg.det(np.vstack([aside[1] - aside[0], aside[2] - aside[0]]))))  # px of view 1 per px
+    moved = max(np.hypot(*(at[k] - at[1]).T).max() for k in (0, 2))
+    along, across = frame.reach_px
+    assert across == pytest.approx(3.0 / scale, rel=0.01)
+    assert along == pytest.approx((12.0 + moved) / scale, rel=0.1)  # a pixel is not as wide in all directions
 
 
 def test_without_features_the_prediction_is_enough(pair):

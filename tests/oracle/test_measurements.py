@@ -239,6 +239,9 @@ def test_refine_rpc(scene, tmp_path) -> None:
         height_datum="ellipsoidal", model="shift", report=False, output_dir=str(out),
     )  # fmt: skip
     told, camera = report["images"]["image_1"], scene.cameras["image_1"]
+    known = [p for p in scene.places if p.startswith("G")]
+    assert report["observations"] == 2 * len(known)  # a sample and a line of each GCP
+    assert report["redundancy"] == pytest.approx(2 * len(known) - 2, abs=1e-3)
     away = {p: scene.measured[p]["image_1"] - camera.project(scene.places[p])[0] for p in scene.places}
     gcps = np.array([xy for p, xy in away.items() if p.startswith("G")])
     assert [told["parameters"][f"{axis}_0"]["value"] for axis in ("sample", "line")] == pytest.approx(
