@@ -43,9 +43,10 @@ class JitterCurve:
         (n, 2) ndarray
             In sample and line, px.
         """
-        place = np.asarray(line) - self.first_line
-        at = np.arange(len(self.shift_px))
-        return np.stack([np.interp(place, at, axis) for axis in self.shift_px.T], axis=-1)
+        place = np.clip(np.asarray(line) - self.first_line, 0.0, len(self.shift_px) - 1.0)
+        at = np.clip(np.nan_to_num(place).astype(np.int64), 0, max(len(self.shift_px) - 2, 0))
+        part, near = (place - at)[:, None], self.shift_px[at]
+        return np.asarray(near + part * (self.shift_px[np.minimum(at + 1, len(self.shift_px) - 1)] - near))
 
     def remove_from(self, xy: np.ndarray) -> np.ndarray:
         """Return where points of the image would lie without jitter, as the RPC computes them.
@@ -77,12 +78,12 @@ class JitterEstimate:
     samples : tuple of dict of JitterCurve
         Errors of the curves, drawn from their posterior.
     prior : tuple of float
-        Angular frequency (1/lines) and damping of the prior.
+        Angular frequency (1/lines), damping and standard deviation (px) of the prior.
     """
 
     curves: Mapping[str, JitterCurve]
     samples: tuple[Mapping[str, JitterCurve], ...]
-    prior: tuple[float, float]
+    prior: tuple[float, float, float]
 
     def add(self, other: "JitterEstimate") -> "JitterEstimate":
         """Return the sum of two estimates, the second of what the first leaves.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from scipy.interpolate import BSpline
+from scipy.stats import norm, t
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.jitter.line_splines import LineSpline
@@ -137,6 +138,27 @@ def test_other_words_are_errors(asked):
     block, _ = make_block(2, shaken=False)
     with pytest.raises(InputError, match="`jitter`"):
         adjust(block, AdjustOptions(jitter=asked))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_errors_of_curves_move_points_as_an_adjustment_with_them_does(count):
+    block, _ = make_block(count)
+    plain = AdjustOptions(model="affine", robust="none", test_sigmas=False, reject_sigma=0.0)
+    result = adjust(block, replace(plain, jitter="70"))
+    drawn = len(result.jitter.samples)
+    predicted = result.shared_shifts_m[:, :, -drawn:]
+    scale = t.ppf(0.95, drawn) / norm.ppf(0.95) / np.sqrt(drawn)  # of so many samples follows a limit of 90 %
+    for number in (0, drawn - 1):
+        rows, xy = result.block.measurements, result.block.measurements.xy.copy()
+        for k, image in enumerate(result.block.images):
+            here = rows.image == k
+            xy[here] += scale * result.jitter.samples[number][image.id].evaluate(xy[here, 1])
+        moved = adjust(replace(block, measurements=replace(rows, xy=xy)), plain)
+        change = ground_difference_m(moved.ground, result.ground)
+        known = np.isfinite(change).all(axis=1)
+        assert np.abs(change[known]).max() > 0.02
+        # Samples reach 0.3 px: the part that is not linear is that of lines moved by as much
+        assert np.abs(change - predicted[:, :, number])[known].max() < 0.01 * np.abs(change[known]).max()
 
 
 @pytest.mark.parametrize("derivative", [0, 1, 2])

@@ -92,7 +92,7 @@ class _Place:
 
 def estimate_jitter(
     problem: Problem, solution: Solution, measured: np.ndarray, spacing: Mapping[int, float], period: float,
-    prior: tuple[float, float] | None = None,
+    prior: tuple[float, float, float] | None = None,
 ) -> JitterEstimate:  # fmt: skip
     """Return the curves of some exposures.
 
@@ -100,7 +100,7 @@ def estimate_jitter(
     measured : (n, 2) the measurements of its observations as they are
     spacing : lines between knots by the number of the exposure (`number_exposures`), in pixels of its scene
     period : lines of the strongest wave
-    prior : its frequency and damping; by default the most likely one of some
+    prior : that of an earlier estimate (`JitterEstimate`); by default the most likely one of some
     Raises `InputError` where no exposure has measurements over the lines between two knots.
     """
     places, unknowns = _place_splines(problem, spacing, period)
@@ -109,13 +109,13 @@ def estimate_jitter(
             f"`jitter` {min(spacing.values()):g}: no image has measurements over so many lines: name fewer, or auto"
         )
     rows = _form_rows(problem, solution, measured, places, unknowns)
-    splines, priors = list(places.values()), [prior] if prior else list_priors(period)
-    weighted, variance = _WeightedPoints(rows, splines, priors[0]), JITTER_CURVES.start_px**2
+    splines, priors = list(places.values()), [prior[:2]] if prior else list_priors(period)
+    weighted, variance = _WeightedPoints(rows, splines, priors[0]), (prior[2] if prior else JITTER_CURVES.start_px) ** 2
     fits = list[tuple[float, float, _Fit]]()
     for number, one in enumerate(priors):
         weighted.noise = fits[0][1] if fits else 1.0
         fit = _Fit(weighted, splines, one, variance)
-        fit.iterate(0 if number else ROBUST_STEPS)
+        fit.iterate(0 if number else ROBUST_STEPS - (prior is not None))
         variance = fit.variance
         fits.append((fit.compute_log_likelihood(), weighted.noise, fit))
     _, weighted.noise, likely = max(fits, key=lambda one: one[0])
@@ -135,7 +135,7 @@ def estimate_jitter(
         curves[image.id] = JitterCurve(first, shift, sigma)
         for number, sample in enumerate(samples):
             sample[image.id] = JitterCurve(first, errors[:, :, number], sigma)
-    return JitterEstimate(curves, tuple(samples), likely.prior)
+    return JitterEstimate(curves, tuple(samples), (*likely.prior, float(np.sqrt(likely.variance))))
 
 
 def list_priors(period: float) -> list[tuple[float, float]]:
@@ -289,8 +289,9 @@ class _WeightedPoints:
         """Give the points weights by their residuals."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
         self.weight = (1.0 / (1.0 + (length / JITTER_CURVES.outlier) ** 2))[self.number]
-        root = np.sqrt(self.weight)
-        self.root, self.right = (sparse.diags(root) @ self.rows.matrix).tocsr(), root * self.rows.right
+        root, self.root = np.sqrt(self.weight), self.rows.matrix.copy()
+        self.root.data *= np.repeat(root, np.diff(self.root.indptr))
+        self.right = root * self.rows.right
         self.normal, self.projected = (self.root.T @ self.root).tocsc(), self.root.T @ self.right
         self.noisy = dict[int, np.ndarray]()
 

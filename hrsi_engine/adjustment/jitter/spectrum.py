@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy import fft, special
 
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
@@ -263,7 +263,7 @@ def _choose_frequencies(cells: _Cells) -> np.ndarray | None:
     They are those of the fast Fourier transform of `_scan_powers`.
     """
     span = max(float(np.ptp(cells.line)), 1.0)
-    step = 1.0 / (int(np.ceil(WAVES.oversampling * span / _CELL_LINES)) * _CELL_LINES)
+    step = 1.0 / (fft.next_fast_len(int(np.ceil(WAVES.oversampling * span / _CELL_LINES)), real=True) * _CELL_LINES)
     first, last = int(np.ceil(1.0 / (WAVES.longest_share * span * step))), int(1.0 / (WAVES.shortest_lines * step))
     return step * np.arange(first, last + 1) if last > first else None
 
@@ -279,11 +279,9 @@ def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) ->
     count = int(np.rint(1.0 / ((frequencies[1] - frequencies[0]) * _CELL_LINES)))
     chosen = np.rint(frequencies * count * _CELL_LINES).astype(np.int64)
 
-    def transform(weights: np.ndarray) -> np.ndarray:
-        return np.asarray(np.fft.rfft(np.bincount(bins, weights, count)))
-
-    of_weight, of_value = transform(cells.weight), transform(root * value)[chosen]
-    of_basis = np.stack([transform(root * column)[chosen] for column in basis.T])
+    summed = cells.weight, root * value, *(root * column for column in basis.T)
+    of_weight, *others = fft.rfft([np.bincount(bins, one, count) for one in summed])
+    of_value, of_basis = others[0][chosen], np.stack(others[1:])[:, chosen]
     # Normal equations of cosine and sine without the columns; none where these leave too little of a sine
     twice, total = of_weight[2 * chosen], of_weight[0].real
     cc = 0.5 * (total + twice.real) - np.sum(of_basis.real**2, axis=0)
@@ -338,4 +336,4 @@ def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> flo
     ]
     freedom = 2 * (len(strips) - 1)
     ratio = (rest[0] - rest[1]) / 2.0 / max((rest[1] - rest[2]) / freedom, 1e-30)
-    return float(f_distribution.sf(ratio, 2, freedom))
+    return float(special.fdtrc(2, freedom, ratio))

@@ -34,7 +34,7 @@ from ...block.jitter_curve import JitterEstimate
 from ...foundation.thresholds import threshold, thresholds
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
-from ..equations import NormalEquations
+from ...refinement.stacked_cameras import linearise_images
 from ..gauss_newton import GaussNewton, Solution
 
 
@@ -114,20 +114,27 @@ def propagate_jitter(
 
     Of k samples a variance follows with k degrees of freedom: they are scaled by Student's factor at 90 %.
     """
-    given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
-    observations, size = loop.equations.observations, len(jitter.samples)
-    unmoved = loop.equations.form_normals(*given)
+    observations, size, (values, ground) = loop.equations.observations, len(jitter.samples), solution.state
+    at = linearise_images(
+        camera, observations.images, observations.image, observations.xy, values[observations.camera_of_image],
+        ground[observations.point],
+    )  # fmt: skip
+    shift = np.zeros((observations.count, 2, size))
+    for image, rows in zip(observations.images, observations.by_image, strict=True):
+        if image.id in jitter.curves:
+            line = observations.xy[rows, 1]
+            shift[rows] = np.stack([curves[image.id].evaluate(line) for curves in jitter.samples], axis=2)
+    shift *= float(stdtrit(size, 0.95) / ndtri(0.95)) / np.sqrt(size)
+    weighted = solution.weight[:, None, None] * at.by_ground
+
+    def intersect(moved: np.ndarray) -> np.ndarray:
+        """Return the steps of points whose image points move, with the cameras as they are."""
+        pulled = np.add.reduceat(weighted.swapaxes(1, 2) @ moved, observations.first[:-1])
+        return np.asarray(solution.normals.inverse @ pulled)
+
+    used = solution.weight * solution.weighting.contributes[observations.point]
+    left = used[:, None, None] * (shift - at.by_ground @ intersect(shift)[observations.point])
+    pulls, right = at.by_values.swapaxes(1, 2) @ left, np.zeros((observations.cameras, at.by_values.shape[2], size))
+    np.add.at(right, observations.camera, pulls)
     loop.system.factorise(solution.normals.blocks, loop.prior_weight)
-    scale = float(stdtrit(size, 0.95) / ndtri(0.95)) / np.sqrt(size)
-    moved = np.zeros((len(observations.points), 3, size))
-    for column, curves in enumerate(jitter.samples):
-        xy = observations.xy.copy()
-        for number, rows in enumerate(observations.by_image):
-            if observations.images[number].id in curves:
-                xy[rows] += scale * curves[observations.images[number].id].evaluate(xy[rows, 1])
-        equations = NormalEquations(replace(observations, xy=xy), camera, loop.pattern, loop.equations.threads)
-        there = equations.form_normals(*given)
-        change = replace(unmoved, point_right=there.point_right - unmoved.point_right)
-        cameras = loop.system.solve(there.right - unmoved.right)
-        moved[:, :, column] = loop.equations.compute_point_steps(solution.state, solution.weight, change, cameras)
-    return moved
+    return intersect(shift - at.by_values @ loop.system.solve(right)[observations.camera])

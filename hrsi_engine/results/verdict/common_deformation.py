@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy import special
 
 from ...block.block import Image, Role
 from ...foundation.reasons import Level, Reason
@@ -85,7 +85,7 @@ def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.nda
     freedom = len(design) - design.shape[1]
     rest = float(np.sum((drifts.ravel() - explained) ** 2)) / freedom
     ratio = float(np.sum(explained**2)) / design.shape[1] / max(rest, 1e-30)
-    return found.reshape(3, 2), float(f_distribution.sf(ratio, design.shape[1], freedom))
+    return found.reshape(3, 2), float(special.fdtrc(design.shape[1], freedom, ratio))
 
 
 def _make_design(image: Image) -> np.ndarray:
