@@ -24,6 +24,7 @@ from qgis.PyQt.QtWidgets import QAction, QDockWidget, QFileDialog, QInputDialog,
 from ...hrsi_engine.foundation.errors import HrsiError
 from ...hrsi_engine.foundation.progress import Progress
 from ...hrsi_engine.foundation.reasons import Level
+from ...hrsi_engine.foundation.workers.threads import one_thread_calls
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ...processing_algorithms.point_session.rows import PANEL, TIE
@@ -366,6 +367,7 @@ class PointsDock(QDockWidget):
     # ---- what the user does ------------------------------------------------------------------------------------
 
     @show_errors
+    @one_thread_calls()  # its systems are small: threads of BLAS would wait for one another longer than they work
     def measure(self, image: str, sample: float, line: float, is_seen: bool = True) -> None:
         """Measure the chosen point near a place on an image, clicked on (``is_seen``) or predicted."""
         view = next(view for view in self.ui.list_views() if view.image() == image)

@@ -15,9 +15,11 @@ import pytest
 from long_tests import mark_beyond
 from qgis.core import QgsPointXY
 from qgis.PyQt.QtCore import QPoint, Qt
+from qgis.PyQt.QtGui import QImage
 from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication
 
+from hrsi.hrsi_engine.foundation.workers.threads import one_thread_calls
 from hrsi.hrsi_engine.io.rasters.images import close_images
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.processing_algorithms import point_session, run
@@ -29,6 +31,9 @@ BIAS_PX = ((80.0, 0.0), (-57.0, 57.0), (0.0, -80.0))
 MOST_ACTIONS = 25  # the panel's issue: 10 GCPs on 3 images, where it were 56
 LARGEST_PX = 0.15
 LONGEST_CLICK_S = 0.15  # from a click to redrawn views: what follows a hand at once
+#: CPU time of `work_as_a_click_does` on the machine for which the limit was set, when nothing else ran. A shared core
+#: takes up to twice the CPU seconds for the same: a click counts in units of this work, done before and after it.
+WORK_S = 0.025
 WRONG = ("G000004", "image_2")  #: what is measured 9 px off
 Truth = dict[tuple[str, str], np.ndarray]
 
@@ -218,9 +223,21 @@ def test_center_takes_what_is_seen_where_no_shape_is(dock, block: Path, truth: T
         assert dock.session.fit("image_1", tuple(place + (3.4, -2.6)), "center").measured.kind == "center"
 
 
+def work_as_a_click_does() -> float:
+    """Return the CPU time of a fixed work like that of a click: small matrices, calls of Python, drawing."""
+    began, generator = time.process_time(), np.random.default_rng(1)
+    A, b = generator.normal(size=(40, 6, 6)) + 6.0 * np.eye(6), generator.normal(size=(40, 6, 1))
+    picture = QImage(400, 400, QImage.Format.Format_ARGB32)
+    with one_thread_calls():
+        for _ in range(300):
+            rows = [f"{value:.3f}" for value in np.linalg.solve(A, b).ravel().tolist()]
+            picture.fill(len(rows))
+    return time.process_time() - began
+
+
 @pytest.mark.parametrize(("number", "is_measured"), mark_beyond(2, "large", [(9, False), (9, True), (3, True)]))
 def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is_measured: bool) -> None:
-    """CPU time from a click until all views are drawn anew and the residuals follow: the fastest of six.
+    """CPU time from a click until all views are drawn anew and the residuals follow: the least of six, see `WORK_S`.
 
     The point is measured in all images and its residuals follow, or in none: then all others go to where it is now.
     """
@@ -244,12 +261,14 @@ def test_click_to_redrawn_views(dock, block: Path, truth: Truth, number: int, is
         wait_for(lambda: is_at_rest(dock))
         view = dock.ui.list_views()[0]
         place, before = made[(name, view.image())], dock.session.history.state
+        work = work_as_a_click_does()
         began = time.process_time()
         click(dock, view.image(), np.array([place.sample + 0.3 * step, place.line]))
         dock._searched = []  # looking for it in the others comes behind: an image at a time
         QApplication.processEvents()
         wait_for(lambda: not any(one.canvas.isDrawing() for one in dock.ui.list_views()))
-        took.append(time.process_time() - began)
+        taken = time.process_time() - began
+        took.append(taken * 2.0 * WORK_S / (work + work_as_a_click_does()))
         assert dock.session.history.state != before
         dock.undo()
         wait_for(lambda: is_at_rest(dock))

@@ -1,12 +1,15 @@
 """The number of threads that work may use, and those of the libraries below while parts of it run side by side."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from threading import Lock
+from typing import Any
 
 from ..pixel_filters import should_use_opencv
 
@@ -60,8 +63,17 @@ class _OneThreadLimit:
 def _limit_blas(limits: ExitStack, count: int = 1) -> bool:
     if find_spec("threadpoolctl") is None:
         return False
-    limits.enter_context(import_module("threadpoolctl").threadpool_limits(count, user_api="blas"))
+    limits.enter_context(_find_libraries(len(sys.modules)).limit(limits=count, user_api="blas"))
     return True
+
+
+@lru_cache(maxsize=1)
+def _find_libraries(modules: int) -> Any:
+    """Return threadpoolctl's controller of the libraries that are loaded; looked for anew after further ``modules``.
+
+    Going through all libraries of QGIS takes 4 ms, which a run that begins at each click shall not wait for.
+    """
+    return import_module("threadpoolctl").ThreadpoolController()
 
 
 def _limit_opencv(limits: ExitStack) -> bool:
