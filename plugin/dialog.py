@@ -16,15 +16,17 @@ class GroupedDialog(AlgorithmDialog):
     def getParametersPanel(self, alg: Any, parent: Any) -> Any:
         panel = super().getParametersPanel(alg, parent)
         advanced, boxes = panel.findChild(QGroupBox, "grpAdvanced"), dict[str, QgsCollapsibleGroupBoxBasic]()
-        for param in alg.declaration.params if advanced is not None else ():
-            if not param.group or not alg.parameterDefinition(qgis_name(param)).flags() & ADVANCED:
+        groups = {qgis_name(param): tr(param.group) for param in alg.declaration.params}
+        for parameter in alg.parameterDefinitions() if advanced is not None else ():
+            group = groups.get(parameter.name(), tr("Fields of the GCPs"))
+            if not group or not parameter.flags() & ADVANCED:
                 continue
-            if param.group not in boxes:
-                box = boxes[param.group] = QgsCollapsibleGroupBoxBasic(tr(param.group), advanced)
+            if group not in boxes:
+                box = boxes[group] = QgsCollapsibleGroupBoxBasic(group, advanced)
                 box.setLayout(QVBoxLayout())
                 box.setCollapsed(True)
                 advanced.layout().addWidget(box)
-            wrapper = panel.wrappers[qgis_name(param)]
+            wrapper = panel.wrappers[parameter.name()]
             for widget in filter(None, (wrapper.wrappedLabel(), wrapper.wrappedWidget())):
-                boxes[param.group].layout().addWidget(widget)  # and so out of the list
+                boxes[group].layout().addWidget(widget)  # and so out of the list
         return panel

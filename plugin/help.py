@@ -10,7 +10,7 @@ from qgis.PyQt.QtCore import QUrl
 from ..hrsi_engine.foundation.version import VERSION
 from ..processing_algorithms.interface.declare import Algorithm, Param, spell_arguments
 from .dependencies import absence_note, speed_note
-from .parameters import label_of, qgis_name
+from .parameters import field_choosers, label_of, qgis_name
 from .translation import tr
 
 #: By algorithm: the picture of its help, in the folder ``pictures``.
@@ -85,5 +85,6 @@ def help_url(declaration: Algorithm) -> str:
 
 def _row(param: Param) -> str:
     default = "required" if param.required else "" if param.default is None else str(param.default)
-    cells = qgis_name(param), label_of(param), default, param.unit
-    return f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+    rows = [(qgis_name(param), label_of(param), default, param.unit)]
+    rows += [(one.name(), one.description(), "", "") for one in field_choosers(param).values()]
+    return "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in rows)

@@ -17,6 +17,7 @@ from qgis.core import (
     QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
     QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterField,
     QgsProcessingParameterFile,
     QgsProcessingParameterFolderDestination,
     QgsProcessingParameterMultipleLayers,
@@ -161,6 +162,24 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
     return made
 
 
+def field_choosers(param: Param) -> dict[str, QgsProcessingParameterDefinition]:
+    """Make the parameters that choose fields in the layer of GCPs, by the names that the engine knows."""
+    if (param.key, param.kind) != ("gcps", Kind.POINTS):
+        return {}
+    labels = {
+        "id": tr("GCP field: id"), "height": tr("GCP field: height"), "sigma_h": tr("GCP field: sigma height"),
+        "sigma_east": tr("GCP field: sigma east"), "sigma_north": tr("GCP field: sigma north"),
+    }  # fmt: skip
+    made = {}
+    for field, label in labels.items():
+        made[field] = QgsProcessingParameterField(
+            f"{qgis_name(param)}_{field.upper()}", label, parentLayerParameterName=qgis_name(param), optional=True
+        )
+        made[field].setHelp(f"Field in the layer of GCPs, if its name is not {field}.")
+        made[field].setFlags(made[field].flags() | ADVANCED)
+    return made
+
+
 def option_value(param: Param, reading: Reading) -> Any:
     """Return the value of a parameter as the engine takes it; the declared default where none is given."""
     value = reading.parameters.get(qgis_name(param))
@@ -223,7 +242,13 @@ def _number(param: Param) -> QgsProcessingParameterDefinition:
 def _read_points(param: Param, reading: Reading) -> str:
     if reading.raw(param) in param.words:
         return str(reading.raw(param))
-    return point_source(reading.raw(param), param.key, reading.context, reading.feedback)
+    source = point_source(reading.raw(param), param.key, reading.context, reading.feedback)
+    chosen = {
+        field: reading.algorithm.parameterAsString(dict(reading.parameters), chooser.name(), reading.context)
+        for field, chooser in field_choosers(param).items()
+    }
+    columns = ",".join(f"{field}={name}" for field, name in chosen.items() if name)
+    return f"{source}|columns={columns}" if columns else source
 
 
 def _read_crs(param: Param, reading: Reading) -> str:

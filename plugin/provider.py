@@ -30,7 +30,16 @@ from ..processing_algorithms.interface.options import check_options
 from .dependencies import missing_package_message
 from .help import help_url, short_help
 from .icons import icon_path
-from .parameters import NO_THREADING, OPTIONAL, SHORT_DIALOG, Reading, definition, label_of, option_value
+from .parameters import (
+    NO_THREADING,
+    OPTIONAL,
+    SHORT_DIALOG,
+    Reading,
+    definition,
+    field_choosers,
+    label_of,
+    option_value,
+)
 from .results import (
     collect_results,
     drop_unlistable_outputs,
@@ -94,6 +103,8 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
     def initAlgorithm(self, configuration: dict[str, Any] | None = None) -> None:
         for param in self.declaration.params:
             self.addParameter(definition(param, self.declaration.params))
+            for chooser in field_choosers(param).values():
+                self.addParameter(chooser)
         for output in output_definitions(self.declaration):
             self.addOutput(output)
 

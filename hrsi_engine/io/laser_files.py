@@ -26,7 +26,7 @@ from ..foundation.json_values import json_text
 from ..foundation.thresholds import threshold, thresholds
 from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
 from .opening.datasets import gdal_messages, quiet
-from .point_files.find import read_table, split_spec
+from .point_files.find import choose_fields, read_table, split_spec
 from .point_files.positions import Reference, ground_positions, has_positions
 from .point_files.table import NUMBER_FIELDS, PointTable, match_fields
 from .rpc_files.content import read_head
@@ -52,7 +52,7 @@ def read_laser(
     if head == HDF5_HEAD:
         points = read_granule(path)
     else:
-        table = read_parquet(path) if head.startswith(b"PAR1") else read_table(spec)
+        table = read_parquet(path, choose_fields(spec)) if head.startswith(b"PAR1") else read_table(spec)
         points = _read_points(table, Reference(ground_crs or "", height_datum, epoch=epoch))
     wrong = (points.ground[:, 2] < GROUND_HEIGHTS.lowest_m) | (points.ground[:, 2] > GROUND_HEIGHTS.highest_m)
     if not len(points) or wrong.all():
@@ -107,8 +107,8 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     )  # fmt: skip
 
 
-def read_parquet(path: str) -> PointTable:
-    """Return the known fields and the points of a GeoParquet file."""
+def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTable:
+    """Return the known fields, or the ``chosen`` ones (`match_fields`), and the points of a GeoParquet file."""
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
@@ -129,7 +129,9 @@ def read_parquet(path: str) -> PointTable:
         if not isinstance(geo, dict) or not isinstance(geo.get("columns", {}), dict):
             raise InputError(f"{path}: its description of the geometry ('geo') is damaged: obtain it again")
         names = list(file.schema_arrow.names)
-        found = {field: names[index] for field, index in match_fields(names).items() if field in NUMBER_FIELDS}
+        found = {
+            field: names[index] for field, index in match_fields(names, chosen, path).items() if field in NUMBER_FIELDS
+        }
         place = geo.get("primary_column", "geometry")
         wanted = [*found.values(), *([place] if place in names else [])]
         table = file.read(columns=wanted)

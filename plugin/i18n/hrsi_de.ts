@@ -396,6 +396,10 @@
       <translation>Faktor</translation>
     </message>
     <message>
+      <source>Fields of the GCPs</source>
+      <translation>Felder der Passpunkte</translation>
+    </message>
+    <message>
       <source>File of laser points and its height datum</source>
       <translation>Datei mit Laserpunkten und ihr Höhenbezug</translation>
     </message>
@@ -494,6 +498,26 @@
     <message>
       <source>GCP epoch</source>
       <translation>Epoche der Passpunkte</translation>
+    </message>
+    <message>
+      <source>GCP field: height</source>
+      <translation>Passpunktfeld: Höhe</translation>
+    </message>
+    <message>
+      <source>GCP field: id</source>
+      <translation>Passpunktfeld: Name</translation>
+    </message>
+    <message>
+      <source>GCP field: sigma east</source>
+      <translation>Passpunktfeld: Standardabweichung Ost</translation>
+    </message>
+    <message>
+      <source>GCP field: sigma height</source>
+      <translation>Passpunktfeld: Standardabweichung Höhe</translation>
+    </message>
+    <message>
+      <source>GCP field: sigma north</source>
+      <translation>Passpunktfeld: Standardabweichung Nord</translation>
     </message>
     <message>
       <source>GCP ids</source>

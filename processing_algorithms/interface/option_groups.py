@@ -239,7 +239,11 @@ class PointFiles:
     """Files of ground and image points, and which points are control."""
 
     gcps: str | None = option(
-        None, "Ground points with known position: a vector layer or CSV", kind=Kind.POINTS, metavar=POINTS
+        None,
+        "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if its fields are "
+        "called otherwise",
+        kind=Kind.POINTS,
+        metavar=POINTS,
     )
     image_points: str | None = option(
         None, "Image measurements of the points; ground positions in this file are not used", kind=Kind.POINTS,

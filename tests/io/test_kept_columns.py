@@ -55,6 +55,12 @@ def is_kept(folder: Path) -> bool:
     return read_columns(str(folder / "block.gpkg"), "image_points", ["a", "b", "c"]) is not None
 
 
+def test_chosen_fields_are_those_of_the_layer(folder: Path) -> None:
+    assert is_kept(folder)
+    image = read_image_points(f"{folder}/{LAYER}|columns=id=fid", image_ids=["a", "b", "c"]).image
+    assert image.ids.tolist() == [str(number) for number in range(1, 401)]
+
+
 def test_they_are_what_the_layer_holds(folder: Path) -> None:
     kept, layer = read_image_points(f"{folder}/{LAYER}", image_ids=["b"]), read_points(f"{folder}/{LAYER}")
     assert kept.ground is None and layer.ground is not None  # so they were read, not the layer

@@ -97,6 +97,7 @@ def test_panel_and_dialogs_are_german(german, tmp_path: Path) -> None:
     labels = {param.name(): param.description() for param in algorithm.parameterDefinitions()}
     assert labels["GCPS"] == "Passpunkte" and labels["CHECK_IDS"] == "Namen der Kontrollpunkte"
     assert labels["SIGMA_IMAGE"] == "Standardabweichung der Bildkoordinaten (px)"
+    assert labels["GCPS_SIGMA_H"] == "Passpunktfeld: Standardabweichung Höhe"
     assert algorithm.displayName() == "Block triangulieren"
     panel.close_for_good()
     panel.deleteLater()

@@ -39,26 +39,26 @@ _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as
 _NUMPY_ROWS = 50_000  # at once by NumPy's reader
 
 
-def read(path: str, layer: str = "", renamed: Mapping[str, str] | None = None) -> table.PointTable:
+def read(path: str, layer: str = "", chosen: Mapping[str, str] | None = None) -> table.PointTable:
     """Return the known fields of a CSV file; raise `InputError` naming line and field where it is damaged.
 
-    ``layer`` may name the columns (``columns=id,lon,lat,height``); ``renamed`` are fields (lower case) that a program
-    calls otherwise.
+    ``layer`` may name the columns (``columns=id,lon,lat,height``); ``chosen`` are fields that the file calls otherwise,
+    see `match_fields`.
     """
     try:
         encoding = _find_encoding(path)
         if layer.startswith(NAMED_COLUMNS):
             with _open_text(path, encoding) as file:
                 return read_plain_text(path, file, layer.removeprefix(NAMED_COLUMNS).split(","))
-        return _read_table(path, encoding, renamed or {})
+        return _read_table(path, encoding, chosen or {})
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error}): check the file") from None
 
 
-def _read_table(path: str, encoding: str, renamed: Mapping[str, str]) -> table.PointTable:
+def _read_table(path: str, encoding: str, chosen: Mapping[str, str]) -> table.PointTable:
     rows = _read_rows(path, encoding)
     names = [name.strip() for name in next(rows, [])]
-    found = table.match_fields([renamed.get(name.lower(), name) for name in names])
+    found = table.match_fields(names, chosen, path)
     if not found:
         with _open_text(path, encoding) as file:
             return read_plain_text(path, file)
@@ -212,7 +212,8 @@ def _find_encoding(path: str) -> str:
     return marked or ("utf-8" if is_utf8 else "latin-1")
 
 
-READER = table.PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read)
+READER = table.PointReader("CSV", lambda _path, name, _head: name.endswith((".csv", ".tsv", ".txt", ".tab")), read,
+                           chooses_fields=True)  # fmt: skip
 
 
 def write_csv(path: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -2,6 +2,7 @@
 
 import glob
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,7 +20,7 @@ from .in_memory import PointsInMemory
 from .interpret import PointTables, image_names, interpret, require_field
 from .kept_columns import read_columns
 from .positions import Reference, Surface, ground_positions, has_positions
-from .table import PointReader, PointTable, match_fields
+from .table import FIELDS, PointReader, PointTable, match_fields
 
 #: Formats of point files in the order in which they are tried; the last two open the file to see.
 POINT_READERS: dict[str, PointReader] = {
@@ -51,9 +52,9 @@ def read_points(
     Parameters
     ----------
     spec : str
-        ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|image=ID`` says on which image
-        the points were measured, where the file does not say it, ``MATCHES.h5|features=FILE`` which keypoints are
-        matched. Or `PointsInMemory`.
+        ``FILE``, ``FILE|layername=L`` or, as QGIS writes it, ``FILE|layerid=0``; ``FILE|columns=id=nr,sigma_h=sH`` says
+        which fields of a layer or CSV are meant, ``FILE|image=ID`` on which image the points were measured, where the
+        file does not say it, ``MATCHES.h5|features=FILE`` which keypoints are matched. Or `PointsInMemory`.
     ground_crs : str, optional
         CRS of positions in a file that names none, anything PROJ reads.
     height_datum : str
@@ -86,7 +87,7 @@ def read_points(
     image = _parse_options(spec).get("image")
     if image is not None:
         # The table with all points measured on one image
-        if "image" in match_fields(table.field_names) or table.pairwise:
+        if "image" in {*match_fields(table.field_names), *choose_fields(spec)} or table.pairwise:
             raise InputError(f"{table.source}: has the image of each point in a field: remove |image=")
         if image not in image_ids:
             listed = ", ".join(image_ids) or "none"
@@ -103,7 +104,7 @@ def read_image_points(
 
     It has ground points only where they were read with them.
     """
-    if not isinstance(spec, PointsInMemory) and "image" not in _parse_options(spec):
+    if not isinstance(spec, PointsInMemory) and not {"image", "chosen"} & _parse_options(spec).keys():
         kept = read_columns(*split_spec(spec), image_ids)
         if kept is not None:
             return kept
@@ -146,18 +147,38 @@ def split_spec(spec: str) -> tuple[str, str]:
 
 
 def _parse_options(spec: str) -> dict[str, str]:
-    """Return what stands behind the file name: ``|layername=L|image=ID``."""
-    options = {}
+    """Return what stands behind the file name: ``|layername=L|image=ID``; ``chosen`` are columns with names of ours."""
+    options = dict[str, str]()
     for part in str(spec).split("|")[1:]:
         key, _, value = part.partition("=")
         known = ("layername", "layerid", "geometrytype", "image", "features", "columns")
         if key.lower() not in known or not value:
             raise InputError(
                 f"{spec}: {part!r} is not understood: write FILE, FILE|layername=LAYER, FILE|image=ID, "
-                "FILE|columns=NAME,NAME,… or MATCHES.h5|features=FILE"
+                "FILE|columns=NAME,NAME,…, FILE|columns=id=NAME,sigma_h=NAME,… or MATCHES.h5|features=FILE"
             )
+        if key.lower() == "columns" and "=" in value:
+            key, value = "chosen", ",".join(filter(None, [options.get("chosen"), value]))
         options[key.lower()] = value
     return options
+
+
+def choose_fields(spec: str) -> dict[str, str]:
+    """Return the file's names of the fields that ``|columns=id=nr,sigma_h=sH`` chooses, by ours.
+
+    Raises `InputError` for a field that is none of ours.
+    """
+    chosen = {}
+    for part in filter(None, re.split(r",(?=\s*\w+\s*=)", _parse_options(spec).get("chosen", ""))):
+        field, _, name = map(str.strip, part.partition("="))
+        known = next(iter(match_fields([field])), None)
+        if known is None or not name:
+            raise InputError(
+                f"{spec}: {part!r} behind |columns= chooses no field of points: write FIELD=NAME, with a field of "
+                f"{', '.join(list(FIELDS)[:17])} … and its name in the file"
+            )
+        chosen[known] = name
+    return chosen
 
 
 def read_table(spec: str) -> PointTable:
@@ -182,7 +203,11 @@ def read_table(spec: str) -> PointTable:
         titles = ", ".join(reader.title for reader in readers)
         advice = check_advice(path, "convert it to GeoPackage or CSV")
         raise InputError(f"{path}: is no point file that is known ({titles}): {advice}")
-    return reader.read(path, layer)
+    if not (chosen := choose_fields(spec)):
+        return reader.read(path, layer)
+    if not reader.chooses_fields:
+        raise InputError(f"{path}: the fields of the format {reader.title} have fixed names: remove |columns=")
+    return reader.read(path, layer, chosen)
 
 
 class ImagePositions(NamedTuple):

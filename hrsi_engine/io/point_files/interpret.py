@@ -73,8 +73,8 @@ def require_field(table: PointTable, field: str) -> np.ndarray:
     """Return a column; raise `InputError` that names the file's fields where it is missing."""
     if field not in table.columns:
         raise InputError(
-            f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: "
-            f"rename or add it"
+            f"{table.source}: has no field {field!r}; its fields are {', '.join(table.field_names) or 'none'}: add it, "
+            f"or name the one that is meant: FILE|columns={field}=NAME"
         )
     return table.columns[field]
 

@@ -25,7 +25,7 @@ from .table import PointReader, PointTable
 
 def read_micmac(path: str, _layer: str = "") -> PointTable:
     """Return the tie points of one image; the image is the one that the file's name says."""
-    table = csv_text.read(path, renamed={"pt.x": "sample", "pt.y": "line"})
+    table = csv_text.read(path, chosen={"sample": "Pt.x", "line": "Pt.y"})
     columns = table.columns | {axis: table.columns[axis] - 0.5 for axis in table.columns.keys() & {"sample", "line"}}
     name = os.path.basename(path)
     if name.lower().startswith("pmul-"):

@@ -44,8 +44,11 @@ def open_vector(path: str) -> gdal.Dataset | None:
     return dataset
 
 
-def read(path: str, layer_wanted: str = "") -> PointTable:
-    """Return the known fields and the geometry of a layer; raise `InputError` where there are none."""
+def read(path: str, layer_wanted: str = "", chosen: Mapping[str, str] | None = None) -> PointTable:
+    """Return the known fields, or the ``chosen`` ones (`match_fields`), and the geometry of a layer.
+
+    Raises `InputError` where there are none.
+    """
     dataset = open_vector(path)
     if dataset is None:
         raise InputError(f"{path}: cannot be opened as a vector layer: check the file")
@@ -53,7 +56,7 @@ def read(path: str, layer_wanted: str = "") -> PointTable:
     source = path if dataset.GetLayerCount() == 1 else f"{path}, layer {layer.GetName()!r}"
     table = None
     with gdal_messages() as messages:
-        table = _read_layer(path, source, layer, dataset.GetDriver().ShortName)
+        table = _read_layer(path, source, layer, dataset.GetDriver().ShortName, chosen or {})
     if table is None or messages:
         reason = messages[-1] if messages else "unknown reason"
         raise InputError(f"{source}: cannot be read to the end ({reason}): obtain it again")
@@ -75,11 +78,13 @@ def _choose_layer(path: str, dataset: gdal.Dataset, wanted: str) -> ogr.Layer:
     raise InputError(f"{path}: has {len(layers)} layers ({names}): name one: {os.path.basename(path)}|layername=LAYER")
 
 
-def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str) -> PointTable:
+def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, chosen: Mapping[str, str]) -> PointTable:
     definition = layer.GetLayerDefn()
     names = [definition.GetFieldDefn(index).GetName() for index in range(definition.GetFieldCount())]
-    found = match_fields(names)
     types = [definition.GetFieldDefn(index).GetType() for index in range(definition.GetFieldCount())]
+    if layer.GetFIDColumn() in chosen.values():  # no field for OGR, but in QGIS the layer has it
+        names, types = [*names, layer.GetFIDColumn()], [*types, ogr.OFTString]
+    found = match_fields(names, chosen, source)
     has_geometry = definition.GetGeomFieldCount() > 0 and definition.GetGeomType() != ogr.wkbNone
     layer.ResetReading()
     wanted = {field: names[index] for field, index in found.items()}
@@ -100,7 +105,9 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str) -> PointT
     for feature in layer:
         feature_ids.append(feature.GetFID())
         for append, index, is_number in plan:
-            if feature.IsFieldSetAndNotNull(index):
+            if index == definition.GetFieldCount():
+                append(str(feature.GetFID()))
+            elif feature.IsFieldSetAndNotNull(index):
                 append(feature.GetFieldAsDouble(index) if is_number else feature.GetFieldAsString(index))
             else:
                 append(np.nan if is_number else "")
@@ -166,7 +173,7 @@ def _recognises(path: str, _name: str, _head: bytes) -> bool:
     return dataset is not None and dataset.GetLayerCount() > 0
 
 
-READER = PointReader("vector layer", _recognises, read)
+READER = PointReader("vector layer", _recognises, read, chooses_fields=True)
 
 
 def measurements_of(spec: str) -> str:

@@ -4,7 +4,7 @@ Names are matched without regard to case; the first alias that a file has wins. 
 ``sample``, because programs that write it disagree on where pixel 0 begins.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,12 +57,14 @@ class PointReader:
     recognises : whether a file is of this format, by its path, its name (lower case) and its first bytes
     read : the rows of a file; the second argument is the layer wanted (name, ``#number`` or empty)
     is_named_by : whether the names of columns that a user gives are those of this format, whatever the file is
+    chooses_fields : whether ``read`` takes a third argument, the fields that the user chose, see `match_fields`
     """
 
     title: str
     recognises: Callable[[str, str, bytes], bool]
-    read: Callable[[str, str], PointTable]
+    read: Callable[..., PointTable]
     is_named_by: Callable[[Sequence[str]], bool] = lambda _columns: False
+    chooses_fields: bool = False
 
 
 #: Text fields and what else they may be called.
@@ -104,13 +106,30 @@ FIELDS = TEXT_FIELDS | NUMBER_FIELDS
 MAY_BE_INFINITE = frozenset({"sigma_xy", "sigma_h", "sigma_east", "sigma_north"})
 
 
-def match_fields(names: Sequence[str]) -> dict[str, int]:
-    """Return, for each known field that a file has, the position of its column."""
-    position: dict[str, int] = {}
-    for index, name in enumerate(names):
-        position.setdefault(name.strip().lower(), index)
+def match_fields(names: Sequence[str], chosen: Mapping[str, str] | None = None, source: str = "") -> dict[str, int]:
+    """Return, for each known field that a file has, the position of its column.
+
+    ``chosen`` are names in the file of known fields, whatever they are called; they mean nothing else then. Raises
+    `InputError` naming ``source`` where it has no such field.
+    """
+    stripped = [name.strip() for name in names]
     found = {}
+    for field, name in (chosen or {}).items():
+        spelled = [index for index, other in enumerate(stripped) if other == name]
+        alike = spelled or [index for index, other in enumerate(stripped) if other.lower() == name.lower()]
+        if not alike:
+            raise InputError(
+                f"{source}: has no field {name!r}; its fields are {', '.join(filter(None, stripped)) or 'none'}: "
+                f"correct |columns={field}={name}"
+            )
+        found[field] = alike[0]
+    position: dict[str, int] = {}
+    for index, name in enumerate(stripped):
+        if index not in found.values():
+            position.setdefault(name.lower(), index)
     for field, aliases in FIELDS.items():
+        if field in found:
+            continue
         alias = next((alias for alias in aliases if alias in position), None)
         if alias is not None:
             found[field] = position[alias]
