@@ -331,7 +331,7 @@ def _collect_warnings(
     warnings += [*weak, *_warn_of_open_plan(surfaces)]
     alone = [names[part.images[0]] for part, ok in zip(parts, located, strict=True) if len(part.images) == 1 and not ok]
     if alone:
-        warnings.append(f"image {list_ids(alone)} has no GCP and no tie point: its RPC is not changed")
+        warnings.append(f"no GCP and no tie point on {list_ids(alone)}: the RPC is not changed")
     if len(rest) > 1:
         listed = "; ".join(f"{list_ids(names[i] for i in part.images)} ({part.gcps} GCPs)" for part in rest[:IDS_NAMED])
         warnings.append(f"the block falls into {len(rest)} parts without common points: {listed}")
@@ -341,7 +341,7 @@ def _collect_warnings(
         held = options.laser is not None or (options.dem is not None and options.sigma_dem_m is not None)
         what = "position in plan" if held else "position"
         warnings.append(
-            f"{listed} has no GCP: its {what} follows from the RPCs and their a priori accuracy ({believed})"
+            f"no GCP on {listed}: the {what} follows from the RPCs and their a priori accuracy ({believed})"
         )
     return warnings
 

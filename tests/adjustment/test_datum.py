@@ -36,9 +36,9 @@ def two_parts(gcps: int = 6) -> Block:
 def test_parts_are_adjusted_one_by_one_and_named():
     result = adjust(two_parts())
     text = " | ".join(result.warnings)
-    assert "image alone has no GCP and no tie point: its RPC is not changed" in text
+    assert "no GCP and no tie point on alone: the RPC is not changed" in text
     assert "falls into 2 parts" in text
-    assert "image2, image3 has no GCP" in text
+    assert "no GCP on image2, image3: the position" in text
     sizes = [(len(part.images), part.gcps, part.ties) for part in result.parts]
     assert sorted(sizes) == [(1, 0, 0), (2, 0, 20), (2, 6, 14)]
     held, free = (

@@ -32,9 +32,7 @@ from ..safety.replacing import replacing
 from . import table
 
 NAMED_COLUMNS = "columns="  #: begins the names of the columns of a file
-ADVICE = (
-    "add a header line, or name the columns: FILE|columns=id,lon,lat,height (or id,x,y,height; id,image,sample,line)"
-)
+HOW_TO_NAME = "name the columns: FILE|columns=id,lon,lat,height (or id,x,y,height; id,image,sample,line)"
 _CHUNK_ROWS = 5_000  # their texts fit in the processor's cache: nearly twice as fast as 100 000
 _NUMPY_ROWS = 50_000  # at once by NumPy's reader
 
@@ -267,7 +265,7 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         if not table.match_fields(names):
             raise InputError(
                 f"{path}: its columns are called {', '.join(names)}, which are no fields of points: call them id, lon, "
-                f"lat, height (or x, y), image, sample, line, or {ADVICE[23:]}"
+                f"lat, height (or x, y), image, sample, line, or {HOW_TO_NAME}"
             )
     width = len(names) or (len(rows[0]) if rows else 0)
     wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
@@ -305,4 +303,7 @@ def _tell_columns(path: str, rows: Sequence[Sequence[str]]) -> list[str]:
         if max(largest) <= 180.0 and (largest[0] > 90.0) != (largest[1] > 90.0):
             return ["id", "lon", "lat", "height"] if largest[0] > 90.0 else ["id", "lat", "lon", "height"]
     first_row = ", ".join(rows[0]) if rows else "nothing"
-    raise InputError(f"{path}: has no header line, and its {len(texts)} columns ({first_row}) are ambiguous: {ADVICE}")
+    raise InputError(
+        f"{path}: has no header line, and its {len(texts)} columns ({first_row}) are ambiguous: add a header "
+        f"line, or {HOW_TO_NAME}"
+    )

@@ -112,7 +112,7 @@ def find_unconnected_images(evidence: Evidence) -> Iterator[Reason]:
     if alone:
         yield Reason(
             "image-not-held", Level.DOUBTFUL,
-            f"image {list_ids(alone)} has no GCP and no valid tie point: its RPC was not changed",
+            f"no GCP and no valid tie point on {list_ids(alone)}: the RPC was not changed",
             "find tie points to its neighbours, measure GCPs on it, or remove it from the block",
             images=tuple(alone),
         )  # fmt: skip
