@@ -45,6 +45,8 @@ def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
     named: dict[str, str] = {}
     for path, name in zip(paths, ids, strict=True):
         if name in named:
+            if named[name] == path:
+                raise InputError(f"{path} is given twice: name each image once")
             raise InputError(f"{named[name]} and {path} have the same id {name!r}: rename one")
         named[name] = path
 

@@ -388,6 +388,10 @@ BAD = {
     ),
     "one image twice": (
         lambda t, h, r: ["adjust", h["images"][0], h["images"][0], "--image-points", h["image_points"]],
+        2, "is given twice",
+    ),
+    "one name for two images": (
+        lambda t, h, r: ["adjust", h["images"][0], shutil.copy(h["images"][0], t), "--image-points", h["image_points"]],
         2, "have the same id",
     ),
     "unknown model": (
