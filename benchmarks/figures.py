@@ -5,6 +5,7 @@
     python benchmarks/figures.py check [NAME …]       make it aside and compare; exit status 1 where a figure moved
     python benchmarks/figures.py check --turn [DAY]   a tenth of the registry, another one every day: for CI
     python benchmarks/figures.py check --samples      everything: short figures whole, long studies by their samples
+    python benchmarks/figures.py check --note …       write down which were as documented, and on which commit
     python benchmarks/figures.py page                 write docs/figures.md
 
 Studies of hours have samples in the registry: commands that make some rows of the page again. Each of these rows has to
@@ -12,7 +13,8 @@ be on the page.
 
 A figure is stale where the data that it was made from, or the command, are others than those noted in
 benchmarks/made.csv. A check tells more: it runs the command, as the sources are now, with its page going into a
-temporary folder (HRSI_DOCS), and names every number that lies beyond its tolerance, with the page and line.
+temporary folder (HRSI_DOCS), and names every number that lies beyond its tolerance, with the page and line. What it
+notes goes to benchmarks/checked.csv, and from there to docs/figures.md.
 """
 
 from __future__ import annotations
@@ -38,6 +40,9 @@ from pathlib import Path
 from hrsi.benchmarks.pages import DATA, ROOT
 
 REGISTRY, MADE = ROOT / "benchmarks" / "registry.toml", ROOT / "benchmarks" / "made.csv"
+CHECKED = ROOT / "benchmarks" / "checked.csv"
+MADE_COLUMNS = ["name", "commit", "date", "machine", "data", "cpu_s"]
+CHECKED_COLUMNS = ["name", "commit", "date", "what", "cpu_s"]  # what: whole, or the numbers of the samples
 #: A figure that takes longer is checked by a full check only, never in a turn.
 MOST_CPU_S_IN_TURN = 300.0
 TURNS = 10
@@ -109,20 +114,26 @@ def _as_tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-def read_made() -> dict[str, dict[str, str]]:
-    """Return by name what is known of the last time that a figure was made: commit, date, machine, data, CPU s."""
-    if not MADE.exists():
+def read_rows(path: Path) -> dict[str, dict[str, str]]:
+    """Return by name what is known of the last time that a figure was made (`MADE`), or checked (`CHECKED`)."""
+    if not path.exists():
         return {}
-    with open(MADE, encoding="utf-8", newline="") as file:
+    with open(path, encoding="utf-8", newline="") as file:
         return {row["name"]: row for row in csv.DictReader(file)}
 
 
-def write_made(made: dict[str, dict[str, str]]) -> None:
-    """Write benchmarks/made.csv."""
-    with open(MADE, "w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, ["name", "commit", "date", "machine", "data", "cpu_s"], lineterminator="\n")
+def write_rows(path: Path, rows: dict[str, dict[str, str]], columns: Sequence[str]) -> None:
+    """Write `MADE` or `CHECKED`."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(made[name] for name in sorted(made))
+        writer.writerows(rows[name] for name in sorted(rows))
+
+
+def read_commit() -> str:
+    """Return the commit whose sources run."""
+    words = ["git", "rev-parse", "--short=8", "HEAD"]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
 
 
 # ---- making --------------------------------------------------------------------------------------------------------
@@ -143,9 +154,7 @@ def run(figure: Figure, docs: Path) -> tuple[bool, float, str, str]:
 
 def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
     """Make figures anew, in the documentation; return how many failed."""
-    words = ["git", "rev-parse", "--short=8", "HEAD"]
-    commit = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-    failed = 0
+    commit, failed = read_commit(), 0
     for figure in figures:
         well, seconds, output, messages = run(figure, ROOT / "docs")
         print(f"{figure.name}: {'made' if well else 'FAILED'}, {seconds:.0f} CPU s", flush=True)
@@ -158,7 +167,7 @@ def renew(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> int:
             "machine": f"{os.cpu_count()} cores {platform.machine()}", "data": figure.digest(),
             "cpu_s": f"{seconds:.0f}",
         }  # fmt: skip
-        write_made(made)
+        write_rows(MADE, made, MADE_COLUMNS)
     write_page(list(read_registry().values()), made)
     return failed
 
@@ -260,9 +269,9 @@ def _last_digit(text: str) -> float:
     return 10.0 ** (int(exponent or 0) - digits) if digits or exponent else 0.0
 
 
-def check(figures: Sequence[Figure]) -> int:
-    """Make figures aside and compare; return how many differ or failed."""
-    wrong, total = 0, 0.0
+def check(figures: Sequence[Figure], note: bool = False) -> int:
+    """Make figures aside and compare; return how many differ or failed. ``note``: write `CHECKED` and the page."""
+    wrong, total, commit, checked = 0, 0.0, read_commit(), read_rows(CHECKED)
     for figure in figures:
         if not figure.digest():
             print(f"{figure.name}: not checked, its data ({', '.join(figure.data)}) are not in HRSI_TEST_DATA")
@@ -284,8 +293,28 @@ def check(figures: Sequence[Figure]) -> int:
         if not well:
             print((output + messages)[-2000:], file=sys.stderr)
         wrong += bool(found) or not well
+        if note:
+            note_check(checked, figure, commit, seconds, well and not found)
+    if note:
+        write_rows(CHECKED, checked, CHECKED_COLUMNS)
+        write_page(list(read_registry().values()), read_rows(MADE))
     print(f"{len(figures)} checked, {wrong} wrong, {total:.0f} CPU s")
     return wrong
+
+
+def note_check(checked: dict[str, dict[str, str]], figure: Figure, commit: str, seconds: float, well: bool) -> None:
+    """Write down a check; what differs has no entry, and samples of one commit stand in one."""
+    name, _, number = figure.name.partition(" ")  # of a sample
+    last = checked.get(name)
+    if not well:
+        checked.pop(name, None)
+        return
+    more = bool(number and last and last["commit"] == commit and last["what"].startswith("sample"))
+    checked[name] = {
+        "name": name, "commit": commit, "date": datetime.date.today().isoformat(),
+        "what": (f"{last['what']} {number}" if more else f"samples {number}") if number else "whole",
+        "cpu_s": f"{seconds + (float(last['cpu_s']) if more else 0.0):.0f}",
+    }  # fmt: skip
 
 
 def list_checks(figures: Sequence[Figure]) -> list[Figure]:
@@ -313,13 +342,15 @@ def is_stale(figure: Figure, made: dict[str, dict[str, str]]) -> bool:
 
 def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> None:
     """Write docs/figures.md."""
-    rows = []
+    rows, checked = [], read_rows(CHECKED)
     for figure in sorted(figures, key=lambda one: one.page):
         last = made.get(figure.name, dict.fromkeys(("commit", "date", "machine", "cpu_s"), ""))
+        found = checked.get(figure.name)
+        seen = f"{found['date']}, {found['commit']}, {found['what']}" if found else ""
         where = f"[{figure.page}]({figure.page})" + (f", *{figure.part}*" if figure.part else "")
         rows.append(
             f"| {where} | `{figure.command.format(docs='docs')}` | {last['date']} | {last['commit']} "
-            f"| {last['machine']} | {last['cpu_s']} | {100.0 * figure.tolerance:g} % |"
+            f"| {last['machine']} | {last['cpu_s']} | {100.0 * figure.tolerance:g} % | {seen} |"
         )
     (ROOT / "docs" / "figures.md").write_text("\n".join([PAGE_HEAD, *rows, ""]), encoding="utf-8")
 
@@ -333,8 +364,11 @@ compared. Studies of hours have samples in `benchmarks/registry.toml`: commands 
 checks a tenth of the shorter figures and samples every day (`figures.py check --turn`); `figures.py check --samples`
 checks all of them. This page is written by `python benchmarks/figures.py page`.
 
-| page | made by `python …` | date | commit | machine | CPU s | tolerance |
-|---|---|---|---|---|---:|---:|"""
+The last column says when a check found the figures as documented, on which commit, and whether the whole page was made
+again or samples of it. Without an entry there was no such check.
+
+| page | made by `python …` | date | commit | machine | CPU s | tolerance | checked |
+|---|---|---|---|---|---:|---:|---|"""
 
 
 def main() -> int:
@@ -344,8 +378,9 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="entries of the registry; default: all, or all that are stale")
     parser.add_argument("--samples", action="store_true", help="of long studies their samples alone")
     parser.add_argument("--turn", nargs="?", type=int, const=datetime.date.today().toordinal(), metavar="DAY")
+    parser.add_argument("--note", action="store_true", help="write down what was as documented")
     words = parser.parse_intermixed_args()
-    registry, made = read_registry(), read_made()
+    registry, made = read_registry(), read_rows(MADE)
     unknown = sorted(set(words.names) - set(registry))
     if unknown:
         parser.error(f"not in the registry: {', '.join(unknown)}; there are {', '.join(registry)}")
@@ -354,7 +389,7 @@ def main() -> int:
         return min(1, renew(figures if words.names else [one for one in figures if is_stale(one, made)], made))
     if words.what == "check":
         chosen = list_checks(figures) if words.samples else figures
-        return min(1, check(chosen if words.turn is None else take_turn(figures, words.turn)))
+        return min(1, check(chosen if words.turn is None else take_turn(figures, words.turn), words.note))
     if words.what == "page":
         write_page(list(registry.values()), made)
         return 0

@@ -136,7 +136,8 @@ MUTANTS = (
     Mutant("2 %: CE90", "adjustment/statistics/precision.py", "= 1.5175,", "= 1.5479,", TRUTH),
     Mutant("2 %: LE90", "adjustment/statistics/precision.py", ", 1.6449", ", 1.6778", TRUTH),
     Mutant(
-        "2 %: ground sample distance", "block/imaging_geometry.py", "gsd_sample_m=float(", "gsd_sample_m=1.02 * float(",
+        "2 %: ground sample distance", "block/imaging_geometry.py", "gsd_sample_m=gsd_sample_m,",
+        "gsd_sample_m=1.02 * gsd_sample_m,",
         "tests/results/test_report_figures.py",
     ),
     Mutant(

@@ -136,3 +136,18 @@ def test_long_studies_have_samples():
         for sample in entry.draw_samples():
             assert 0.0 < sample.cpu_s <= figures.MOST_CPU_S_IN_TURN, entry.name
             assert (ROOT / sample.command.split()[0]).is_file() or sample.command.startswith("-m "), entry.name
+
+
+def test_notes_of_checks_say_what_was_checked():
+    """Samples of one commit stand together; a whole page and another commit begin anew; what differs has no note."""
+    figure, checked = REGISTRY["coverage"], {}
+    first, second = figure.draw_samples()[:2]
+    figures.note_check(checked, first, "aaaa", 10.0, True)
+    figures.note_check(checked, second, "aaaa", 5.0, True)
+    assert (checked["coverage"]["what"], checked["coverage"]["cpu_s"]) == ("samples 1 2", "15")
+    figures.note_check(checked, second, "bbbb", 5.0, True)
+    assert (checked["coverage"]["what"], checked["coverage"]["commit"]) == ("samples 2", "bbbb")
+    figures.note_check(checked, figure, "bbbb", 50.0, True)
+    assert checked["coverage"]["what"] == "whole"
+    figures.note_check(checked, first, "bbbb", 10.0, False)
+    assert not checked
