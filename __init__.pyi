@@ -172,8 +172,8 @@ def triangulate(
     images : path or Image or sequence of them
         Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
-        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if
-        its fields are called otherwise.
+        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields
+        have other names.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
         Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
@@ -466,8 +466,8 @@ def adjust(
     images : path or Image or sequence of them
         Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
-        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if
-        its fields are called otherwise.
+        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields
+        have other names.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
         Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
@@ -694,8 +694,8 @@ def refine(
     images : path or Image or sequence of them
         Images with RPC, RPC files alone (_RPC.TXT, .RPB, XML, .geom), or STAC items (.json).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
-        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if
-        its fields are called otherwise.
+        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields
+        have other names.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
         Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional
@@ -1132,8 +1132,8 @@ def evaluate(
         Reject tracks whose residual exceeds this multiple of sigma for every set of RPCs, as wrong
         matches; 0 rejects none (unit sigma; at least 0; default 6).
     gcps : path or table or array or GroundPoints or ImagePoints, optional
-        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if
-        its fields are called otherwise.
+        Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields
+        have other names.
     image_points : path or table or array or GroundPoints or ImagePoints, optional
         Image measurements of the points; ground positions in this file are not used.
     gcp_ids : sequence of str, optional

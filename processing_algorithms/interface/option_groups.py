@@ -240,8 +240,7 @@ class PointFiles:
 
     gcps: str | None = option(
         None,
-        "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,sigma_h=NAME if its fields are "
-        "called otherwise",
+        "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields have other names",
         kind=Kind.POINTS,
         metavar=POINTS,
     )
