@@ -240,10 +240,9 @@ class PointFiles:
 
     gcps: str | None = option(
         None,
-        "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields have other names",
-        kind=Kind.POINTS,
-        metavar=POINTS,
-    )
+        "Ground points with known position: a vector layer or CSV; FILE|columns=id=NAME,… if its fields have other "
+        "names", kind=Kind.POINTS, metavar=POINTS,
+    )  # fmt: skip
     image_points: str | None = option(
         None, "Image measurements of the points; ground positions in this file are not used", kind=Kind.POINTS,
         metavar="FILE",
