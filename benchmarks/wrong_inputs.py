@@ -784,7 +784,7 @@ def run_checks(inputs: Inputs) -> Outcome:
     from hrsi.processing_algorithms.block_steps.inputs import read_block
     from hrsi.processing_algorithms.block_steps.plausibility import input_reasons
     from hrsi.processing_algorithms.declarations.triangulation import AdjustAlgorithmOptions
-    from hrsi.processing_algorithms.files.opening import open_images
+    from hrsi.processing_algorithms.files.opening import dem_surface, open_images
     from hrsi.processing_algorithms.interface.declare import Context, fill_options
     from hrsi.processing_algorithms.interface.options import check_options
 
@@ -793,8 +793,9 @@ def run_checks(inputs: Inputs) -> Outcome:
             given = check_options(REGISTRY["adjust"], written(inputs, Path(name)))
             options = fill_options(AdjustAlgorithmOptions, given)
             images = open_images(options.images, Context(silent, lambda message: None))
-            block, _ = read_block(images, options.points, options.dem, options.tie_points)
-            reasons = input_reasons(block, options.points, options.dem)
+            surface = dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
+            block, _ = read_block(images, options.points, surface, options.tie_points)
+            reasons = input_reasons(block, surface)
         except HrsiError as error:
             return Outcome((), False, str(error))
         except Exception:

@@ -2,7 +2,6 @@
 
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.solver import adjust
-from ..hrsi_engine.block.exposures import join_exposures
 from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
@@ -12,42 +11,39 @@ from .block_steps.plausibility import ground_reasons
 from .block_steps.summary import choice_entries, choice_warnings
 from .block_steps.summary import summarise as summarise
 from .declarations.triangulation import AdjustAlgorithmOptions
-from .files.opening import dem_surface, open_images
+from .files.opening import dem_surface
 from .interface.declare import Context, Report
 
 
 def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     """Adjust a block from the image points in files."""
     clock = block_outputs.Clock()
-    images = open_images(options.images, context)
-    earlier = block_inputs.read_earlier(options.growth, images, options.tie_points)
-    images = join_exposures([*earlier.images, *images])
-    block_inputs.tell_tiles(images, options.adjustment, context.log)
-    block_outputs.require_room(options.output, images, context)
-    block, warnings = block_inputs.read_block(
-        images, options.points, options.dem, options.tie_points, earlier.ties, earlier.known
+    images, earlier = block_inputs.open_joined_images(
+        options.images, options.growth, options.tie_points, options.adjustment.shared_images, context
     )
+    block_outputs.require_room(options.output, images, context)
+    points = options.points
+    dem = dem_surface(options.dem, points.height_datum, points.gcp_epoch)
+    block, warnings = block_inputs.read_block(images, points, dem, options.tie_points, earlier.ties, earlier.known)
     block = hold_out_ties(block, options.hold_out)
     clock.lap("read")
     how = earlier.adjust_options(options.adjustment)
-    how, block, of_surface = laser_points.with_surface(how, options.surface, options.points, block)
-    of_rpcs = how.sigma_shift_px, how.sigma_drift
-    reasons = plausibility.input_reasons(block, options.points, options.dem, *of_rpcs, how.dem)
+    how, block, of_surface = laser_points.with_surface(how, options.surface, points, block)
+    surface = how.dem or dem
+    reasons = plausibility.input_reasons(block, surface, how.sigma_shift_px, how.sigma_drift)
     clock.lap("check")
-    laser = laser_points.read_laser_points(images, options.laser, options.points, context)
-    block, told = laser_points.name_operations(block, laser, options.points.strict_datum)
+    laser, block, told = laser_points.add_laser_points(block, options.laser, points, context)
     warnings += [*told, *of_surface]
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context)
     with plausibility.explain_failures(reasons):
-        how = laser_points.with_free_control(how, options.dem, options.points, laser)
+        how = laser_points.with_free_control(how, dem, laser)
         result = adjust(block, how, stage(context.progress, 0.1, 0.6))
     clock.lap("adjust")
     rest = context.stage(0.6, 1.0)
     of_laser, few = laser_points.describe_laser(result, options.laser)
     warnings += [*choice_warnings(result.choice), *few]
     entries = choice_entries(how.model, result.choice) | of_laser
-    surface = how.dem or dem_surface(options.dem, options.points.height_datum, options.points.gcp_epoch)
     reasons += ground_reasons(result, surface, how.sigma_dem_m)
     with plausibility.explain_failures(reasons):
         assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)

@@ -147,7 +147,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
 
 
 def _plan_run(
-    options: EvaluateOptions, images: Sequence[Image], sets: Sequence[str], surface: HeightSurface | None,
+    options: EvaluateOptions, images: Sequence[Image], sets: Sequence[str], surface: GridSurface | None,
     context: Context,
 ) -> Report:  # fmt: skip
     """Return what would be done: the pairs are counted, not matched."""
@@ -157,7 +157,7 @@ def _plan_run(
         counts["overlapping pairs to be matched"] = len(find_overlapping_pairs(images, options.search.search, surface))
     if options.tracks != AUTOMATIC_TRACKS or options.points.gcps or options.points.image_points:
         file = None if options.tracks in (AUTOMATIC_TRACKS, NO_TRACKS) else options.tracks
-        block, warnings = read_block(images, options.points, options.dem, file)
+        block, warnings = read_block(images, options.points, surface, file)
         counts |= {"points": len(block.points), "image points": len(block.measurements)}
     return plan_folder(options.folder, EVALUATION_FILE, counts, warnings, context, options.report)
 
@@ -241,7 +241,7 @@ class Judges:
 
 
 def _read_points(
-    options: EvaluateOptions, images: Sequence[Image], surface: HeightSurface | None,
+    options: EvaluateOptions, images: Sequence[Image], surface: GridSurface | None,
     files: Mapping[str, Sequence[str]], context: Context,
 ) -> Judges:  # fmt: skip
     """Return the block of all tracks and known points that judge the RPCs, and what the user should know.
@@ -256,10 +256,10 @@ def _read_points(
     judges = Judges()
     if options.tracks == AUTOMATIC_TRACKS:
         judges.find_tracks(options.search, images, surface, options.folder.output_dir, context.stage(0.0, 0.4))
-    block, warnings = read_block(images, options.points, options.dem, file, judges.found)
+    block, warnings = read_block(images, options.points, surface, file, judges.found)
     judges.warnings += warnings
     points = ", ".join(name for name in (options.points.gcps, options.points.image_points, file) if name)
-    for reason in plausibility.input_reasons(block, options.points, options.dem):
+    for reason in plausibility.input_reasons(block, surface):
         about = options.dem.dem if reason.code == "dem-coverage" else points
         judges.warnings.append(f"{f'{about}: ' if about else ''}{reason.message}: {reason.advice} ({reason.code})")
     if options.used_points is not None:
@@ -281,7 +281,7 @@ def _read_points(
         many = RPC_SETS.denser * max(count_points_per_cell(search, image) for image in images)
         denser = replace(options.search, search=replace(search, per_cell=many), matches=None)
         judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
-        block, _ = read_block(images, options.points, options.dem, None, judges.found)
+        block, _ = read_block(images, options.points, surface, None, judges.found)
         judges.leave_out_makers(block, makers, options.apart_px)
     for name, maker in makers.items():
         if maker.used is None:

@@ -39,7 +39,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     block, warnings = block_inputs.read_block(images, options.points)
     clock.lap("read")
     expected = ANY_ORIENTATION if options.refinement.model.startswith("generic") else (None, None)
-    reasons = plausibility.input_reasons(block, options.points, None, *expected)
+    reasons = plausibility.input_reasons(block, None, *expected)
     clock.lap("check")
     if context.dry_run:
         return block_outputs.plan_results(options.output, images, block, warnings, reasons, context, together=False)

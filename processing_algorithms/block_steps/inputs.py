@@ -33,9 +33,10 @@ from ...hrsi_engine.io.rasters.sun_angles import read_time
 from ...hrsi_engine.measurement.block_matching.joining import build_tracks
 from ...hrsi_engine.results.block_record import read_joint_arrays
 from ...hrsi_engine.surface.dem import surface_heights
-from ..files.opening import dem_surface, require_ids
-from ..interface.declare import Log
-from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions, DemOptions, PointFiles, SearchOptions
+from ...hrsi_engine.surface.grid_surface import GridSurface
+from ..files.opening import open_images, require_ids
+from ..interface.declare import Context
+from ..interface.option_groups import FREE, NO_TIES, BlockGrowthOptions, PointFiles, SearchOptions
 
 ANY_YEAR = 2020.0  # to learn whether PROJ has the motion of a plate
 FASTEST_PLATE_M = 0.08  # a year: the Pacific plate's 0.68 degrees in a million years (Altamimi et al. 2017)
@@ -44,7 +45,7 @@ GCPS, MEASURED, TIES = "gcps", "image points", "tie points"  #: what a point fil
 
 
 def read_block(
-    images: Sequence[Image], points: PointFiles, dem: DemOptions | None = None, tie_points: str | None = None,
+    images: Sequence[Image], points: PointFiles, dem: GridSurface | None = None, tie_points: str | None = None,
     ties: Sequence[ImagePoints] = (), known: Sequence[GroundPoints] = (),
 ) -> tuple[Block, list[str]]:  # fmt: skip
     """Read point files and put the block together with ties and known points; return it and what the user should know.
@@ -61,8 +62,7 @@ def read_block(
     warnings: list[str] = []
     ground: list[GroundPoints] = list(known)
     measured: list[ImagePoints] = list(ties)
-    surface = None if dem is None else dem_surface(dem, points.height_datum, points.gcp_epoch)
-    of_dem = () if surface is None else surface.operations
+    of_dem = () if dem is None else dem.operations
     pairs: list[ImagePoints] = []
     held_out: list[str] = []  # by an earlier run
     files = {GCPS: points.gcps, MEASURED: points.image_points, TIES: None if tie_points == NO_TIES else tie_points}
@@ -74,7 +74,7 @@ def read_block(
             spec if purpose == GCPS else measurements_of(spec), ground_crs=points.ground_crs,
             height_datum=points.height_datum, epoch=points.gcp_epoch,
             image_ids=[image.id for image in images],
-            surface=None if surface is None else partial(surface_heights, surface),
+            surface=None if dem is None else partial(surface_heights, dem),
         )  # fmt: skip
         if tables.ground is not None and purpose == GCPS:
             ground.append(tables.ground)
@@ -132,14 +132,6 @@ def tell_operations(block: Block, uses: Sequence[OperationUse], strict_datum: bo
                     f"{east:+.2f} m east, {north:+.2f} m north): `gcp_epoch` {year:g} accounts for it"
                 )
     return told
-
-
-def tell_tiles(images: Sequence[Image], options: AdjustOptions, log: Log) -> None:
-    """Tell which images are tiles or bands of one exposure and are adjusted as one camera."""
-    banded = {image.id for image in images if image.camera_pixel != 1.0}
-    for tiles in group_tiles(images, options.shared_images):
-        kind = "bands of one exposure" if banded.intersection(tiles) else "tiles of one scene"
-        log(f"{', '.join(tiles)}: {kind}, adjusted as one camera (`shared_images` groups them otherwise)")
 
 
 def of_block(ties: ImagePoints, images: Sequence[Image]) -> tuple[ImagePoints, list[str]]:
@@ -254,6 +246,24 @@ class EarlierBlock:
         if self.joint is None or self.model is None:
             return options
         return replace(options, model=self.model, earlier=self.joint)
+
+
+def open_joined_images(
+    paths: Sequence[str], growth: BlockGrowthOptions, tie_points: str | None, shared_images: Sequence[Sequence[str]],
+    context: Context,
+) -> tuple[list[Image], EarlierBlock]:  # fmt: skip
+    """Return the images of a block, those of an earlier one that they join first, and that block.
+
+    What is in the log tells which of them are tiles or bands of one exposure and are adjusted as one camera.
+    """
+    new = open_images(paths, context)
+    earlier = read_earlier(growth, new, tie_points)
+    images = join_exposures([*earlier.images, *new])
+    banded = {image.id for image in images if image.camera_pixel != 1.0}
+    for tiles in group_tiles(images, shared_images):
+        kind = "bands of one exposure" if banded.intersection(tiles) else "tiles of one scene"
+        context.log(f"{', '.join(tiles)}: {kind}, adjusted as one camera (`shared_images` groups them otherwise)")
+    return images, earlier
 
 
 def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_points: str | None = None) -> EarlierBlock:

@@ -20,10 +20,10 @@ from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import LocalFrame, ground_difference_m
 from ...hrsi_engine.io.laser_files import read_laser
 from ...hrsi_engine.plausibility.laser_quality import find_laser_reasons
-from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m
-from ..files.opening import dem_surface, open_control_surface
+from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
+from ..files.opening import open_control_surface
 from ..interface.declare import Context, Report
-from ..interface.option_groups import DemOptions, LaserFile, PointFiles, SurfaceFile
+from ..interface.option_groups import LaserFile, PointFiles, SurfaceFile
 from .inputs import tell_operations
 
 
@@ -46,35 +46,29 @@ class LASER_LOOK:
 NOT_SEEN = "not on two images"
 
 
-def read_laser_points(
-    images: Sequence[Image], options: LaserFile, files: PointFiles, context: Context
-) -> LaserPoints | None:
-    """Return the laser points that options name, with a doubt where one is not to be used; None without.
+def add_laser_points(
+    block: Block, options: LaserFile, files: PointFiles, context: Context
+) -> tuple[LaserPoints | None, Block, list[str]]:
+    """Read the laser points that options name, with a doubt where one is not to be used; None without.
 
-    Only those on two images or more count; raises `InputError` where there are none.
+    Only those on two images or more count; raises `InputError` where there are none. Also returned are the block with
+    their coordinate operations, and what the user should know of these.
     """
     if not options.laser:
-        return None
+        return None, block, []
     points = read_laser(options.laser, options.laser_datum, files.ground_crs, files.gcp_epoch)
-    points = points.select(np.flatnonzero(_count_views(images, points.ground, 10.0 * LASER_LOOK.beside_px) >= 1))
+    points = points.select(np.flatnonzero(_count_views(block.images, points.ground, 10.0 * LASER_LOOK.beside_px) >= 1))
     if not len(points):
         raise InputError(
             f"{options.laser}: none of its laser points lies on an image: check that they are of this area"
         )
     reasons = find_laser_reasons(points)
-    beside = _count_views(images, points.ground, LASER_LOOK.beside_px) < 2
+    beside = _count_views(block.images, points.ground, LASER_LOOK.beside_px) < 2
     points = replace(points, doubt=np.where((reasons == "") & beside, NOT_SEEN, reasons))
     good = int((points.doubt == "").sum())
     context.log(f"{options.laser}: {len(points)} laser points on the images or near them, {good} of them usable")
-    return points
-
-
-def name_operations(block: Block, laser: LaserPoints | None, strict_datum: bool) -> tuple[Block, list[str]]:
-    """Return a block with the coordinate operations of laser points among its own, and what a user should know."""
-    if laser is None:
-        return block, []
-    told = tell_operations(block, laser.operations, strict_datum)
-    return replace(block, operations=block.operations + laser.operations), told
+    told = tell_operations(block, points.operations, files.strict_datum)
+    return points, replace(block, operations=block.operations + points.operations), told
 
 
 def _count_views(images: Sequence[Image], ground: np.ndarray, beside_px: float) -> np.ndarray:
@@ -115,20 +109,20 @@ def with_surface(
 
 
 def with_free_control(
-    options: AdjustOptions, dem: DemOptions, files: PointFiles, laser: LaserPoints | None,
+    options: AdjustOptions, surface: HeightSurface | None, laser: LaserPoints | None,
     reference: ReferencePlaces | None = None,
 ) -> AdjustOptions:  # fmt: skip
     """Return options of an adjustment with laser points, places of a reference, and the DEM that holds heights.
 
-    A DEM holds them where its standard deviation is given, and with laser points or places: then that is, where none is
-    given, the one of its cell size.
+    The ``surface`` is that DEM. It holds them where its standard deviation is given, and with laser points or places:
+    then that is, where none is given, the one of its cell size.
     """
     places = [points.ground for points in (laser, reference) if points is not None]
     if options.sigma_dem_m is None and not places:
         return options
-    if options.sigma_dem_m is not None and options.dem is None and not dem.dem:
+    surface, sigma_m = options.dem or surface, options.sigma_dem_m
+    if sigma_m is not None and surface is None:
         raise InputError("`sigma_dem_m` needs a DEM: name it with `dem`")
-    surface, sigma_m = options.dem or dem_surface(dem, files.height_datum, files.gcp_epoch), options.sigma_dem_m
     if surface is not None and sigma_m is None:
         sigma_m = dem_sigma_m(cell_size_m(surface, places[0][len(places[0]) // 2]))
     return replace(options, laser=laser, reference=reference, sigma_dem_m=sigma_m, dem=surface)

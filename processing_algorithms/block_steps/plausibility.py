@@ -17,20 +17,15 @@ from ...hrsi_engine.plausibility import check_block
 from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
 from ...hrsi_engine.plausibility.relief import find_relief_reasons
 from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
-from ..files.opening import dem_surface
-from ..interface.option_groups import DemOptions, PointFiles
 
 
 def input_reasons(
-    block: Block, points: PointFiles, dem: DemOptions | None = None, sigma_shift_px: float | None = None,
-    sigma_drift: float | None = None, surface: HeightSurface | None = None,
-) -> list[Reason]:  # fmt: skip
+    block: Block, surface: HeightSurface | None, sigma_shift_px: float | None = None, sigma_drift: float | None = None
+) -> list[Reason]:
     """Return what in a block's inputs a careful operator would have to look into, worst first.
 
-    The sigmas are those of the RPCs' errors where the user states them; a ``surface`` counts instead of a DEM.
+    The sigmas are those of the RPCs' errors where the user states them.
     """
-    if surface is None and dem is not None:
-        surface = dem_surface(dem, points.height_datum, points.gcp_epoch)
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
     for code, find_doubt, advice in (
         ("orthoimage-rpc", pixel_doubt, "name the image as it was taken"),

@@ -16,9 +16,9 @@ from ...hrsi_engine.io.rasters.ortho_rasters import open_reference
 from ...hrsi_engine.measurement.reference import checks
 from ...hrsi_engine.measurement.reference.matching import ReferenceControl, match_reference
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m
-from ..files.opening import dem_surface
+from ...hrsi_engine.surface.grid_surface import GridSurface
 from ..interface.declare import Context, Report
-from ..interface.option_groups import DemOptions, PointFiles, ReferenceImage
+from ..interface.option_groups import PointFiles, ReferenceImage
 from .inputs import read_block as read_files
 from .inputs import tell_operations
 
@@ -166,17 +166,15 @@ def reference_reasons(entries: Report) -> list[Reason]:
 
 
 def read_reference_block(
-    images: Sequence[Image], files: PointFiles, dem: DemOptions, tie_points: str | None, ties: Sequence[ImagePoints],
-    reference: ReferenceImage, sigma_dem_m: float | None, context: Context,
+    images: Sequence[Image], files: PointFiles, dem: GridSurface | None, tie_points: str | None,
+    ties: Sequence[ImagePoints], reference: ReferenceImage, sigma_dem_m: float | None, context: Context,
 ) -> tuple[Block, ReferencePlaces | None, list[str], Report]:  # fmt: skip
     """Read a block with the GCPs of the reference among its points; also these as places, warnings, report entries.
 
     Where surveyed GCPs contradict the reference, they are right, and it is left out. Where the RPCs lie farther beside
     it than both can explain, it is the reference that is believed, and the user is told.
     """
-    found = find_reference_control(
-        images, reference, dem_surface(dem, files.height_datum, files.gcp_epoch), sigma_dem_m, context, files.gcp_epoch
-    )
+    found = find_reference_control(images, reference, dem, sigma_dem_m, context, files.gcp_epoch)
     ground, measured = reference_points(found)
     control = files
     if files.gcp_ids:
