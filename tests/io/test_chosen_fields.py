@@ -177,3 +177,14 @@ def test_layers_of_a_file_with_several(tmp_path: Path) -> None:
     require_survey(read_points(f"{path}|layername=points|{CHOSEN}", height_datum="ellipsoidal"))
     with pytest.raises(InputError, match="layer 'points': has no field 'x1'"):
         read_points(f"{path}|layername=points|columns=id=x1")
+
+
+def test_columns_by_their_order_skip_a_header_line(tmp_path: Path) -> None:
+    """Where all columns are named in their order, a first line of words is the file's own header and no point."""
+    rows = "P7;519653,2;5259759,1;12,5\nP8;519700,0;5259800,4;13,0\n"
+    plain, headed = tmp_path / "plain.csv", tmp_path / "headed.csv"
+    plain.write_text(rows, encoding="utf-8")
+    headed.write_text("Punkt;Rechtswert;Hochwert;Höhe\n" + rows, encoding="utf-8-sig")
+    grounds = [read_points(f"{path}|columns=id,x,y,height", ground_crs="EPSG:32755").ground for path in (plain, headed)]
+    assert [ground.ids.tolist() for ground in grounds] == [["P7", "P8"]] * 2
+    assert np.array_equal(grounds[0].ground, grounds[1].ground)

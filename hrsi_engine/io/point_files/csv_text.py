@@ -260,12 +260,12 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
     separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
     rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
-    if rows and not names and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):
-        names, rows, numbered = rows[0], rows[1:], numbered[1:]
+    if rows and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):  # a header line
+        names, rows, numbered = names or rows[0], rows[1:], numbered[1:]
         if not table.match_fields(names):
             raise InputError(
                 f"{path}: its columns are called {', '.join(names)}, which are no fields of points: call them id, lon, "
-                f"lat, height (or x, y), image, sample, line, or {HOW_TO_NAME}"
+                f"lat, height (or x, y), image, sample, line, or say which are meant: FILE|columns=id={names[0]},…"
             )
     width = len(names) or (len(rows[0]) if rows else 0)
     wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
