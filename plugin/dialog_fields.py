@@ -95,6 +95,12 @@ class LayerOrFile:
             self.box.setEditText(text)
         self.selected_only.setChecked(selected_only and not self.selected_only.isHidden())
 
+    def field_names(self) -> list[str]:
+        """Return the names of the fields of the layer or file."""
+        text = self._text()
+        layer = QgsProject.instance().mapLayer(text) or QgsVectorLayer(text, "", "ogr")
+        return [str(name) for name in layer.fields().names()]
+
     def _text(self) -> str:
         text = self.box.currentText().strip()
         index = self.box.findText(text)

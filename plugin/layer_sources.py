@@ -5,7 +5,7 @@ copied to a temporary GeoPackage. This happens in the main thread, before the al
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,12 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
         raise QgsProcessingException(f"Layer {layer.name()} could not be copied to {path}: {message}")
     feedback.pushInfo(f"Layer {layer.name()} is read from a copy: {path}")
     return f"{path}|layername={name}"
+
+
+def name_fields(source: str, chosen: Mapping[str, str]) -> str:
+    """Return a source of points with the fields that were chosen, by the names that the engine knows; '' is none."""
+    columns = ",".join(f"{field}={name}" for field, name in chosen.items() if name)
+    return f"{source}|columns={columns}" if source and columns else source
 
 
 def read_box(

@@ -28,7 +28,7 @@ from qgis.core import (
 )
 
 from ..processing_algorithms.interface.declare import READ_KINDS, Kind, Param, format_default, spell_arguments
-from .layer_sources import crs_text, point_source, raster_source, raster_sources, read_box
+from .layer_sources import crs_text, name_fields, point_source, raster_source, raster_sources, read_box
 from .translation import tr
 
 if hasattr(Qgis, "ProcessingParameterFlag"):
@@ -162,16 +162,20 @@ def definition(param: Param, params: Sequence[Param] = ()) -> QgsProcessingParam
     return made
 
 
+def label_gcp_fields() -> dict[str, str]:
+    """Return the fields of GCPs that a user chooses, by the names that the engine knows, and their labels."""
+    return {
+        "id": tr("GCP field: id"), "height": tr("GCP field: height"), "sigma_h": tr("GCP field: sigma height"),
+        "sigma_east": tr("GCP field: sigma east"), "sigma_north": tr("GCP field: sigma north"),
+    }  # fmt: skip
+
+
 def field_choosers(param: Param) -> dict[str, QgsProcessingParameterDefinition]:
     """Make the parameters that choose fields in the layer of GCPs, by the names that the engine knows."""
     if (param.key, param.kind) != ("gcps", Kind.POINTS):
         return {}
-    labels = {
-        "id": tr("GCP field: id"), "height": tr("GCP field: height"), "sigma_h": tr("GCP field: sigma height"),
-        "sigma_east": tr("GCP field: sigma east"), "sigma_north": tr("GCP field: sigma north"),
-    }  # fmt: skip
     made = {}
-    for field, label in labels.items():
+    for field, label in label_gcp_fields().items():
         made[field] = QgsProcessingParameterField(
             f"{qgis_name(param)}_{field.upper()}", label, parentLayerParameterName=qgis_name(param), optional=True
         )
@@ -247,8 +251,7 @@ def _read_points(param: Param, reading: Reading) -> str:
         field: reading.algorithm.parameterAsString(dict(reading.parameters), chooser.name(), reading.context)
         for field, chooser in field_choosers(param).items()
     }
-    columns = ",".join(f"{field}={name}" for field, name in chosen.items() if name)
-    return f"{source}|columns={columns}" if columns else source
+    return name_fields(source, chosen)
 
 
 def _read_crs(param: Param, reading: Reading) -> str:

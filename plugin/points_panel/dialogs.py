@@ -3,7 +3,7 @@
 from typing import Any
 
 from qgis.core import QgsMapLayer, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer
-from qgis.gui import QgsFileWidget, QgsProjectionSelectionWidget
+from qgis.gui import QgsCollapsibleGroupBoxBasic, QgsFileWidget, QgsProjectionSelectionWidget
 from qgis.PyQt.QtWidgets import (
     QComboBox,
     QDialog,
@@ -21,7 +21,8 @@ from ...hrsi_engine.foundation.errors import HrsiError
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session.rows import ROLES, SurveyPoint
 from ..dialog_fields import LayerOrFile
-from ..layer_sources import crs_text, point_source, raster_source
+from ..layer_sources import crs_text, name_fields, point_source, raster_source
+from ..parameters import label_gcp_fields
 from ..translation import tr
 
 HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
@@ -49,6 +50,8 @@ class NewBlockDialog(QDialog):
         self.layers.setMenu(menu)
         self.layers.setEnabled(bool(rasters))
         self.gcps, self.image_points = LayerOrFile(), LayerOrFile()
+        self.fields = {field: QComboBox() for field in label_gcp_fields()}
+        self.gcps.box.editTextChanged.connect(lambda _text: self._list_fields())
         self.crs = QgsProjectionSelectionWidget()
         self.crs.setOptionVisible(QgsProjectionSelectionWidget.CrsOption.CrsNotSet, True)
         self.datum = QComboBox()
@@ -63,6 +66,12 @@ class NewBlockDialog(QDialog):
         images.addWidget(self.layers)
         form.addRow(tr("Images or RPC files"), images)
         form.addRow(tr("Ground points"), self.gcps.widget)
+        fields = QgsCollapsibleGroupBoxBasic(tr("Fields of the GCPs"))
+        fields.setCollapsed(True)
+        fields.setLayout(QFormLayout())
+        for field, label in label_gcp_fields().items():
+            fields.layout().addRow(label, self.fields[field])
+        form.addRow(fields)
         form.addRow(tr("Image points (optional)"), self.image_points.widget)
         form.addRow(tr("CRS, where the points name none"), self.crs)
         form.addRow(tr("Heights refer to"), self.datum)
@@ -76,6 +85,13 @@ class NewBlockDialog(QDialog):
         paths = dict.fromkeys([*named, *(raster_source(name, context) for name in ids)])  # each once, in order
         self.images.setFilePath(" ".join(f'"{path}"' for path in paths))
 
+    def _list_fields(self) -> None:
+        """Offer the fields of the ground points."""
+        names = self.gcps.field_names()
+        for box in self.fields.values():
+            box.clear()
+            box.addItems(["", *names])
+
     def sources(self) -> dict[str, Any]:
         """Return what was chosen; layers that are more than their file are copied."""
         context = QgsProcessingContext()
@@ -85,6 +101,8 @@ class NewBlockDialog(QDialog):
             key: point_source(field.value(), key, context, feedback) if field.value() else ""
             for key, field in (("gcps", self.gcps), ("image_points", self.image_points))
         }
+        chosen = {field: box.currentText() for field, box in self.fields.items()}
+        points["gcps"] = name_fields(points["gcps"], chosen)
         crs = self.crs.crs()
         return {
             "images": QgsFileWidget.splitFilePaths(self.images.filePath()), **points,

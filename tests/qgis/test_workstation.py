@@ -30,6 +30,7 @@ from qgis.PyQt.QtTest import QTest
 from qgis.PyQt.QtWidgets import QApplication, QDialogButtonBox, QMessageBox, QPushButton
 
 from hrsi.hrsi_engine.block.block import Image
+from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.plugin.points_panel.dialogs import NewBlockDialog, NewPointDialog
 from hrsi.plugin.points_panel.dock import PointsDock
 from hrsi.plugin.points_panel.guards import ExitGuard, RecoveryOffer
@@ -197,6 +198,30 @@ def test_a_new_block_of_layers(dock, sources: dict) -> None:
     assert set(session.points) == set(dock.session.points)
     project.clear()
     assert not NewBlockDialog(dock).layers.isEnabled()
+
+
+def test_a_new_block_whose_fields_have_other_names(dock, sources: dict, tmp_path: Path) -> None:
+    """The fields of the layer or file are offered; what is chosen is read."""
+    table = Path(sources["gcps"]).read_text(encoding="utf-8")
+    assert table.startswith("id,")
+    (tmp_path / "survey.csv").write_text(table.replace("id,", "Punkt,", 1), encoding="utf-8")
+    dialog = NewBlockDialog(dock)
+    box = dialog.fields["id"]
+    assert box.count() == 0
+    dialog.images.setFilePath(" ".join(f'"{path}"' for path in sources["images"]))
+    dialog.gcps.box.setEditText(str(tmp_path / "survey.csv"))
+    assert [box.itemText(k) for k in range(4)] == [
+        "",
+        *table.partition("\n")[0].replace("id,", "Punkt,", 1).split(",")[:3],
+    ]
+    with pytest.raises(InputError, match=r"has no field 'id'; its fields are Punkt"):
+        point_session.new_session(**dialog.sources())
+    box.setCurrentText("Punkt")
+    assert dialog.sources()["gcps"] == f"{tmp_path / 'survey.csv'}|columns=id=Punkt"
+    session = point_session.new_session(**dialog.sources())
+    assert set(session.points) == set(dock.session.points)
+    dialog.gcps.box.setEditText("")
+    assert dialog.sources()["gcps"] == "" and box.currentText() == ""
 
 
 def test_views_are_as_many_as_wanted(dock) -> None:

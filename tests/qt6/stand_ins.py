@@ -69,6 +69,15 @@ class QgsRectangle:
     def toString(self, _digits: int) -> str:
         return str(self.sides)
 
+    def width(self) -> float:
+        return self.sides[2] - self.sides[0]
+
+    def xMinimum(self) -> float:
+        return self.sides[0]
+
+    def yMinimum(self) -> float:
+        return self.sides[1]
+
     def center(self) -> QgsPointXY:
         west, south, east, north = self.sides
         return QgsPointXY((west + east) / 2.0, (south + north) / 2.0)
@@ -239,6 +248,10 @@ class QgsProjectionSelectionWidget(QtWidgets.QComboBox):
         return _NoCrs()
 
 
+class QgsCollapsibleGroupBoxBasic(QtWidgets.QGroupBox):
+    def setCollapsed(self, _is_collapsed: bool) -> None: ...
+
+
 class QgsExtentWidget(QtWidgets.QLineEdit):
     WidgetStyle = AnyEnumeration("WidgetStyle", (), {})
     extentChanged, toggleDialogVisibility = QtCore.pyqtSignal(object), QtCore.pyqtSignal(bool)
@@ -295,7 +308,8 @@ STAND_INS = {
     ),
     "gui": (
         QgsMapCanvas, QgsMapCanvasItem, QgsMapToolEmitPoint, QgsFileWidget, QgsProjectionSelectionWidget,
-        QgsExtentWidget, QgsAbstractProcessingParameterWidgetWrapper, QgsApplicationExitBlockerInterface,
+        QgsCollapsibleGroupBoxBasic, QgsExtentWidget, QgsAbstractProcessingParameterWidgetWrapper,
+        QgsApplicationExitBlockerInterface,
     ),
     "utils": (),
 }  # fmt: skip
