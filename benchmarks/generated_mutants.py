@@ -2,13 +2,15 @@
 
     python benchmarks/generated_mutants.py collect [TEST ...]      which quick tests run which line (needs coverage)
     python benchmarks/generated_mutants.py run [--count 300] [--seed 1] [--minutes 60] [--docs]
+    python benchmarks/generated_mutants.py since [WORD ...]        survivors that a named test is said to notice by now
 
 `collect` writes ``build/mutants/lines.json``; `run` tries each mutant with the tests that run its line, those first
 that take least time, and stops at the first that fails; its results go to ``build/mutants/results.json``. A later run
 tries what is new, and with ``--again`` the survivors, with the tests as they are now.
 A mutant is never written to a file: it is put in place of its module as that is imported, in a process of its own.
 ``benchmarks/mutants_sorted_out.toml`` names survivors that change no output (``mutants``), each with the reason, and
-says of others (``survivors``) why no test notices them; these count as survivors.
+says of others (``survivors``) why no test notices them; these count as survivors. Of survivors of a past state it names
+the test that notices them now (``since``): `since` puts each of these faults into the sources as they are, and runs it.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import random
 import re
 import resource
 import shutil
+import subprocess
 import sys
 import time
 import tomllib
@@ -277,7 +280,7 @@ def try_in_child(file: str, fault: Fault | None, tests: list[str], answer: int) 
     outputs = Path(f"/tmp/mutant-{os.getpid()}")
     if fault is None and not OUTPUTS.exists():
         OUTPUTS.write_text(json.dumps(numbers_of(outputs)))
-    elif fault is not None and not told:
+    elif fault is not None and not told and OUTPUTS.exists():
         right = json.loads(OUTPUTS.read_text())
         told = SAME if are_the_same(numbers_of(outputs, {name.split("/")[0] for name in right}), right) else ""
     os.write(answer, told.encode())
@@ -379,11 +382,46 @@ def run(options: argparse.Namespace) -> int:
     run_all(jobs, options.processes, done, options.minutes)
     drop_false_alarms(results)
     RESULTS.write_text(json.dumps(results, indent=1))
-    text, share = table(mutants, results, reasons, judged.get("survivors", {}))
+    text, share = table(mutants, results, judged)
     print(text)
     if options.docs:
         put_between(DOCS / "mutants.md", "mutants", text)
     return 0 if share >= 0.95 else 1
+
+
+def try_since(words: list[str]) -> int:
+    """Try the survivors that a test notices since, those whose names hold a word; return 1 where one is not noticed."""
+    since = tomllib.loads(SORTED_OUT.read_text()).get("since", {})
+    chosen = {name: entry for name, entry in since.items() if not words or any(word in name for word in words)}
+    jobs: list[Job] = []
+    for name, entry in chosen.items():
+        file = entry.get("file", name.split(":")[0])
+        line, what = int(name.split(":")[1]), name.split(" ", 1)[1]
+        faults = [
+            fault for fault in list_faults((ROOT / file).read_text(encoding="utf-8"))
+            if f"{fault.kind}: {fault.before} -> {fault.after}" == what
+        ]  # fmt: skip
+        if not faults:
+            print(f"GONE      {name}")
+            continue
+        jobs.append((name, file, min(faults, key=lambda fault: abs(fault.line - line)), [entry["test"]]))
+    missed = len(chosen) - len(jobs)
+
+    def done(name: str, failed: str, seconds: float) -> None:
+        nonlocal missed
+        missed += not failed.startswith("tests/")
+        verdict = "dies" if failed.startswith("tests/") else "SURVIVES"
+        print(f"{verdict:<9}{seconds:5.1f} s  {name}  {failed}", flush=True)
+
+    load_heavy()
+    words = [sys.executable, "-m", "pytest", *PYTEST, *sorted({tests[0] for *_, tests in jobs})]
+    right = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)  # nothing is imported here
+    if right.returncode:
+        print(f"a test fails without a mutant:\n{right.stdout[-1000:]}")
+        return 1
+    run_all(jobs, 1, done)
+    print(f"{len(jobs)} tried, {missed} of {len(chosen)} are not noticed")
+    return 1 if missed else 0
 
 
 def drop_false_alarms(results: dict[str, dict]) -> None:
@@ -400,14 +438,15 @@ def drop_false_alarms(results: dict[str, dict]) -> None:
             del results[name]
 
 
-KINDS = ("drawn", "same", "sorted out", "dies", "survives")
+KINDS = ("drawn", "same", "sorted out", "dies", "since", "survives")
 
 
-def table(mutants: dict, results: dict, reasons: dict, remarks: dict) -> tuple[str, float]:
-    """Return the page's table, and the share of the mutants that change an output and are noticed.
+def table(mutants: dict, results: dict, judged: dict) -> tuple[str, float]:
+    """Return the page's table, and the share of the mutants that change an output and are noticed, also since.
 
-    reasons : of survivors that change no output and do not count; remarks : of those that count
+    judged : what `SORTED_OUT` says
     """
+    reasons, remarks, since = (judged.get(key, {}) for key in ("mutants", "survivors", "since"))
     rows, survivors = collections.defaultdict(collections.Counter), []
     by = collections.defaultdict(collections.Counter)
     for name, (file, _) in mutants.items():
@@ -422,19 +461,28 @@ def table(mutants: dict, results: dict, reasons: dict, remarks: dict) -> tuple[s
             by[part][found["by"].split("::")[0].removeprefix("tests/")] += 1
         elif name in reasons:
             rows[part]["sorted out"] += 1
+        elif name in since:
+            rows[part]["since"] += 1
         else:
             rows[part]["survives"] += 1
             survivors.append(name)
     total = sum(rows.values(), collections.Counter())
-    lines = ["| part | mutants | no output differs | sorted out | noticed | survive | noticed by (most often) |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    heads = ("part", "mutants", "no output differs", "sorted out", "noticed", "since", "survive", "noticed by (mostly)")
+    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for part in sorted(rows):
         row = rows[part]
         most = ", ".join(f"`{name}` {number}" for name, number in by[part].most_common(3))
         lines.append(f"| {part} | {' | '.join(str(row[key]) for key in KINDS)} | {most} |")
-    counted = total["dies"] + total["survives"]
-    share = total["dies"] / max(counted, 1)
-    lines.append(f"| all | {' | '.join(str(total[key]) for key in KINDS)} | {100 * share:.1f} % of {counted} |")
+    counted = total["dies"] + total["since"] + total["survives"]
+    first, share = (number / max(counted, 1) for number in (total["dies"], total["dies"] + total["since"]))
+    told = f"{100 * first:.1f} % of {counted}, now {100 * share:.1f} %"
+    lines.append(f"| all | {' | '.join(str(total[key]) for key in KINDS)} | {told} |")
+    lines += [
+        "",
+        "Noticed since, by:",
+        "",
+        *(f"* `{name}`: `{since[name]['test']}`" for name in sorted(since) if not results.get(name, {"by": "-"})["by"]),
+    ]
     lines += [
         "",
         "Survivors:",
@@ -460,8 +508,11 @@ def main(words: list[str]) -> int:
     own.add_argument("--nice", type=int, default=10)
     own.add_argument("--minutes", type=float, default=float("inf"), help="then the table has what was tried")
     own.add_argument("--again", action="store_true")
+    steps.add_parser("since").add_argument("words", nargs="*")
     own.add_argument("--docs", action="store_true")
     options = parser.parse_args(words)
+    if options.step == "since":
+        return try_since(options.words)
     return collect(options.tests) if options.step == "collect" else run(options)
 
 

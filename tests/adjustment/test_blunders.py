@@ -12,6 +12,7 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, Decision, adjust
 from hrsi.hrsi_engine.adjustment.blunders.ties import estimate_tie_variance
+from hrsi.hrsi_engine.adjustment.statistics.precision import compute_deletion_tests
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
@@ -27,6 +28,20 @@ def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):
     xy = block.measurements.xy.copy()
     xy[rows] += np.column_stack([size * np.cos(angle), size * np.sin(angle)])
     return replace(block, measurements=replace(block.measurements, xy=xy)), rows
+
+
+def test_deletion_tests_are_those_of_the_definition():
+    """v' C^-1 v with the residuals' cofactors C; a direction without redundancy is not tested."""
+    rng = np.random.default_rng(5)
+    residual, weight = rng.normal(0.0, 0.3, (200, 2)), rng.uniform(4.0, 25.0, 200)
+    turn = rng.uniform(0.0, np.pi, 200)
+    share = rng.uniform(0.1, 1.0, (200, 2))
+    share[:20, 1] = 1e-6
+    axes = np.stack([np.cos(turn), -np.sin(turn), np.sin(turn), np.cos(turn)], axis=-1).reshape(-1, 2, 2)
+    cofactors = np.einsum("nij,nj,nkj->nik", axes, share / weight[:, None], axes)
+    expected = [v @ np.linalg.pinv(C, rcond=1e-3, hermitian=True) @ v
+                for v, C in zip(residual, cofactors, strict=True)]  # fmt: skip
+    np.testing.assert_allclose(compute_deletion_tests(residual, cofactors, weight), expected, rtol=1e-9)
 
 
 def check_rmse(block, truth, result):

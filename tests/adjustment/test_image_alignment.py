@@ -19,11 +19,12 @@ from hrsi.hrsi_engine.laboratory.simulation.views import make_strip_views
 
 
 def simulate_strip(
-    pointing_px: float, drift_px: float = 0.1, blunders: float = 0.0, image_px: float = 0.1
-) -> BlockSimulation:
-    """Return ten frames of a strip in two looks, neighbours on almost parallel rays, that point to ``pointing_px``."""
+    pointing_px: float, drift_px: float = 0.1, blunders: float = 0.0, image_px: float = 0.1, frames: int = 5,
+    ties: int = 600,
+) -> BlockSimulation:  # fmt: skip
+    """Return frames of a strip in two looks, neighbours on almost parallel rays, that point to ``pointing_px``."""
     sensor, rng = SENSORS["worldview-2"], np.random.default_rng(3)
-    views = make_strip_views(sensor, 1, 5, 2, (800, 600), 0.4)
+    views = make_strip_views(sensor, 1, frames, 2, (800, 600), 0.4)
     errors = rng.normal(0.0, pointing_px * sensor.detector_angle_rad, (len(views), 2))
     drifts = rng.normal(0.0, drift_px * sensor.detector_angle_rad, (len(views), 2))
     views = tuple(
@@ -31,7 +32,7 @@ def simulate_strip(
         for view, error, drift in zip(views, errors.tolist(), drifts.tolist(), strict=True)
     )
     noise = Noise(image_px=image_px, blunders=blunders)
-    return simulate_block(SceneSpec(seed=3), views, PointCounts(0, 5, 600), noise)
+    return simulate_block(SceneSpec(seed=3), views, PointCounts(0, 5, ties), noise)
 
 
 @pytest.mark.parametrize("model", mark_beyond(1, "thorough", ["auto", "shift", "generic-shift"]))
@@ -67,8 +68,10 @@ def test_a_drift_that_no_parameter_follows_does_not_move_the_block(model, sigma_
     assert (np.abs(off) < 3.0 * np.array(result.parts[0].sigma_m)).all()
 
 
-def test_the_start_meets():
-    problem = prepare_problem(simulate_strip(50.0).block, AdjustOptions(model="shift"))
+@pytest.mark.parametrize(("frames", "ties"), [(5, 600), (1, 12)])
+def test_the_start_meets(frames, ties):
+    """Also with fewer ties of a pair of images than are taken of a pair that has many."""
+    problem = prepare_problem(simulate_strip(50.0, frames=frames, ties=ties).block, AdjustOptions(model="shift"))
     apart = np.linalg.norm(problem.equations.compute_residuals(problem.start), axis=1)
     assert np.quantile(apart, 0.99) < 0.5
     heights = problem.start.ground[:, 2]

@@ -19,6 +19,7 @@ from independent_formulas import (
     intersect,
     layer,
     metres,
+    moved,
     nmad,
     predict,
     rms,
@@ -217,6 +218,8 @@ def test_gcps_from_reference(scene, true_cameras, tmp_path) -> None:
             row["image"], np.array([[row["survey_lon"], row["survey_lat"], row["survey_height"]]]))[0]
         for row in rows
     ])  # fmt: skip
+    places = np.array([[row["sample"], row["line"]] for row in rows])
+    assert places.min() > 20.0 and places.max() < 159.0 - 20.0  # windows of 41 px are whole
     assert report["measurements"] == len(rows) and report["points"] == len({row["id"] for row in rows})
     assert np.abs(np.median(error, axis=0)).max() < 0.2 and np.median(np.hypot(*error.T)) < 0.4
     for name, camera in scene.cameras.items():
@@ -250,6 +253,16 @@ def test_refine_rpc(scene, tmp_path) -> None:
     assert [told["before_rmse_sample_px"], told["before_rmse_line_px"]] == pytest.approx(
         np.sqrt(np.mean(np.square(list(away.values())), axis=0)), abs=1e-3
     )
+    # sigma0: of the image points, and of the surveys as the image shows them
+    squares = 0.0
+    for name, xy in zip(known, gcps, strict=True):
+        row, metre = scene.surveyed[name], np.eye(3)
+        ends = [camera.project(moved(scene.places[name], sign * metre)) for sign in (1.0, -1.0)]
+        by_metre = 0.5 * (ends[0] - ends[1]).T
+        survey = np.diag([float(row["sigma_xy"]), float(row["sigma_xy"]), float(row["sigma_h"])]) ** 2
+        v = xy - gcps.mean(axis=0)
+        squares += v @ np.linalg.solve(0.3**2 * np.eye(2) + by_metre @ survey @ by_metre.T, v)
+    assert report["sigma0"] == pytest.approx(math.sqrt(squares / (2 * len(known) - 2)), rel=1e-5)
     left = np.array(list(away.values())) - gcps.mean(axis=0)
     assert [told["rmse_sample_px"], told["rmse_line_px"]] == pytest.approx(np.sqrt(np.mean(left**2, axis=0)), abs=5e-3)
     refined = Camera(out / "image_1.tif")
