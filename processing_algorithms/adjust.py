@@ -3,7 +3,6 @@
 from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.adjustment.solver import adjust
 from ..hrsi_engine.foundation.progress import stage
-from ..hrsi_engine.results.block_results import assemble_result
 from .block_steps import inputs as block_inputs
 from .block_steps import laser_points, plausibility
 from .block_steps import outputs as block_outputs
@@ -45,6 +44,4 @@ def run(options: AdjustAlgorithmOptions, context: Context) -> Report:
     warnings += [*choice_warnings(result.choice), *few]
     entries = choice_entries(how.model, result.choice) | of_laser
     reasons += ground_reasons(result, surface, how.sigma_dem_m)
-    with plausibility.explain_failures(reasons):
-        assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
-    return block_outputs.write_results(options.output, assembled, clock, rest)
+    return block_outputs.finish_block(options.output, result, warnings, reasons, entries, clock, rest)

@@ -11,7 +11,6 @@ from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.refinement.model import RefinementModel
 from ..hrsi_engine.refinement.refine import Refinement, refine_image, solve_refinement
 from ..hrsi_engine.refinement.selection import select_control
-from ..hrsi_engine.results.block_results import assemble_result
 from ..hrsi_engine.results.figures import control_and_check
 from ..hrsi_engine.results.residuals import compute_residuals
 from ..hrsi_engine.results.separate_images import separate_result
@@ -71,9 +70,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
         more["models"] = _compare_models(block, refinements, models, context.stage(0.3, 0.6))
         clock.lap("compare")
     rest = context.stage(0.6, 1.0)
-    with plausibility.explain_failures(reasons):
-        assembled = assemble_result(result, context.record, warnings, reasons, more, clock.lap)
-    return block_outputs.write_results(options.output, assembled, clock, rest)
+    return block_outputs.finish_block(options.output, result, warnings, reasons, more, clock, rest)
 
 
 def _compare_models(

@@ -6,7 +6,6 @@ from ..hrsi_engine.adjustment.hold_out import hold_out_ties
 from ..hrsi_engine.block.block import Image, ImagePoints
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
-from ..hrsi_engine.results.block_results import assemble_result
 from ..hrsi_engine.surface.dem import HeightSurface
 from .block_steps import inputs as block_inputs
 from .block_steps import laser_points, plausibility
@@ -80,9 +79,8 @@ def run(options: TriangulateOptions, context: Context) -> Report:
     of_laser, useless = laser_points.describe_laser(result, options.laser)
     warnings += [*few, *choice_warnings(result.choice), *useless, *offset]
     entries |= choice_entries(how.model, result.choice) | held | of_laser
-    with plausibility.explain_failures(reasons):
-        assembled = assemble_result(result, context.record, warnings, reasons, entries, clock.lap)
-    return block_outputs.write_results(options.output, assembled, clock, context.stage(adjusted_at, 1.0), kept)
+    rest = context.stage(adjusted_at, 1.0)
+    return block_outputs.finish_block(options.output, result, warnings, reasons, entries, clock, rest, kept)
 
 
 def _require_possible(earlier: EarlierBlock, automatic: bool, reference: ReferenceImage) -> None:

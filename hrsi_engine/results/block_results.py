@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..adjustment.joint_prior import JointCameras
 from ..adjustment.result import Adjustment
 from ..block.block import Image, Role
+from ..block.jitter_curve import JitterCurve
 from ..drawing.block_figures import ReportFigures
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
@@ -20,7 +20,7 @@ from ..foundation.workers.threads import one_thread_calls
 from ..io.geopackage.layers import Layer
 from ..refinement.model import RefitRPC
 from . import statistics
-from .block_record import make_record
+from .block_record import joint_arrays, make_record
 from .drawings import Outline, report_figures
 from .figures import block_report, rejection_warnings
 from .image_facts import add_image_facts
@@ -56,26 +56,18 @@ class RPC_AGREEMENT:
 class BlockResult:
     """A block's results before anything is written.
 
-    left : residuals of the adjustment; refined : the refined RPCs, one an image
+    pairs : the images with their RPCs as they were, and the refined ones
     report : entries of ``report.json``; what is written, and where, is entered by who writes it
     verdict : whether it is usable, and why not
+    layers : those of ``block.gpkg``; figures : those of the page, where one was asked for
     """
 
     adjustment: Adjustment
-    left: Residuals
-    refined: Sequence[RefitRPC]
+    pairs: Sequence[tuple[Image, RefitRPC]]
     report: dict[str, Any]
     verdict: Verdict
-
-    @property
-    def images(self) -> Sequence[Image]:
-        """The images with their RPCs as they were."""
-        return self.adjustment.block.images
-
-    @property
-    def joint(self) -> JointCameras | None:
-        """What is known of all cameras together; None where each was adjusted by itself."""
-        return self.adjustment.joint
+    layers: Sequence[Layer]
+    figures: ReportFigures | None
 
     @property
     def is_unusable(self) -> bool:
@@ -87,23 +79,20 @@ class BlockResult:
         """What ``block.json`` holds, for images that join the block later."""
         return make_record(self.adjustment)
 
-    def make_layers(self, residual_crs: str) -> list[Layer]:
-        """Return the layers of ``block.gpkg``, residuals in ``both``, ``wgs84`` or ``utm``."""
-        return block_layers(self.adjustment, self.left, residual_crs, self._delivered)
-
-    def draw_figures(self, outline: Outline | None = None) -> ReportFigures:
-        """Return the figures of the page, drawn where the refined RPCs see the ground."""
-        return report_figures(self.adjustment, self.left, self._delivered, outline)
+    @property
+    def cameras(self) -> dict[str, np.ndarray] | None:
+        """What is known of all cameras together, as arrays by name; None where each was adjusted by itself."""
+        return None if self.adjustment.joint is None else joint_arrays(self.adjustment.joint)
 
     @property
-    def _delivered(self) -> list[Image]:
-        return [replace(image, rpc=new.rpc) for image, new in zip(self.images, self.refined, strict=True)]
+    def jitter_curves(self) -> Mapping[str, JitterCurve] | None:
+        """Curves of the jitter that was removed, by image id; None where it was not looked for."""
+        return None if self.adjustment.jitter is None else self.adjustment.jitter.curves
 
 
-@one_thread_calls()  # cameras are refitted by small matrices, between which BLAS's other threads would spin
 def assemble_result(
     adjustment: Adjustment, record: Mapping[str, Any], warnings: Sequence[str], reasons: Sequence[Reason],
-    entries: Mapping[str, Any], lap: Callable[[str], None],
+    entries: Mapping[str, Any], lap: Callable[[str], None], outline: Outline | None = None,
 ) -> BlockResult:  # fmt: skip
     """Return what an adjustment comes to.
 
@@ -111,9 +100,24 @@ def assemble_result(
     warnings : those from before the adjustment; reasons : what was found in the inputs
     entries : what the report has besides a block's entries
     lap : called with the name of each part that is done
+    outline : finds targets for the figures of the page; without, there are none
     """
+    with one_thread_calls():  # cameras are refitted by small matrices, between which BLAS's other threads would spin
+        left = compute_residuals(adjustment)
+        report, verdict, refined = _judge(adjustment, left, record, warnings, reasons, entries, lap)
+    images = adjustment.block.images
+    delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
+    layers = block_layers(adjustment, left, delivered)
+    figures = None if outline is None else report_figures(adjustment, left, delivered, outline)
+    return BlockResult(adjustment, list(zip(images, refined, strict=True)), report, verdict, layers, figures)
+
+
+def _judge(
+    adjustment: Adjustment, left: Residuals, record: Mapping[str, Any], warnings: Sequence[str],
+    reasons: Sequence[Reason], entries: Mapping[str, Any], lap: Callable[[str], None],
+) -> tuple[dict[str, Any], Verdict, list[RefitRPC]]:  # fmt: skip
+    """Return the entries of the report, the verdict, and the refined RPCs, one an image."""
     images, model = adjustment.block.images, adjustment.model
-    left = compute_residuals(adjustment)
     cameras = zip(images, adjustment.values, strict=True)
     refined = state_accuracy(adjustment, [model.compute_refined_rpc(image, values) for image, values in cameras])
     lap("residuals")
@@ -140,7 +144,7 @@ def assemble_result(
     told = tuple(reason.message for reason in verdict.reasons)
     report["warnings"] = [text for text in report["warnings"] if not text.startswith(told)]
     lap("judge")
-    return BlockResult(adjustment, left, refined, report, verdict)
+    return report, verdict, refined
 
 
 def state_accuracy_by_standards(result: Adjustment, left: Residuals) -> dict[str, Any] | None:

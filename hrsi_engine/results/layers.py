@@ -20,13 +20,10 @@ from .surface_figures import surface_residuals_table
 RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
-def block_layers(
-    result: Adjustment, left: Residuals, residual_crs: str, delivered: Sequence[Image] = ()
-) -> list[Layer]:
+def block_layers(result: Adjustment, left: Residuals, delivered: Sequence[Image] = ()) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 
     result : the adjustment; left : what it left over
-    residual_crs : layers of residuals to make: ``both``, ``wgs84`` or ``utm``
     delivered : the images with their refined RPCs, whose footprints are drawn; by default those with the RPCs as they
     were
     Result: footprints, points, measurements and residuals; laser points, and tie points on a surface, where there are
@@ -35,15 +32,14 @@ def block_layers(
     middle = middle_position(tables.choose_positions(result))
     left_over = tables.residuals_table(result, left)
     footprints = tables.images_table(result, delivered or result.block.images, middle[2])
-    chosen = RESIDUAL_LAYERS if residual_crs == "both" else (f"residuals_{residual_crs}",)
-    crs = {"residuals_wgs84": WGS84_3D, "residuals_utm": residuals_epsg(result)}
+    residual_crs = dict(zip(RESIDUAL_LAYERS, (WGS84_3D, residuals_epsg(result)), strict=True))
     laser = [] if result.laser is None else [tables.laser_points_table(result.laser)]
     ground_points = _point_layer("ground_points", tables.ground_points_table(result), WGS84_3D)
     return [
         Layer("images", "Polygon", WGS84, footprints.positions, footprints.columns),
         replace(ground_points, metadata=name_point_operations(result.block.points)),
         _point_layer("image_points", tables.image_points_table(result, left), WGS84_3D),
-        *(_point_layer(name, left_over, crs[name]) for name in chosen),
+        *(_point_layer(name, left_over, crs) for name, crs in residual_crs.items()),
         *([_point_layer("surface_residuals", surface_residuals_table(result), WGS84_3D)] if result.surfaces else []),
         *(_point_layer("laser_points", table, WGS84_3D) for table in laser),
     ]

@@ -17,7 +17,7 @@ from ...hrsi_engine.adjustment.joint_prior import JointCameras
 from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
-from ...hrsi_engine.block.columns import find_unique_ids, isin, join_names, match_names
+from ...hrsi_engine.block.columns import find_unique_ids, isin, match_names
 from ...hrsi_engine.block.exposures import join_exposures, join_named_bands
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import threshold, thresholds
@@ -192,26 +192,6 @@ def refuse_idle_matches(search: SearchOptions, is_automatic: bool, instead: str)
     """Raise `InputError` where matches are named and nothing is done with them: the option ``instead`` is used."""
     if search.matches and not is_automatic:
         raise InputError(f"`matches` {search.matches} is not used if `{instead}` is not auto: remove one of them")
-
-
-def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
-    """Return the matches of files of another program as tracks; raise `InputError` where they hold none."""
-    ids = [image.id for image in images]
-    tables = [read_points(measurements_of(file), image_ids=ids) for file in several_specs(spec)]
-    pairs = [of_block(table.image, images)[0] for table in tables if table.pairwise and table.image is not None]
-    tracks = [of_block(table.image, images)[0] for table in tables if not table.pairwise and table.image is not None]
-    if not pairs and not tracks:
-        raise InputError(
-            f"{spec}: contains no image positions: name matches of two images, or points measured in several images"
-        )
-    if pairs and tracks:
-        raise InputError(f"{spec}: contains both matches of pairs and points with ids: name files of one kind")
-    if pairs:
-        return join_image_points(pairs)
-    return ImagePoints.create(
-        join_names([table.ids for table in tracks]), join_names([table.image_ids for table in tracks]),
-        np.concatenate([table.xy for table in tracks]), source=tracks[0].source,
-    )  # fmt: skip
 
 
 @thresholds

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...hrsi_engine.adjustment.result import Adjustment
 from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.block.jitter_curve import JitterCurve
 from ...hrsi_engine.camera.rpc import RPC
@@ -36,8 +37,7 @@ from ...hrsi_engine.io.rpc_files import (
 from ...hrsi_engine.io.safety.array_files import write_arrays
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
-from ...hrsi_engine.results.block_record import joint_arrays
-from ...hrsi_engine.results.block_results import BlockResult
+from ...hrsi_engine.results.block_results import BlockResult, assemble_result
 from ...hrsi_engine.results.lineage import lineage_items
 from ...hrsi_engine.results.stac import DeliveryFiles, item_of_image
 from ...hrsi_engine.results.verdict import Verdict
@@ -46,6 +46,7 @@ from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
 from ..interface.option_groups import BlockOutput
+from .plausibility import explain_failures
 
 Writer = Callable[[str, str, RPC, Lineage, Progress], object]
 Pairs = Sequence[tuple[Image, RefitRPC]]
@@ -62,6 +63,7 @@ NEW_FILES[RESAMPLED] = NEW_FILES["copy"]  # whose pixels are then written withou
 WITHOUT_PIXELS = "sidecar"  # an RPC file alone always gets a new RPC file
 WITHHELD = "no refined RPC was written, because the result is unusable: correct the input, or give `force_write`"
 REMOVED = "the refined RPCs of the earlier run in the same folder are removed"
+UNWANTED_RESIDUALS = {"wgs84": "residuals_utm", "utm": "residuals_wgs84"}  #: layer left out, by `residual_crs`
 LAYERS_FILE, STAC_FILE = "block.gpkg", "stac.json"
 HELD_OUT_TIES = "held-out tie points"
 #: What a dry run counts, and the roles of the points.
@@ -139,14 +141,27 @@ def plan_results(
     return plan(context, output.folder.output_dir, names, counts, warnings, found.entry())
 
 
+def finish_block(
+    output: BlockOutput, adjustment: Adjustment, warnings: Sequence[str], reasons: Sequence[Reason], entries: Report,
+    clock: Clock, context: Context, discarded: Sequence[str] = (),
+) -> Report:  # fmt: skip
+    """Assemble what an adjustment comes to, judge and write it; return the report.
+
+    warnings, reasons : what was found before; entries : what the report has besides a block's entries
+    discarded : folders that are not needed any more when all is written
+    """
+    outline = find_outline if output.report else None
+    with explain_failures(reasons):
+        result = assemble_result(adjustment, context.record, warnings, reasons, entries, clock.lap, outline)
+    return write_results(output, result, clock, context, discarded)
+
+
 def write_results(
     output: BlockOutput, result: BlockResult, clock: Clock, context: Context, discarded: Sequence[str] = ()
 ) -> Report:
-    """Write everything that the options ask for and the verdict allows; return the report.
-
-    ``discarded`` are folders that are not needed any more when all is written.
-    """
-    report, images, target = result.report, result.images, output.folder
+    """Write everything that the options ask for and the verdict allows; return the report."""
+    report, pairs, target, cameras = result.report, result.pairs, output.folder, result.cameras
+    images = [image for image, _ in pairs]
     cover = output.document
     report["document"] = {"title": cover.title, "client": cover.client, "place": cover.place}
     how, stale = output.write, list[str]()  # files of earlier runs that have to go
@@ -154,13 +169,12 @@ def write_results(
         how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     cameras_file = os.path.join(target.output_dir, CAMERAS_FILE)
-    if result.joint is None and os.path.exists(cameras_file):  # it would pass for one of this run
+    if cameras is None and os.path.exists(cameras_file):  # it would pass for one of this run
         stale.append(cameras_file)
-    jitter, jitter_file = result.adjustment.jitter, os.path.join(target.output_dir, JITTER_FILE)
-    curves = {} if jitter is None or how == WRITE_NOTHING else dict(jitter.curves)
-    if (jitter is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
+    found, jitter_file = result.jitter_curves, os.path.join(target.output_dir, JITTER_FILE)
+    curves = {} if found is None or how == WRITE_NOTHING else dict(found)
+    if (found is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
         stale.append(jitter_file)
-    pairs = list(zip(images, result.refined, strict=True))
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
@@ -172,13 +186,15 @@ def write_results(
             write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
             if how == RESAMPLED and image.id in curves and has_file(image):
                 rewrite_without_jitter(image.path, str(folder / names[image.id]), curves.pop(image.id), part)
-        _name_outputs(report, output, how, images, names, result.joint is not None)
+        _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
             report["outputs"]["jitter"] = jitter_file
         advance(context.progress, 0.5, "writing layers")
-        layers = result.make_layers(output.residual_crs)
-        write_geopackage(str(folder / LAYERS_FILE), layers, progress=stage(context.progress, 0.5, 0.7), lineage=items)
+        part = stage(context.progress, 0.5, 0.7)
+        left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
+        layers = [layer for layer in result.layers if layer.name != left_out]
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=items)
         # What earlier runs and other programs left, which would win over what is written now
         for file in stale:
             changes.remove(file)
@@ -194,11 +210,11 @@ def write_results(
         clock.lap("write")
         report["seconds"] = clock.total()
         if output.report:
-            write_report_html(str(folder / PAGE_FILE), report, result.draw_figures(find_outline))
+            write_report_html(str(folder / PAGE_FILE), report, result.figures)
         write_report_json(str(folder / REPORT_FILE), report)
         write_report_json(str(folder / RECORD_FILE), result.record)
-        if result.joint is not None:
-            write_arrays(str(folder / CAMERAS_FILE), joint_arrays(result.joint))
+        if cameras is not None:
+            write_arrays(str(folder / CAMERAS_FILE), cameras)
         advance(context.progress, 1.0, "done")
     for image, new in in_place:
         require_in_place(image.path, new.rpc)

@@ -11,12 +11,12 @@ import numpy as np
 
 from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Image, ImagePoints
-from ...hrsi_engine.block.columns import find_unique_ids, match_names
+from ...hrsi_engine.block.columns import find_unique_ids, join_names, match_names
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.workers.scheduling import open_scheduler
 from ...hrsi_engine.io.catalogue.stac_items import restore_image_paths
 from ...hrsi_engine.io.output_dir import read_report
-from ...hrsi_engine.io.point_files import read_image_points, read_points
+from ...hrsi_engine.io.point_files import measurements_of, read_image_points, read_points, several_specs
 from ...hrsi_engine.io.rasters.images import open_image
 from ...hrsi_engine.io.safety.array_files import PartStore
 from ...hrsi_engine.measurement.given_matches import refine_given_matches
@@ -26,7 +26,7 @@ from ..declarations.image_points import TIES_FILE, TIES_LAYER
 from ..files.opening import require_ids
 from ..interface.declare import Context, Report
 from ..interface.option_groups import SearchOptions
-from .inputs import read_matches
+from .inputs import join_image_points, of_block
 
 UNFINISHED = "unfinished_tie_points"  #: folder in the output directory, while the search is at work or was stopped
 
@@ -61,6 +61,26 @@ def find_ties(
         if hold.image not in earlier:
             context.log(hold.sentence)
     return found, () if options.work_dir else (str(finished.folder),)
+
+
+def read_matches(spec: str, images: Sequence[Image]) -> ImagePoints:
+    """Return the matches of files of another program as tracks; raise `InputError` where they hold none."""
+    ids = [image.id for image in images]
+    tables = [read_points(measurements_of(file), image_ids=ids) for file in several_specs(spec)]
+    pairs = [of_block(table.image, images)[0] for table in tables if table.pairwise and table.image is not None]
+    tracks = [of_block(table.image, images)[0] for table in tables if not table.pairwise and table.image is not None]
+    if not pairs and not tracks:
+        raise InputError(
+            f"{spec}: contains no image positions: name matches of two images, or points measured in several images"
+        )
+    if pairs and tracks:
+        raise InputError(f"{spec}: contains both matches of pairs and points with ids: name files of one kind")
+    if pairs:
+        return join_image_points(pairs)
+    return ImagePoints.create(
+        join_names([table.ids for table in tracks]), join_names([table.image_ids for table in tracks]),
+        np.concatenate([table.xy for table in tracks]), source=tracks[0].source,
+    )  # fmt: skip
 
 
 def connection_entries(found: TiePoints) -> Report:

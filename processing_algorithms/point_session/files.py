@@ -221,7 +221,7 @@ def save(session: PointSession, path: str = "") -> None:
     adjusted = session.adjusted
     if adjusted is not None and session.is_adjusted:
         plain = layers
-        layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left, "both")}
+        layers = {layer.name: layer for layer in block_layers(adjusted.result, adjusted.left)}
         # Mark the tie points of the list among the ground points: by a position of their own
         ground = layers["ground_points"]
         columns = {name: np.array(ground.fields[name], dtype=np.float64) for name in SURVEYED}

@@ -31,7 +31,7 @@ def adjusted(options=AFFINE, single=False, **scene):
         block = replace(block, measurements=block.measurements.select(np.flatnonzero(keep)))
     result = adjust(block, options)
     left = compute_residuals(result)
-    return result, left, {layer.name: layer.fields for layer in block_layers(result, left, "utm")}
+    return result, left, {layer.name: layer.fields for layer in block_layers(result, left)}
 
 
 def lengths(columns, level):
@@ -56,7 +56,7 @@ def test_dividing_gives_the_flag(options):
     wrong = shifted(shifted(shifted(block, 100, 1, 1.0), 2, 0, 3.0), 10, 2, 10.0)
     result = adjust(wrong, options)
     left = compute_residuals(result)
-    layers = {layer.name: layer.fields for layer in block_layers(result, left, "utm")}
+    layers = {layer.name: layer.fields for layer in block_layers(result, left)}
     rows = layers["residuals_utm"]
     for level in ("image", "ground"):
         here = rows["level"] == level

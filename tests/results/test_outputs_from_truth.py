@@ -226,7 +226,7 @@ def dense() -> SimpleNamespace:
     refined = [result.model.compute_refined_rpc(image, v) for image, v in zip(block.images, result.values, strict=True)]
     return SimpleNamespace(
         block=block, result=result, solution=dense_solution(block, MODELS["affine"]),
-        layers={layer.name: layer.fields for layer in block_layers(result, left, "utm")},
+        layers={layer.name: layer.fields for layer in block_layers(result, left)},
         report=block_report(result, left, refined),
     )  # fmt: skip
 
