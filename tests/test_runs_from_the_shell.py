@@ -223,6 +223,7 @@ def test_log_damages_no_file(target: str, work: Path, hrsi) -> None:
 # ---- again -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_rerun_in_another_folder_gives_the_same(work: Path, tmp_path: Path, hrsi) -> None:
     assert hrsi(*ADJUST, "--output-dir", "out").returncode == 0
     elsewhere = tmp_path / "elsewhere"

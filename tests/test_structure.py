@@ -8,6 +8,7 @@ import pytest
 from measure_structure import LIMITS, PAGE, Product, arrows_up, length_of, rooms_of
 from measure_trips import Calls, Trip
 
+pytestmark = pytest.mark.thorough  # of no feature, and the sources are parsed as a whole
 #: How far a count on the page may lie behind the sources, so that not every change of a line changes the page.
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.

@@ -44,6 +44,7 @@ def test_frames_50_px_apart_lose_no_right_tie(model):
     assert np.sqrt(np.nanmean((result.residual_px**2).sum(axis=1))) < 0.2
 
 
+@pytest.mark.thorough
 def test_blunders_are_found_between_frames_100_px_apart():
     simulated = simulate_strip(100.0, blunders=0.05)
     decision = adjust(simulated.block).decision

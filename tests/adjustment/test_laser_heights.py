@@ -152,6 +152,7 @@ def test_the_verdict_doubts_laser_points_on_tops(scene):
         assert not {"laser-tops", "heights-scatter"} & codes(adjusted(wooded))
 
 
+@pytest.mark.thorough
 def test_the_verdict_doubts_heights_of_something_else(scene):
     """Heights that have nothing to do with the ground below: 30 m about it, stated to be decimetres."""
     other = scene.points.ground[:, 2] + np.random.default_rng(1).normal(0.0, 30.0, len(scene.points))

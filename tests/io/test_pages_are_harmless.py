@@ -275,6 +275,7 @@ def test_the_policy_stops_what_escaping_would_let_through(chromium: str, written
     assert lines and all("Content Security Policy" in line for line in lines)
 
 
+@pytest.mark.thorough
 def test_tables_keep_ids_to_the_letter(folder: Path, written: Results, tmp_path: Path):
     """A table is for programs, which join by id: what a spreadsheet would take for a formula is written as it is."""
 

@@ -176,6 +176,7 @@ def test_clouds_and_water_give_no_points(triplet):
     assert not (xy[:, 1] > 465).any()
 
 
+@pytest.mark.thorough
 def test_image_without_match_is_named(triplet):
     noise = replace(
         scenes.rendered(3, np.full((1400, 1400), 500.0, np.float32)),

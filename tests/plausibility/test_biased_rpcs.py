@@ -61,6 +61,7 @@ def test_blunders_that_were_left_out_make_no_block_unusable() -> None:
             assert set(verdict.reasons[0].points) == set(wrong)
 
 
+@pytest.mark.thorough
 def test_utm_of_another_datum_is_named_and_its_shift_that_of_pyproj() -> None:
     """NAD27 / UTM 13 read as WGS84 / UTM 13 at Denver; the true shift by pyproj's own pipeline, its best operation."""
     read, meant = (pyproj.Transformer.from_crs(4326, code, always_xy=True) for code in (32613, 26713))

@@ -48,7 +48,7 @@ def test_no_refined_rpc_comes_out(name):
     assert not found.crash
 
 
-@pytest.mark.parametrize("sensor", ["quickbird", "worldview-2", "pleiades"])
+@pytest.mark.parametrize("sensor", mark_beyond(1, "thorough", ["quickbird", "worldview-2", "pleiades"]))
 def test_the_likelier_of_two_slips_that_ties_cannot_tell_apart(sensor):
     """Images of one strip and their mirror images meet alike: swapped columns look like those of a turned copy."""
     _, _, spoilt = wrong("sample and line swapped, tie points", sensor, 142)

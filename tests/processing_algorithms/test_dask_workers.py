@@ -65,6 +65,7 @@ def test_images_with_relative_paths_are_found_by_workers_in_another_folder(in_sc
     assert there.read_bytes() == here.read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_worker_that_lacks_an_image_is_named_with_it(
     in_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

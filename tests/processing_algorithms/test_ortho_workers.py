@@ -103,6 +103,7 @@ def test_a_killed_worker_does_not_matter(
     assert killed and made == undisturbed
 
 
+@pytest.mark.thorough
 def test_a_worker_with_another_version_is_refused(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(scene)
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as workers:

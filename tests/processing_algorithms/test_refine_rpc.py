@@ -151,6 +151,7 @@ def cubic_terms(lon: np.ndarray, lat: np.ndarray, height: np.ndarray) -> np.ndar
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_a_given_covariance_of_the_coefficients_is_a_least_squares_prior(orthority, real_data, tmp_path):
     """Against SciPy's minimum of ``|v / sigma|^2 + dc' C^-1 dc``, with the RPC written out from its standard."""
     image, control = quickbird(real_data)

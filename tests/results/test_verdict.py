@@ -244,6 +244,7 @@ def test_drift_that_a_shift_leaves_is_measured_and_its_model_named():
     assert "systematic-residuals" in {reason.code for reason in find_reasons(evidence)} or found.rms_px < 4.0
 
 
+@pytest.mark.thorough
 def test_small_field_is_a_note_and_no_reason():
     block = simulated_blocks.block(gcps=300, checks=0, ties=0, drift=2e-4, count=1, noise_px=0.1, seed=8)[0]
     evidence = evidence_of(block)
