@@ -364,7 +364,7 @@ compared. Studies of hours have samples in `benchmarks/registry.toml`: commands 
 checks a tenth of the shorter figures and samples every day (`figures.py check --turn`); `figures.py check --samples`
 checks all of them. This page is written by `python benchmarks/figures.py page`.
 
-The last column says when a check found the figures as documented, on which commit, and whether the whole page was made
+The last column is about checks that found the figures as documented: date, commit, and whether the whole page was made
 again or samples of it. Without an entry there was no such check.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance | checked |

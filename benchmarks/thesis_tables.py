@@ -265,8 +265,8 @@ DIFFERENCES = """## Where the figures differ, and why
   that it does not print. Its shifts of 43 000 px are reproduced to 14 px. With three and more GCPs the RMSE of the
   generic method of HRSI is within 0.1 px of that of the undisturbed image, and that of the thesis within 0.16 px.
 * **Direct methods in case 7.** They are not designed for errors of 0.1 rad. An RMSE above 1000 px is a failure, and its
-  digits depend on the computer: with 7 GCPs `bils` ends at 8715, 11 521 or 15 840 px in sample, with other numbers of
-  threads and kernels of OpenBLAS.
+  digits depend on the computer. With 7 GCPs `bils` ends at 8715, 11 521 or 15 840 px in sample: the number of threads
+  and the kernel of OpenBLAS decide.
 * **IKONOS.** The RPC of the vendor is not printed. The RPC used here was fitted and has a further error of 3 to 6 px.
   The positions are whole pixels. The 1 and 9 GCPs of the thesis are not named: H098 and nine roundabouts are used here.
 """

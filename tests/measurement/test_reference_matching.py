@@ -25,7 +25,12 @@ from hrsi.hrsi_engine.measurement.reference.checks import (
     describe_shifts,
     drop_wrong_parts,
 )
-from hrsi.hrsi_engine.measurement.reference.matching import ReferenceControl, find_agreement, match_reference
+from hrsi.hrsi_engine.measurement.reference.matching import (
+    ReferenceControl,
+    choose_places,
+    find_agreement,
+    match_reference,
+)
 from hrsi.hrsi_engine.measurement.reference.options import ReferenceOptions
 from hrsi.hrsi_engine.measurement.reference.predicted_patches import predict_patch, read_patch
 from hrsi.hrsi_engine.measurement.window_matching.correlation import (
@@ -94,6 +99,18 @@ def test_coarser_reference_with_another_band_and_a_large_bias():
     print("RMSE", rmse_px(scene, control), "px,", rmse_px(scene, control) / found.step, "of the reference's")
     assert found.used.sum() > 15
     assert rmse_px(scene, control) < 0.15 * found.step
+
+
+def test_places_are_where_the_texture_is(scene):
+    """Stripes of 60 px with noise between flat ones of 60 px: the middle of every window lies in a stripe."""
+    lines, samples = scene.reference.raster.grey.shape
+    noise = np.random.default_rng(6).normal(500.0, 60.0, (lines, samples))
+    stripes = (np.arange(samples) % 120 >= 60) & np.ones((lines, 1), dtype=bool)
+    reference = replace(scene.reference, raster=ArrayRaster(np.where(stripes, noise, 500.0).astype(np.float32)))
+    places = choose_places(scene.images[:1], reference, scene.terrain, 60, 31)
+    column = reference.to_pixels(places[:, :2])[:, 0] % 120
+    assert len(places) > 20
+    assert np.all((column > 60.0) & (column < 120.0))
 
 
 def test_another_place_is_refused(scene):
