@@ -94,7 +94,6 @@ def list_found(session: PointSession, truth: Truth) -> tuple[list[float], int]:
     return off, asked
 
 
-@pytest.mark.thorough
 def test_points_are_found_on_another_day(folder: Path, truth: Truth, library: str) -> None:
     """At RPCs as delivered half of them, the rest being refused; with the first ones accepted those nearby are more."""
     session = open_new(folder, library)
