@@ -307,6 +307,7 @@ def test_a_panel_is_closed_while_it_adjusts(measured) -> None:
     assert adjust(measured)
 
 
+@pytest.mark.thorough
 def test_rpc_files_without_pixels(qgis_app, qgis_new_project, tmp_path: Path) -> None:
     """The Hobart block: the table takes coordinates, the views say that there are no pixels."""
     hobart = tmp_path / "hobart"
