@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import simulated_blocks as blocks
+from scipy import ndimage
 
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -17,6 +18,7 @@ from hrsi.hrsi_engine.measurement.tile_matching.pair_matching import (
     ImageTile,
     TileMatchOptions,
     TilePairGeometry,
+    _Task,
     match_tile,
     transfer_points,
 )
@@ -170,6 +172,21 @@ def test_the_search_reaches_as_far_as_heights_and_margins_say(pair):
     along, across = frame.reach_px
     assert across == pytest.approx(3.0 / scale, rel=0.01)
     assert along == pytest.approx((12.0 + moved) / scale, rel=0.1)  # a pixel is not as wide in all directions
+
+
+def test_the_sharper_image_gets_the_resolution_of_the_other(pair):
+    """Pixels of 1 m beside such of 2 m: a band of 0.5 and 2 px of the coarser image, and what its pixels blur."""
+    second = rendered(1, gsd_m=2.0)
+    task = _Task(TileFrame(pair[0], second, geometry(gsd_m=2.0)), TileMatchOptions(), np.array([[200, 200]]))
+    own, other = task.images("middle")
+    grey = pair[0].pixels.astype(float)
+    smooth = np.hypot(0.5 * 2.0, 0.5 * np.sqrt(2.0**2 - 1.0))  # a pixel of 2 m is a box; of 1 m there is one already
+    expected = ndimage.gaussian_filter(grey, smooth, truncate=6.0) - ndimage.gaussian_filter(grey, 4.0, truncate=6.0)
+    inner = np.s_[30:-30, 30:-30]
+    assert np.abs(own.grey[inner] - expected[inner]).max() < 0.01 * expected[inner].std()
+    grey = second.pixels.astype(float)
+    expected = ndimage.gaussian_filter(grey, 0.5, truncate=6.0) - ndimage.gaussian_filter(grey, 2.0, truncate=6.0)
+    assert np.abs(other.grey[inner] - expected[inner]).max() < 0.01 * expected[inner].std()
 
 
 def test_without_features_the_prediction_is_enough(pair):
