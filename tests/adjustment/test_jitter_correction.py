@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from scipy.interpolate import BSpline
+from scipy.linalg import null_space
+from scipy.sparse.linalg import splu
 from scipy.stats import norm, t
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
@@ -16,8 +18,20 @@ from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.block.jitter_curve import JitterCurve
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
+from hrsi.hrsi_engine.laboratory.simulation import (
+    SENSORS,
+    Noise,
+    OrientationError,
+    PointCounts,
+    SceneSpec,
+    Vibration,
+    make_along_track_views,
+    simulate_block,
+)
+from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
 NOISE_PX = 0.15
+PIXEL_RAD = SENSORS["pleiades"].detector_angle_rad
 PERIODS, AMPLITUDES = (400.0, 520.0), (0.8, 0.8)  # across and along the track
 
 
@@ -184,6 +198,52 @@ def test_prior_has_unit_variance_and_the_spectrum_of_its_process(damping):
     expected = np.sum(density * np.cos(omega * period / 2.0)) / np.sum(density)  # Wiener and Khinchin
     assert np.allclose(np.diag(covariance), 1.0, atol=0.01)
     assert covariance[0, 1] == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("degrees", "scale"), [(2, 600.0), (4, 600.0), (2, 60.0)])
+def test_variance_without_low_degrees_is_that_of_curves_that_have_none(degrees, scale):
+    spline, k = LineSpline(0.0, 10.0, 200, degrees), np.sqrt(12.0) / scale
+    root = spline.make_prior_root(k, 1.0)
+    precision, line = root.T @ root, np.linspace(0.0, 2000.0, 2001)
+    free = null_space(spline.low_degrees)
+    shown = spline.make_matrix(line) @ free
+    expected = np.mean(np.sum(shown * np.linalg.solve(free.T @ precision @ free, shown.T).T, axis=1))
+    variance = spline.compute_mean_variance(splu(precision.tocsc()), spline.low_degrees)
+    assert variance == pytest.approx(expected, rel=0.02)  # of a variance of 1, and more at the ends
+    # The process without ends (Matern, smoothness 3/2), whose low degrees are conditioned on by its covariances
+    apart = k * np.abs(line[:, None] - line)
+    covariance = (1.0 + apart) * np.exp(-apart)
+    reach = covariance @ np.polynomial.legendre.legvander(line / 1000.0 - 1.0, degrees - 1)
+    low = np.polynomial.legendre.legvander(line / 1000.0 - 1.0, degrees - 1).T @ reach
+    endless = 1.0 - np.trace(reach @ np.linalg.solve(low, reach.T)) / len(line)
+    assert variance == pytest.approx(endless, rel=0.25)
+
+
+def test_surface_takes_waves_of_heights_that_its_sigma_calls_wrong():
+    """Of a wave of 3 m nearly all heights deviate from a DEM of 0.3 m by more than an outlier may."""
+    views = [
+        replace(view, jitter=OrientationError(vibration=Vibration(waves=((2000.0, 2.0 * PIXEL_RAD, phase),))))
+        for view, phase in zip(make_along_track_views(SENSORS["pleiades"], 2, (2000, 8000)), (0.4, 3.0), strict=True)
+    ]
+    scene = SceneSpec(10.0, 45.0, 300.0, relief_m=200.0, seed=3)
+    simulated = simulate_block(scene, views, PointCounts(8, 20, 800), Noise(0.2))
+    place = {name: number for number, name in enumerate(simulated.truth.ids.tolist())}
+    truth = simulated.truth.ground[[place[name] for name in simulated.block.points.ids.tolist()]]
+    tie = np.flatnonzero(simulated.block.points.role == Role.TIE)
+    low, high = truth[:, :2].min(axis=0) - 1e-3, truth[:, :2].max(axis=0) + 1e-3
+    lon, lat = (np.arange(a, b + 1e-4, 1e-4) for a, b in zip(low, high, strict=True))
+    nodes = np.stack([*np.meshgrid(lon, lat), np.zeros((len(lat), len(lon)))], axis=-1).reshape(-1, 3)
+    heights = simulated.scene.terrain.height_at(nodes).reshape(len(lat), len(lon))
+    dem = GridSurface.from_array(heights, (float(low[0]), float(low[1])), (1e-4, 1e-4))
+    waves = []
+    for jitter in ("none", "auto"):
+        result = adjust(simulated.block, AdjustOptions(jitter=jitter, dem=dem, sigma_dem_m=0.3))
+        error = ground_difference_m(result.ground, truth)[tie, 2]
+        line = result.block.images[0].rpc.project(truth[tie])[:, 1]
+        design = np.column_stack([np.ones_like(line), np.cos(np.pi * line / 1000.0), np.sin(np.pi * line / 1000.0)])
+        known = np.isfinite(error)
+        waves.append(np.hypot(*np.linalg.lstsq(design[known], error[known], rcond=None)[0][1:]))
+    assert waves[0] > 2.0 and waves[1] < 0.15 * waves[0]
 
 
 def test_curve_is_undone():

@@ -149,20 +149,28 @@ class HeightObservations:
     surveyed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     memory: GroupHistory = field(default_factory=GroupHistory)
 
-    def add_to_priors(self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray) -> PointPriors:
+    def add_to_priors(
+        self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, alone: bool = False
+    ) -> PointPriors:
         """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
 
-        ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``.
+        ``cofactors (m, 3, 3)`` are those of the positions, for the cameras as they are, under the ``priors``. With
+        ``alone`` each height has the weight of its own sigma, less the median deviation of its source: for errors of
+        the images that change along their lines. Heights do not share these, and deviate by them.
         """
         count = len(ground)
         information, moment = np.zeros(count), np.zeros(count)
         seen, held = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         for one in self.fit_sources(priors, ground, cofactors):
             rows = one.rows
-            weight = rows.share * one.weights[rows.of]
+            used, weights, off_m = one.factor > 0.0, one.weights, 0.0
+            if alone and len(one.miss_m):
+                used, off_m = np.ones_like(used), float(np.median(one.miss_m))
+                weights = 1.0 / (one.sigma_factor * rows.sigma_m) ** 2
+            weight = rows.share * weights[rows.of]
             information += np.bincount(rows.point, weight, count)
-            moment += np.bincount(rows.point, weight * (rows.height - ground[rows.point, 2]), count)
-            held[rows.point[one.factor[rows.of] > 0.0]] = True
+            moment += np.bincount(rows.point, weight * (rows.height - off_m - ground[rows.point, 2]), count)
+            held[rows.point[used[rows.of]]] = True
             seen[rows.point] = True
         target, weights, observed = priors.target.copy(), priors.weight.copy(), priors.observed.copy()
         free = 1.0 / FREE_POINT_SIGMA_M**2

@@ -6,16 +6,17 @@ Measured minus computed image points y, in standard deviations, with the cameras
                                  A a: changes of the cameras' corrections, J d: of the points' positions in metres
 
 A point's d is eliminated with an orthonormal basis N of what J does not reach (N' J = 0), together with what else
-holds it: its survey, heights of a surface or of laser points are further rows. Two rays leave one equation a point,
-across the epipolar line: what vibrates along it, or equally in both images, has no equation and keeps its prior. The
-curves have no constant and linear part, which are the corrections' (Q x = 0 by conditioning, Rue and Held, Gaussian
-Markov Random Fields, 2005, 2.3.3). Nor have they a cubic part where waves are short and little is observed, so that
-few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n + R / s^2, with the variance n of
-the noise. All curves have one variance s^2: where only differences of images are observed, their jitter is shared by
-them. (A variance for each curve gives all of it to one image.) It is iterated by expectation maximisation (Dempster,
-Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curves and of samples of their error, on
-the axis that is better observed, so that it tells how large the other one may be. Of some priors that with the largest
-marginal likelihood is taken. They share the robust weights of the points, which are those of the first one.
+holds it: its survey, heights of a surface or of laser points are further rows, each height with its own sigma. Two rays
+leave one equation a point, across the epipolar line: what vibrates along it, or equally in both images, has no equation
+and keeps its prior. The curves have no constant and linear part, which are the corrections' (Q x = 0 by conditioning,
+Rue and Held, Gaussian Markov Random Fields, 2005, 2.3.3). Nor have they a cubic part where waves are short and little
+is observed, so that few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n + R / s^2, with
+the variance n of the noise. All curves have one variance s^2: where only differences of images are observed, their
+jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated by expectation
+maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curves and of
+samples of their error, on the axis that is better observed, so that it tells how large the other one may be, over the
+share of the prior's variance that Q x = 0 leaves. Of some priors that with the largest marginal likelihood is taken.
+They share the robust weights of the points, which are those of the first one.
 """
 
 from __future__ import annotations
@@ -225,7 +226,9 @@ def _form_rows(
     usable = observations.contributing_points & np.isfinite(ground).all(axis=1)
     usable &= np.logical_and.reduceat(np.isfinite(right).all(axis=1), observations.first[:-1])
     usable &= np.logical_or.reduceat(splines.any(axis=1), observations.first[:-1])
-    priors = solution.weighting.points
+    priors, heights = solution.weighting.points, problem.held_heights
+    if heights is not None:  # that jitter displaces: most deviate by it
+        priors = heights.add_to_priors(priors, ground, solution.normals.inverse, alone=True)
     chosen = np.flatnonzero(usable & ((np.diff(observations.first) > 1) | priors.held))
     chosen = chosen[:: max(-(-len(chosen) // JITTER_CURVES.most_points), 1)]
     matrices, rights, points = [sparse.csr_matrix((0, unknowns))], [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
@@ -313,6 +316,7 @@ class _Fit:
         roots = [place.spline.make_prior_root(*prior) for place in places]
         self.roots, self.precisions = roots, [(root.T @ root).tocsc() for root in roots]
         self.along = [place.spline.make_matrix(place.spline.make_lines()) for place in places]
+        self.of_priors = [splu(one) for one in self.precisions]
         self.set_low_degrees()
         self.noisy = dict[int, np.ndarray]()
 
@@ -323,6 +327,10 @@ class _Fit:
             place.spline.low_degrees[: None if weak.get(start) else LOW_DEGREES]
             for place in self.places for start in (place.start, place.start + place.spline.size)
         ]  # fmt: skip
+        self.kept = [
+            self.places[number // 2].spline.compute_mean_variance(self.of_priors[number // 2], low)
+            for number, low in enumerate(self.low_of_axes)
+        ]
         low = sparse.block_diag(self.low_of_axes).toarray()
         self.low = np.pad(low, ((0, 0), (0, self.weighted.root.shape[1] - low.shape[1])))
 
@@ -333,10 +341,12 @@ class _Fit:
             self._factorise()
             residual = weighted.rows.right - weighted.rows.matrix @ self.solved
             drawn, squares = self.draw(8), list[float]()
-            for place, along in zip(self.places, self.along, strict=True):
-                axes = np.split(np.arange(place.start, place.stop), 2)
-                found = [float(np.mean((along @ self.solved[axis]) ** 2)) for axis in axes]
-                unsure = [float(np.mean((along @ drawn[axis]) ** 2)) for axis in axes]
+            for number, (place, along) in enumerate(zip(self.places, self.along, strict=True)):
+                axes, kept = np.split(np.arange(place.start, place.stop), 2), self.kept[2 * number : 2 * number + 2]
+                found, unsure = (
+                    [float(np.mean((along @ x[axis]) ** 2)) / share for axis, share in zip(axes, kept, strict=True)]
+                    for x in (self.solved, drawn)
+                )
                 squares.append(sum(min(zip(unsure, found, strict=True))))
                 if step < robust:
                     weighted.weak |= {
@@ -358,10 +368,9 @@ class _Fit:
         """Return the logarithm of the marginal likelihood."""
         weighted = self.weighted
         quadratic = float(weighted.right @ weighted.right - weighted.projected @ self.solved) / weighted.noise
-        of_priors = [splu(one) for one in self.precisions]
-        free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in of_priors)
+        free = sum(2.0 * (_log_determinant(one) - one.shape[0] * np.log(self.variance)) for one in self.of_priors)
         by_prior = sum(
-            np.linalg.slogdet(self.variance * low @ of_priors[number // 2].solve(low.T))[1]
+            np.linalg.slogdet(self.variance * low @ self.of_priors[number // 2].solve(low.T))[1]
             for number, low in enumerate(self.low_of_axes)
         )
         by_all = np.linalg.slogdet(self.low @ self._spread)[1]

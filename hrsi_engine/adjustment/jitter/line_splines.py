@@ -19,9 +19,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import SuperLU
 
 LOW_DEGREES = 2  # constant and linear, which the corrections of RPCs follow
 MOST_LOW_DEGREES = 4  # to the cubic
+NODES = 48  # lines by which a variance is averaged: it changes near the ends, over a range
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,3 +95,11 @@ class LineSpline:
         legendre = np.polynomial.legendre.legvander(t, self.degrees - 1)
         rows = (self.make_matrix(line).T @ (weight[:, None] * legendre)).T
         return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+    def compute_mean_variance(self, prior: SuperLU, low: np.ndarray) -> float:
+        """Return the mean variance over the lines of curves with ``low (d, size) @ x = 0``, ``prior`` factors R."""
+        at = self.make_matrix(self.first + self.spacing * self.intervals * (np.arange(NODES) + 0.5) / NODES)
+        spread = prior.solve(at.T.toarray())
+        shown = low @ spread
+        taken = np.sum(shown * np.linalg.solve(low @ prior.solve(low.T.copy()), shown))
+        return float(np.sum(at.T.multiply(spread)) - taken) / NODES
