@@ -33,6 +33,7 @@ from hrsi.hrsi_engine.block.block import Block, Image, Role
 from hrsi.hrsi_engine.foundation.errors import HrsiError
 from hrsi.hrsi_engine.foundation.progress import silent
 from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.laboratory.direct_methods import DIRECT
 from hrsi.hrsi_engine.refinement import MODELS
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, ESTIMATION, Control, estimate
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
@@ -42,6 +43,7 @@ TIGHT = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13, "x_scale": "jac", "max_nfe
 PLAIN = AdjustOptions(reject_sigma=0.0, test_sigmas=False)  # one descent with the sigmas as given
 AT_THE_MINIMUM = 0.1  # standard deviations of one unknown: nothing that one would see in a coordinate
 ONE_PASS = ("idkf", "slss")  # pass over the points once by definition
+STOPPED = "stopped at the iteration limit"
 #: Where the 78 coefficients have several minima and these end in one that is not the lowest; any other is a fault.
 LOCAL_MINIMA = {"SPOT 5, errors of 1000 m and 0.1 rad, 7 GCPs": ("bils", "upoe")}
 TIES_OF_SPOT7 = 300  # of 115 109 for the reference, which knows nothing of sparse equations
@@ -73,8 +75,15 @@ class Run:
         """Whether the reference has no lower place; without a reference, what the engine says."""
         return self.away <= AT_THE_MINIMUM if np.isfinite(self.reference) else self.converged
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether a direct method was stopped far from any minimum: how far is decided by the machine's arithmetic."""
+        return self.model in DIRECT and not self.converged and self.model not in ONE_PASS and not self.is_at_minimum
+
     def row(self) -> list[str]:
         """Return the cells of the table."""
+        if self.is_lost:
+            return [self.model, str(self.steps), STOPPED, "", f"> {AT_THE_MINIMUM}", ""]
         numbers = " ".join(f"{value:.3f}" for value in self.check)
         known = np.isfinite(self.reference)
         return [
@@ -272,7 +281,8 @@ and in m (east, north, height) for blocks.
 
 By definition `idkf` and `slss` use every point once. If their solution is not within 0.1 sigma of the minimum, their
 status contains the distance. An error of 0.1 rad shifts the image by 30 000 pixels. The direct methods are not designed
-for such errors, and their 78 coefficients then have several minima.
+for such errors, and their 78 coefficients then have several minima. If one is stopped far from all of them, its place
+depends on the computer, and its numbers are left out.
 
 {HOBART_NOTE}"""
 
@@ -281,7 +291,10 @@ def summary(found: Sequence[Run]) -> list[str]:
     """Return the row of a set in the overview."""
     ended = [run for run in found if run.model not in ONE_PASS]
     steps = [run.steps for run in ended]
-    missed = [f"{run.model} ({run.away:.2g} sigma, {run.status})" for run in ended if not run.is_at_minimum]
+    missed = [
+        f"{run.model} ({STOPPED})" if run.is_lost else f"{run.model} ({run.away:.2g} sigma, {run.status})"
+        for run in ended if not run.is_at_minimum
+    ]  # fmt: skip
     away = max((run.away for run in ended if run.is_at_minimum and np.isfinite(run.reference)), default=float("nan"))
     return [str(len(found)), f"{np.median(steps):.0f}", str(max(steps)), ", ".join(missed) or "none", f"{away:.2g}"]
 
