@@ -19,7 +19,7 @@ from ..hrsi_engine.io.safety.transactions import Transaction
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from ..hrsi_engine.surface.grid_surface import ConstantHeight
 from .declarations.rpcs import FORMAT_ENDINGS, CropOptions
-from .files.opening import has_file, open_images, open_terrain, window_area
+from .files.opening import open_images, open_terrain, window_area
 from .files.orthoimage_plan import ORTHO_GRID, parse_box
 from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
@@ -58,7 +58,7 @@ def run(options: CropOptions, context: Context) -> Report:
         factor, extent = options.factor or 1.0, (right - left, bottom - top)
         shape = max(1, round(factor * extent[0])), max(1, round(factor * extent[1]))
         window = CropWindow((left, top, *extent), shape)
-        ending = FORMAT_ENDINGS[options.format] if has_file(image) else "_RPC.TXT"
+        ending = FORMAT_ENDINGS[options.format] if image.has_file else "_RPC.TXT"
         jobs.append(CropJob(image, window, crop_rpc(image.rpc, window.place, window.size), f"{image.id}_crop{ending}"))
     folder = options.folder.output_dir
     if context.dry_run:
@@ -112,7 +112,7 @@ def _write_crop(job: CropJob, options: CropOptions, target: str, progress: Progr
         "HRSI_CROP_WINDOW": ",".join(map(str, window.bounds)),
         SIZE_ITEM: SIZE_TEXT.format(*window.size),
     }
-    if not has_file(job.image):
+    if not job.image.has_file:
         write_rpc_text(target, job.rpc, Lineage(items))
         return ()
     told = read_lineage(job.image)

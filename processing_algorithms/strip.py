@@ -17,7 +17,7 @@ from ..hrsi_engine.io.rasters.orthoimages import OrthoFormat
 from ..hrsi_engine.io.rpc_files import Lineage, free_the_way, read_back_px, write_rpc_text
 from ..hrsi_engine.io.safety.transactions import Transaction
 from .declarations.rpcs import FORMAT_ENDINGS, StripOptions
-from .files.opening import has_file, open_images
+from .files.opening import open_images
 from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 
@@ -32,7 +32,7 @@ def run(options: StripOptions, context: Context) -> Report:
     require_plain_name(name, "the id")
     places = place_parts(parts)
     strip = fit_strip(parts, places.first)
-    with_pixels = all(map(has_file, parts))
+    with_pixels = all(part.has_file for part in parts)
     file = name + (FORMAT_ENDINGS[options.format] if with_pixels else "_RPC.TXT")
     grid_file = f"{name}_grid.csv" if strip.max_px.max() > STRIP.fit_px else ""
     warnings = [

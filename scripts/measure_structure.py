@@ -73,6 +73,16 @@ LIMITS: dict[str, float] = {
     "arrows up in adjustment": 0,
     "functions above 60 lines": 0,
     "names that are participles, adverbs or letters, %": 100 * MOST_LISTED,
+    **{
+        f"trip of `{trip}`: {part}": most
+        for trip, stays, climbs in (
+            ("write_results:result", 80, 20),
+            ("triangulate.run:options", 150, 30),
+            ("open_images:paths", 30, 2),
+            ("adjust:block", 35, 8),
+        )
+        for part, most in (("stays", stays), ("climbs", climbs))
+    },
 }
 #: Names that a contract asks of every module of its kind: algorithms, and formats of files.
 CONTRACT_NAMES = {"ALGORITHM", "ALGORITHMS", "run", "summarise", "READER", "read", "text_of", "WRITTEN_BY"}

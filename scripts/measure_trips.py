@@ -23,6 +23,7 @@ import ast
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from sqlite3 import Connection
 from typing import NamedTuple
 
 #: The parameters that travel farthest.
@@ -35,8 +36,8 @@ TRIPS = (
 )
 #: Calls that give back what they were given, in another form.
 COPIES = {"replace", "list", "tuple", "set", "dict", "sorted", "reversed", "enumerate", "zip", "iter", "copy"}
-#: Methods of texts, containers and paths.
-BUILT_IN_METHODS = {name for kind in (str, bytes, dict, list, set, tuple, Path) for name in dir(kind)}
+#: Methods of texts, containers, paths and databases.
+BUILT_IN_METHODS = {name for kind in (str, bytes, dict, list, set, tuple, Path, Connection) for name in dir(kind)}
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 

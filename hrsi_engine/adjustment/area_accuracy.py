@@ -42,15 +42,13 @@ class FEW_GCPS:
 
 
 def describe_parts(
-    problem: Problem, solution: Solution, precise: Precision, covariance: np.ndarray, prior_share: np.ndarray,
-    leave_one_out: float,
-) -> tuple[DatumPart, ...]:  # fmt: skip
+    problem: Problem, solution: Solution, covariance: np.ndarray, prior_share: np.ndarray, leave_one_out: float
+) -> tuple[DatumPart, ...]:
     """Return what holds each part of the block and the accuracy that it predicts.
 
     ``covariance (m, 3, 3)`` are those of all points by everything but their own surveys (`predict_without_surveys`),
     ``leave_one_out`` by how much the GCPs' leave-one-out errors exceed them.
     """
-    observations = problem.observations
     known = finite_rows(covariance[:, :2, :2].reshape(-1, 4))
     # Points with error ellipsoids as long as those of rays that hardly converge. Two rays that converge by an angle g
     # leave one whose longest semi-axis is 2 / tan g times the shortest; what else holds a point makes it shorter.

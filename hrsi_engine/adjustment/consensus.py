@@ -72,8 +72,6 @@ def find_agreeing_measurements(
 ) -> np.ndarray:
     """Return which measurements agree with the others of their points, ``(n,)``.
 
-    Parameters
-    ----------
     state : cameras and points where the adjustment starts, tens of pixels off perhaps
     used : (m,) mask of the points to compare; the measurements of all others count as agreeing
     """

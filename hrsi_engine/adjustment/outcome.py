@@ -91,7 +91,7 @@ def assemble_adjustment(
     covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
         problem, found, solution, precise, cameras, sums["sigma0"], alike, placed, shared
     )
-    parts = describe_parts(problem, solution, precise, without_surveys, prior_share, widened)
+    parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
     (heights, laser), plan = _judge_heights(problem, solution, precise), _judge_plan(problem, solution, precise)
     by_rpcs = problem.held_heights.by_rpcs if problem.held_heights else None
     horizontal, height, correlated = (max(sums["sigma0"], 1.0) * one for one in found.survey_factors)

@@ -133,6 +133,11 @@ class Image:
         return self.raster
 
     @property
+    def has_file(self) -> bool:
+        """Whether it has pixels in a file: not one that is an RPC alone, or comes from arrays."""
+        return self.raster is not None and bool(self.path)
+
+    @property
     def domain_px(self) -> tuple[float, float, float, float]:
         """Image area: first and last sample, first and last line (pixel centres).
 

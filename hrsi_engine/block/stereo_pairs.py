@@ -66,8 +66,6 @@ def choose_stereo_pairs(
 ) -> list[StereoPair]:  # fmt: skip
     """Return the pairs worth matching, the best first.
 
-    Parameters
-    ----------
     pairs : geometry of the pairs
     incidence_deg, suns, times : of the images, by id
     tie_images : ids of the tie points on each image, by the image's id

@@ -21,8 +21,6 @@ register(*ellipsoid.ELLIPSOID_FORMULAS, slope_of_ratio, solve_pair)
 def rpc_tables(rpcs: Sequence[RPC]) -> Arrays:
     """Return what `project_point` needs of some RPCs.
 
-    Returns
-    -------
     constants : (k, 10) ground offsets and inverse scales (3 + 3), image offsets and scales (2 + 2)
     polynomials : (k, 20, 4) coefficients of sample and line numerator, sample and line denominator
     derivatives : (k, 10, 12) those of their derivatives by L, by P and by H

@@ -60,19 +60,10 @@ class PerspectiveCamera:
 def fit_perspective_camera(local: np.ndarray, xy: np.ndarray, sight: np.ndarray) -> PerspectiveCamera:
     """Return the camera that maps ground points to pixels best.
 
-    Parameters
-    ----------
-    local : (n, 3) ndarray
-        Ground points over the whole volume of interest, in metres.
-    xy : (n, 2) ndarray
-        Their pixels.
-    sight : (3,) ndarray
-        Unit vector from the camera to the ground.
+    local : (n, 3) ground points over the whole volume of interest, m; xy : (n, 2) their pixels
+    sight : (3,) unit vector from the camera to the ground
 
-    Raises
-    ------
-    InputError
-        The image is mirrored, which no camera with these parameters is.
+    Raises `InputError` where the image is mirrored, which no camera with these parameters is.
     """
     extent = np.abs(local).max()
     scaled, depth = np.column_stack([local / extent, np.ones(len(local))]), local @ sight / extent

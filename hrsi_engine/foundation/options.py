@@ -81,10 +81,7 @@ def options(cls: type[Described] | None = None, /, *, kw_only: bool = False) -> 
     of the command line's start; here it compiles the first, and the others are shared. The section Parameters of the
     docstring is made from the fields; fields for callers in Python only have their entries in the class's own.
 
-    Parameters
-    ----------
-    kw_only : bool
-        Whether all fields are named in a call; needed where one is required.
+    ``kw_only`` is whether all fields are named in a call; needed where one is required.
     """
     if cls is None:
         return partial(options, kw_only=kw_only)

@@ -98,7 +98,7 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
         return [_make_slip_reason(control, given, named_slip)]
     if apart is not None:
         single = _find_slip_of_points(control, given, apart)
-        return [_make_disagreement_reason(control, given, apart) if single is None else single]
+        return [_make_disagreement_reason(control, apart) if single is None else single]
     if not given.fits:
         return [_make_misfit_reason(control, given, rivals)]
     reasons = _find_large_shifts(control, given, datum)
@@ -303,7 +303,7 @@ def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
     return Level.UNUSABLE if of_gcps or of_all else Level.DOUBTFUL
 
 
-def _make_disagreement_reason(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason:
+def _make_disagreement_reason(control: ControlMeasurements, apart: Disagreement) -> Reason:
     ids = control.point_ids(apart.points)
     east, north, up = apart.step_m
     rows = np.isin(control.point, apart.points)

@@ -47,13 +47,9 @@ def _rotate_ray(
 ) -> Any:
     """Return the tangents x, y of a ray's direction, turned at its station, and their derivatives.
 
-    Parameters
-    ----------
     rays, row, ahead : as in `intersect_frame_height`; roll, pitch, yaw : rad
 
-    Returns
-    -------
-    x, y; their derivatives by roll, pitch, yaw, and by the sample and line of the ray.
+    Result: x, y; their derivatives by roll, pitch, yaw, and by the sample and line of the ray.
     """
     to_sample, to_line = ahead
     tx = rays[row, 2] + rays[row, 8] * to_sample + rays[row, 9] * to_line
@@ -83,17 +79,13 @@ def intersect_frame_height(
 ) -> Any:  # fmt: skip
     """Return the intersection of the corrected ray of an image point with frame height z, and all derivatives.
 
-    Parameters
-    ----------
     constants, coefficients : of `pseudo_sensor.PseudoSensor`, for many images; i : the image
     rays : (n, 18) of `pseudo_rays.compute_pseudo_rays`; row : the image point, or all of them
     sample, line : image point of the ray in ``row``, px; z : m
     ahead : px in sample and line from there to the image point in question, whose ray is extrapolated linearly
 
-    Returns
-    -------
-    (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line; (x, y)
-    by z; and the terms (1, u, v) of the corrections. The sag of the ray is not corrected.
+    Result: (x, y) m; the derivatives of x and those of y by the seven quantities; (xs, xl, ys, yl) by sample and line;
+    (x, y) by z; and the terms (1, u, v) of the corrections. The sag of the ray is not corrected.
     """
     to_sample, to_line = ahead
     u = (sample + to_sample - constants[i, 12]) / constants[i, 14]

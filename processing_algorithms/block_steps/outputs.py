@@ -41,7 +41,6 @@ from ...hrsi_engine.results.block_results import BlockResult, assemble_result
 from ...hrsi_engine.results.lineage import lineage_items
 from ...hrsi_engine.results.stac import DeliveryFiles, item_of_image
 from ...hrsi_engine.results.verdict import Verdict
-from ..files.opening import has_file
 from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
 from ..interface.declare import Context, Report
@@ -72,7 +71,7 @@ COUNTED = {"GCPs": Role.GCP, "check points": Role.CHECK, "tie points": Role.TIE,
 
 def plan_file_names(images: Sequence[Image], how: str) -> dict[str, str]:
     """Return the names of the new files with refined RPCs, by image id."""
-    choices = {image.id: how if has_file(image) or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
+    choices = {image.id: how if image.has_file or how == WRITE_NOTHING else WITHOUT_PIXELS for image in images}
     return {name: name + NEW_FILES[choice][0] for name, choice in choices.items() if choice in NEW_FILES}
 
 
@@ -175,17 +174,14 @@ def write_results(
     curves = {} if found is None or how == WRITE_NOTHING else dict(found)
     if (found is None or how in (WRITE_NOTHING, RESAMPLED)) and os.path.exists(jitter_file):
         stale.append(jitter_file)
-    in_place = [(image, new) for image, new in pairs if how == IN_PLACE and has_file(image)]
+    in_place = [(image, new) for image, new in pairs if how == IN_PLACE and image.has_file]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
         names = plan_file_names(images, how)
         new_files = [(image, new) for image, new in pairs if image.id in names]
-        for part, (image, new) in _tell_writing(new_files, context.stage(0.0, 0.5)):
-            _, write = NEW_FILES[how if has_file(image) else WITHOUT_PIXELS]
-            write(image.path, str(folder / names[image.id]), new.rpc, _lineage_of(image, items), part)
-            if how == RESAMPLED and image.id in curves and has_file(image):
-                rewrite_without_jitter(image.path, str(folder / names[image.id]), curves.pop(image.id), part)
+        targets = {name: str(folder / file) for name, file in names.items()}
+        _write_new_files(new_files, targets, how, curves, items, context.stage(0.0, 0.5))
         _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
@@ -219,6 +215,18 @@ def write_results(
     for image, new in in_place:
         require_in_place(image.path, new.rpc)
     return report
+
+
+def _write_new_files(
+    pairs: Pairs, targets: Mapping[str, str], how: str, curves: dict[str, JitterCurve], items: Mapping[str, str],
+    context: Context,
+) -> None:  # fmt: skip
+    """Write refined RPCs into new files by image id; the curves of images that are resampled without jitter go."""
+    for part, (image, new) in _tell_writing(pairs, context):
+        _, write = NEW_FILES[how if image.has_file else WITHOUT_PIXELS]
+        write(image.path, targets[image.id], new.rpc, _lineage_of(image, items), part)
+        if how == RESAMPLED and image.id in curves and image.has_file:
+            rewrite_without_jitter(image.path, targets[image.id], curves.pop(image.id), part)
 
 
 def _write_curves_in_place(

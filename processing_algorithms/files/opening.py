@@ -58,11 +58,6 @@ def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:
     return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
 
 
-def has_file(image: Image) -> bool:
-    """Tell whether an image has pixels in a file: not one that is an RPC alone, or comes from arrays."""
-    return image.raster is not None and bool(image.path)
-
-
 class ImagePixels(NamedTuple):
     """An image opened for its pixels; ``rpc`` is None where it has none."""
 

@@ -113,8 +113,6 @@ class Param:
 class Context:
     """What an algorithm gets besides its options.
 
-    Parameters
-    ----------
     progress : where it reports how far it is; False cancels
     log : where it tells messages, one line each
     command : the run as a person typed it; made from the options where nobody did
@@ -211,8 +209,6 @@ def _join_items(items: Iterable[Any]) -> str:
 class Algorithm:
     """A declared algorithm.
 
-    Parameters
-    ----------
     name : as on the command line
     title, group, summary, help : texts for people; they name options as arguments in backticks
     options : dataclass of the options, which are its fields (`params_of`)

@@ -174,8 +174,6 @@ def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:
 class PointRays:
     """Points with k measurements each, adjusted side by side with fixed cameras.
 
-    Parameters
-    ----------
     residual, by_ground : (m, k, 2) and (m, k, 2, 3) residuals and derivatives, px and px per metre
     weight : (m, k) of the measurements, variance factor included, 1/px²
     priors, points : those of all points, and which of them these are

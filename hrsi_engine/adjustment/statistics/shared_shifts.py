@@ -77,11 +77,8 @@ def propagate_pointing(
 
     prior_sigma : (cameras, p) a priori standard deviations
     cameras, parameters : numbers of those that the pass has, and of those that point a camera
-
-    Returns
-    -------
-    (m, 3, parameters) and (m, 3, 3) ndarray
-        By how much the common error moves a point, east, north, up; and what C has too much of the own errors.
+    Result: by how much the common error moves a point, east, north, up, (m, 3, parameters); and what C has too much of
+    the own errors (m, 3, 3).
     """
     given = solution.state, solution.weight, solution.weighting.points, solution.weighting.contributes
     unmoved = loop.equations.form_normals(*given)

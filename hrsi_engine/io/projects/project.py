@@ -54,32 +54,16 @@ class PROJECTS:
 class BlockProject:
     """An adjusted block on its way to another program.
 
-    Parameters
-    ----------
-    images : tuple of Image
-        With refined RPCs; ``path`` is the file with the pixels.
-    pairs : tuple of StereoPair
-        Stereo pairs, the best first.
-    area : Polygon
-        Region of interest, lon and lat.
-    whole : bool
-        Whether the area is all that the block covers.
-    surface : HeightSurface
-        Ellipsoidal heights of the ground.
-    gsd_m : float
-        Ground sample distance.
-    epsg : int
-        Projected CRS for results.
-    copy : bool
-        Whether images are copied; else VRTs refer to them.
-    factor : float
-        Size of crops to that of the images.
-    suns, times : dict
-        Sun and acquisition time of the images by id; None where not known.
-    points, surveyed : GroundPoints
-        The points as adjusted, and the known ones among them as surveyed.
-    measured : ImagePoints
-        Where they were measured.
+    images : with refined RPCs; ``path`` is the file with the pixels
+    pairs : stereo pairs, the best first
+    area : region of interest, lon and lat; whole : whether it is all that the block covers
+    surface : ellipsoidal heights of the ground
+    gsd_m : ground sample distance; epsg : projected CRS for results
+    copy : whether images are copied; else VRTs refer to them
+    factor : size of crops to that of the images
+    suns, times : sun and acquisition time of the images by id; None where not known
+    points, surveyed : the points as adjusted, and the known ones among them as surveyed
+    measured : where they were measured
     """
 
     images: tuple[Image, ...]

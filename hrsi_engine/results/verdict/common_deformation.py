@@ -66,18 +66,10 @@ def find_deformed_survey(evidence: Evidence) -> Iterator[Reason]:
 def fit_deformation(images: Sequence[Image], drifts: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the linear deformation of the ground that explains the drifts of images best.
 
-    Parameters
-    ----------
-    images : sequence of Image
-        Two or more.
-    drifts : (n, 4) ndarray
-        Of sample by sample, sample by line, line by sample, line by line, px/px.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Error in east, north and height by metre east and north ``(3, 2)``; and the probability of drifts so much alike
-        where each image has its own (F test).
+    images : two or more
+    drifts : (n, 4) of sample by sample, sample by line, line by sample, line by line, px/px
+    Result: error in east, north and height by metre east and north ``(3, 2)``; and the probability of drifts so much
+    alike where each image has its own (F test).
     """
     design = np.concatenate([_make_design(image) for image in images])
     found, *_ = np.linalg.lstsq(design, drifts.ravel(), rcond=None)
