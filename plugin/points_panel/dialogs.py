@@ -3,13 +3,14 @@
 from typing import Any
 
 from qgis.core import QgsMapLayer, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer
-from qgis.gui import QgsCollapsibleGroupBoxBasic, QgsFileWidget, QgsProjectionSelectionWidget
+from qgis.gui import QgsFileWidget, QgsProjectionSelectionWidget
 from qgis.PyQt.QtWidgets import (
     QComboBox,
     QDialog,
     QDialogButtonBox,
     QDoubleSpinBox,
     QFormLayout,
+    QGroupBox,
     QHBoxLayout,
     QLineEdit,
     QMenu,
@@ -66,11 +67,10 @@ class NewBlockDialog(QDialog):
         images.addWidget(self.layers)
         form.addRow(tr("Images or RPC files"), images)
         form.addRow(tr("Ground points"), self.gcps.widget)
-        fields = QgsCollapsibleGroupBoxBasic(tr("Fields of the GCPs"))
-        fields.setCollapsed(True)
-        fields.setLayout(QFormLayout())
+        fields = QGroupBox(tr("Fields of the GCPs"))
+        rows = QFormLayout(fields)
         for field, label in label_gcp_fields().items():
-            fields.layout().addRow(label, self.fields[field])
+            rows.addRow(label, self.fields[field])
         form.addRow(fields)
         form.addRow(tr("Image points (optional)"), self.image_points.widget)
         form.addRow(tr("CRS, where the points name none"), self.crs)

@@ -248,10 +248,6 @@ class QgsProjectionSelectionWidget(QtWidgets.QComboBox):
         return _NoCrs()
 
 
-class QgsCollapsibleGroupBoxBasic(QtWidgets.QGroupBox):
-    def setCollapsed(self, _is_collapsed: bool) -> None: ...
-
-
 class QgsExtentWidget(QtWidgets.QLineEdit):
     WidgetStyle = AnyEnumeration("WidgetStyle", (), {})
     extentChanged, toggleDialogVisibility = QtCore.pyqtSignal(object), QtCore.pyqtSignal(bool)
@@ -308,8 +304,7 @@ STAND_INS = {
     ),
     "gui": (
         QgsMapCanvas, QgsMapCanvasItem, QgsMapToolEmitPoint, QgsFileWidget, QgsProjectionSelectionWidget,
-        QgsCollapsibleGroupBoxBasic, QgsExtentWidget, QgsAbstractProcessingParameterWidgetWrapper,
-        QgsApplicationExitBlockerInterface,
+        QgsExtentWidget, QgsAbstractProcessingParameterWidgetWrapper, QgsApplicationExitBlockerInterface,
     ),
     "utils": (),
 }  # fmt: skip
