@@ -185,7 +185,8 @@ def watch_exceptions() -> None:
 if SOCKET_VARIABLE in os.environ:
     iface.mainWindow().setGeometry(0, 0, *map(int, os.environ["HRSI_DESKTOP_SIZE"].split("x")))
     watch_exceptions()
-    faulthandler.register(signal.SIGUSR1, all_threads=True)  # what every thread does, into the log
+    faulthandler.enable()  # what every thread does, into the log: at a crash, and when it is asked for
+    faulthandler.register(signal.SIGUSR1, all_threads=True)
     RELEASES = Releases()
     QApplication.instance().installNativeEventFilter(RELEASES)
     AGENT = Agent(os.environ[SOCKET_VARIABLE])

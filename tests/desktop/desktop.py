@@ -154,11 +154,14 @@ class Desktop:
         """Return an expression's value in QGIS, or the ``result`` that statements leave."""
         self._socket.sendall(json.dumps({"code": code}).encode() + b"\n")
         try:
-            answer = json.loads(self._answers.readline() or '{"error": "QGIS is gone", "uncaught": []}')
+            line = self._answers.readline()
         except TimeoutError:
             self.process.send_signal(signal.SIGUSR1)
             time.sleep(1.0)
             raise DesktopError(f"no answer: {(self.work / 'qgis.log').read_text()[-6000:]}") from None
+        if not line:
+            raise DesktopError(f"QGIS is gone: {(self.work / 'qgis.log').read_text()[-6000:]}")
+        answer = json.loads(line)
         failures = [*answer["uncaught"], answer["error"]]
         if any(failures):
             raise DesktopError("\n".join(filter(None, failures)))

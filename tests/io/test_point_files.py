@@ -362,7 +362,7 @@ DAMAGED = [
     ("id,lon,lat,height\n", "contains no points"),
     ("id,x,y,z\nA,5,44,1\n", "ground_crs"),
     ("id,foo\nA,1\n", "neither positions"),
-    ("Punkt;Rechtswert;Hochwert\nA;1;2\n", "say which are meant: FILE|columns=id=Punkt,"),
+    ("Punkt;Rechtswert;Hochwert\nA;1;2\n", "name those meant: FILE|columns=id=Punkt,"),
     ("5,44,1\n6,45,2\n", "add a header line"),
     ("", "add a header line"),
     ("id,image,sample,line\nA,i,5,\n", "field 'line' is empty"),

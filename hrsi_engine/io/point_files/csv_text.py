@@ -265,7 +265,7 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
         if not table.match_fields(names):
             raise InputError(
                 f"{path}: its columns are called {', '.join(names)}, which are no fields of points: call them id, lon, "
-                f"lat, height (or x, y), image, sample, line, or say which are meant: FILE|columns=id={names[0]},…"
+                f"lat, height (or x, y), image, sample, line, or name those meant: FILE|columns=id={names[0]},…"
             )
     width = len(names) or (len(rows[0]) if rows else 0)
     wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
