@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from qgis.core import QgsApplication, QgsTask
@@ -12,6 +14,18 @@ from ..hrsi_engine.foundation.progress import Progress
 from .dependencies import missing_package_message
 
 _BEGUN: set[BackgroundTask] = set()  # QGIS holds the C++ half of a task only: the Python half must outlive it
+
+
+def run_apart(work: Callable[[], Any]) -> Any:
+    """Return what ``work`` returns; where a thread of QGIS calls, it runs in a thread that Python has made.
+
+    Python has a state for a thread of QGIS during one call only. pyproj 3.7 frees its context with that state, and
+    finds the freed one again in the next call of that thread, which ends QGIS (pyproj4/pyproj, issue 1622).
+    """
+    if threading.get_ident() == threading.main_thread().ident:
+        return work()
+    with ThreadPoolExecutor(1) as apart:
+        return apart.submit(work).result()
 
 
 class BackgroundTask(QgsTask):
@@ -37,7 +51,7 @@ class BackgroundTask(QgsTask):
 
     def run(self) -> bool:
         try:
-            self.outcome = self._work(self.progress)
+            self.outcome = run_apart(lambda: self._work(self.progress))
         except Cancelled:
             return False
         except HrsiError as error:

@@ -27,6 +27,7 @@ from ..hrsi_engine.foundation.errors import Cancelled, HrsiError
 from ..hrsi_engine.foundation.reasons import Level
 from ..processing_algorithms.interface.declare import Algorithm, Context, Report, spell_arguments
 from ..processing_algorithms.interface.options import check_options
+from .background_task import run_apart
 from .dependencies import missing_package_message
 from .help import help_url, short_help
 from .icons import icon_path
@@ -121,7 +122,8 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         """Run the engine; an empty result means that the user cancelled."""
         told = Context(progress_to(feedback), lambda message: feedback.pushInfo(self._name_options(message)))
         try:  # errors become one line, unexpected ones keep their traceback
-            report = self.declaration.execute(check_options(self.declaration, self._options), told)
+            options = check_options(self.declaration, self._options)
+            report = run_apart(lambda: self.declaration.execute(options, told))
         except Cancelled:
             feedback.pushInfo(tr("Cancelled; nothing was written"))
             return {}

@@ -348,7 +348,7 @@ class ImageView(QWidget):
     def _stretch(self) -> None:
         """Stretch the contrast to what is in view."""
         layer, band, extent = self._layer, self.band.value(), self.canvas.extent()
-        if layer is None:
+        if layer is None or extent.isEmpty():  # a canvas begins without an extent, which is infinite in QGIS 3.40
             return
         step = max(extent.width(), 1.0) / 4.0  # a view that moves less shows nearly the same
         wanted = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
 from collections.abc import Callable
 
@@ -11,7 +12,7 @@ from qgis.core import QgsApplication
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.progress import advance
-from hrsi.plugin.background_task import BackgroundTask
+from hrsi.plugin.background_task import BackgroundTask, run_apart
 
 
 class Work(BackgroundTask):
@@ -62,6 +63,23 @@ def test_cancelled_says_nothing(qgis_app) -> None:
     task.cancel()
     wait_for(task)
     assert (task.ended, task.failure) == ("terminated", "")
+
+
+def test_work_is_done_in_a_thread_of_python(qgis_app) -> None:
+    """A thread of QGIS has a new state in Python at each call, and pyproj 3.7 has freed what it kept there."""
+    threads: list[threading.Thread] = []
+
+    class Noting(Work):
+        def work(self) -> None:
+            threads.append(threading.current_thread())
+
+    task = Noting()
+    task.start()
+    wait_for(task)
+    assert task.ended == "completed"
+    (thread,) = threads
+    assert thread is not threading.main_thread() and not isinstance(thread, threading._DummyThread)
+    assert run_apart(threading.current_thread) is threading.main_thread()
 
 
 def test_nobody_needs_to_hold_a_task(qgis_app) -> None:

@@ -72,6 +72,9 @@ class QgsRectangle:
     def width(self) -> float:
         return self.sides[2] - self.sides[0]
 
+    def isEmpty(self) -> bool:
+        return False
+
     def xMinimum(self) -> float:
         return self.sides[0]
 
