@@ -152,9 +152,12 @@ class Desktop:
 
     def ask(self, code: str) -> Any:
         """Return an expression's value in QGIS, or the ``result`` that statements leave."""
-        self._socket.sendall(json.dumps({"code": code}).encode() + b"\n")
+        line = ""
         try:
+            self._socket.sendall(json.dumps({"code": code}).encode() + b"\n")
             line = self._answers.readline()
+        except ConnectionError:
+            time.sleep(1.0)  # for its last words
         except TimeoutError:
             self.process.send_signal(signal.SIGUSR1)
             time.sleep(1.0)

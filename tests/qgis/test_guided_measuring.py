@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from long_tests import mark_beyond
-from qgis.core import QgsPointXY
+from qgis.core import QgsPointXY, QgsRectangle
 from qgis.PyQt.QtCore import QPoint, Qt
 from qgis.PyQt.QtGui import QImage
 from qgis.PyQt.QtTest import QTest
@@ -315,3 +315,14 @@ def test_contrast_is_that_of_the_view(adjusted) -> None:
     for chosen, gamma in ((other, 1.0), (image, 1.8)):
         adjusted.frame_image(chosen)
         assert adjusted.ui.views[0].gamma.value() == gamma
+
+
+def test_contrast_waits_for_an_extent(adjusted, monkeypatch) -> None:
+    """A new canvas of QGIS 3.40 has an extent without end."""
+    view, nothing = adjusted.ui.list_views()[0], QgsRectangle()
+    nothing.setMinimal()
+    before = view.grey_range
+    with monkeypatch.context() as patched:
+        patched.setattr(view.canvas, "extent", lambda: nothing)
+        view.show_place((100.0, 100.0))
+    assert view.grey_range == before
