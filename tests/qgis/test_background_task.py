@@ -6,13 +6,16 @@ import gc
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
-from qgis.core import QgsApplication
+from qgis.core import QgsApplication, QgsProcessingAlgRunnerTask, QgsProcessingContext, QgsProcessingFeedback
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.progress import advance
 from hrsi.plugin.background_task import BackgroundTask, run_apart
+from hrsi.plugin.provider import PluginAlgorithm
+from hrsi.tests.qgis import tiny
 
 
 class Work(BackgroundTask):
@@ -80,6 +83,24 @@ def test_work_is_done_in_a_thread_of_python(qgis_app) -> None:
     (thread,) = threads
     assert thread is not threading.main_thread() and not isinstance(thread, threading._DummyThread)
     assert run_apart(threading.current_thread) is threading.main_thread()
+
+
+def test_algorithms_do_so_too(qgis_processing, monkeypatch, tmp_path: Path) -> None:
+    threads: list[threading.Thread] = []
+    monkeypatch.setattr(tiny, "_fail_as_asked", lambda _text: threads.append(threading.current_thread()))
+    context, feedback = QgsProcessingContext(), QgsProcessingFeedback()
+    given = {"IMAGES": ["/data/a_RPC.TXT"], "OUTPUT_DIR": str(tmp_path / "out")}
+    algorithm, ended = PluginAlgorithm(tiny.TINY).create(), list[bool]()
+    task = QgsProcessingAlgRunnerTask(algorithm, given, context, feedback)
+    task.executed.connect(lambda is_done, _results: ended.append(is_done))
+    QgsApplication.taskManager().addTask(task)
+    end = time.monotonic() + 30.0
+    while not ended:
+        assert time.monotonic() < end, "waited in vain"
+        QgsApplication.processEvents()
+    assert ended == [True], feedback.textLog()
+    (thread,) = threads
+    assert thread is not threading.main_thread() and not isinstance(thread, threading._DummyThread)
 
 
 def test_nobody_needs_to_hold_a_task(qgis_app) -> None:
