@@ -25,6 +25,8 @@ from hrsi.hrsi_engine.laboratory.interest_points import (
 from hrsi.hrsi_engine.laboratory.simulation import BlockSimulation
 from hrsi.hrsi_engine.measurement.interest_points import STRONG_QUALITY, Area, CentreOptions, windows
 from hrsi.hrsi_engine.measurement.interest_points.corners import CORNER_DETECTION, compute_structure_tensor
+from hrsi.hrsi_engine.measurement.interest_points.gravity_centres import find_gravity_centres
+from hrsi.hrsi_engine.measurement.interest_points.shapes import SHAPE, compute_size_tolerance
 from hrsi.hrsi_engine.measurement.targets.measuring import measure_target
 
 EVERY_DETECTOR = pytest.mark.parametrize("detector", DETECTORS)
@@ -73,6 +75,19 @@ def test_contrast_is_relative_to_its_surroundings():
         for part, expected in ((left, deviation), (right, 1.0)):
             assert found[part].std() == pytest.approx(expected, rel=0.02)  # of 65536 and of 25600 pixels: 0.5 %
             assert found[part].mean() == pytest.approx(0.0, abs=0.05)
+
+
+def test_quality_of_a_whole_outline_is_that_of_its_precision():
+    """A bright disc without noise: contrast and outline score 1, so rmse and sigma alone lower the fifth power."""
+    column, row = np.meshgrid(np.arange(128.0), np.arange(128.0))
+    share = np.clip(12.5 - np.hypot(column - 63.3, row - 62.8), 0.0, 1.0)  # of a pixel on the edge
+    grey = 200.0 + 400.0 * share + np.random.default_rng(2).normal(0.0, 1.0, share.shape)
+    statistics = windows.ImageStatistics(None, 1.0, 20.0)
+    (centre,) = find_gravity_centres(window_of(grey), statistics, CentreOptions())
+    tolerance = compute_size_tolerance(SHAPE.polygon_tolerance, centre.size_px[None])[0]
+    sigma = centre.sigma_px
+    assert np.hypot(*(centre.xy - [63.3, 62.8])) < 0.1
+    assert centre.quality**5 == pytest.approx((1.0 - centre.rmse_px / tolerance) * (1.0 - sigma / 0.25), rel=1e-4)
 
 
 def test_peaks_are_those_of_a_paraboloid():
