@@ -42,7 +42,8 @@ from hrsi.benchmarks.pages import DATA, ROOT
 REGISTRY, MADE = ROOT / "benchmarks" / "registry.toml", ROOT / "benchmarks" / "made.csv"
 CHECKED = ROOT / "benchmarks" / "checked.csv"
 MADE_COLUMNS = ["name", "commit", "date", "machine", "data", "cpu_s"]
-CHECKED_COLUMNS = ["name", "commit", "date", "what", "cpu_s"]  # what: whole, or the numbers of the samples
+CHECKED_COLUMNS = ["name", "commit", "date", "what", "cpu_s"]  # what: whole, the numbers of the samples, or DIFFERS
+DIFFERS = "differs"
 #: A figure that takes longer is checked by a full check only, never in a turn.
 MOST_CPU_S_IN_TURN = 300.0
 TURNS = 10
@@ -303,16 +304,17 @@ def check(figures: Sequence[Figure], note: bool = False) -> int:
 
 
 def note_check(checked: dict[str, dict[str, str]], figure: Figure, commit: str, seconds: float, well: bool) -> None:
-    """Write down a check; what differs has no entry, and samples of one commit stand in one."""
+    """Write down a check; samples of one commit stand in one entry, and differ where one of them does."""
     name, _, number = figure.name.partition(" ")  # of a sample
     last = checked.get(name)
-    if not well:
-        checked.pop(name, None)
-        return
-    more = bool(number and last and last["commit"] == commit and last["what"].startswith("sample"))
+    more = bool(number and last and last["commit"] == commit and last["what"] != "whole")
+    what = "whole"
+    if not well or (more and last["what"] == DIFFERS):
+        what = DIFFERS
+    elif number:
+        what = f"{last['what']} {number}" if more else f"samples {number}"
     checked[name] = {
-        "name": name, "commit": commit, "date": datetime.date.today().isoformat(),
-        "what": (f"{last['what']} {number}" if more else f"samples {number}") if number else "whole",
+        "name": name, "commit": commit, "date": datetime.date.today().isoformat(), "what": what,
         "cpu_s": f"{seconds + (float(last['cpu_s']) if more else 0.0):.0f}",
     }  # fmt: skip
 
@@ -343,6 +345,7 @@ def is_stale(figure: Figure, made: dict[str, dict[str, str]]) -> bool:
 def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> None:
     """Write docs/figures.md."""
     rows, checked = [], read_rows(CHECKED)
+    longest = max(sum(one.cpu_s for one in take_turn(figures, day)) for day in range(TURNS))
     for figure in sorted(figures, key=lambda one: one.page):
         last = made.get(figure.name, dict.fromkeys(("commit", "date", "machine", "cpu_s"), ""))
         found = checked.get(figure.name)
@@ -352,7 +355,9 @@ def write_page(figures: Sequence[Figure], made: dict[str, dict[str, str]]) -> No
             f"| {where} | `{figure.command.format(docs='docs')}` | {last['date']} | {last['commit']} "
             f"| {last['machine']} | {last['cpu_s']} | {100.0 * figure.tolerance:g} % | {seen} |"
         )
-    (ROOT / "docs" / "figures.md").write_text("\n".join([PAGE_HEAD, *rows, ""]), encoding="utf-8")
+    (ROOT / "docs" / "figures.md").write_text(
+        "\n".join([PAGE_HEAD.format(longest=longest), *rows, ""]), encoding="utf-8"
+    )
 
 
 PAGE_HEAD = """# Where the figures come from
@@ -361,11 +366,12 @@ Each page below, or the named part of it, is written by one command only. `make 
 data or command changed. `make figures-check` runs every command in a separate folder and compares the numbers. A number
 may differ by the tolerance, or by one unit of its last digit. Times and memory depend on the computer and are not
 compared. Studies of hours have samples in `benchmarks/registry.toml`: commands that make some of their rows again. CI
-checks a tenth of the shorter figures and samples every day (`figures.py check --turn`); `figures.py check --samples`
-checks all of them. This page is written by `python benchmarks/figures.py page`.
+checks a tenth of the shorter figures and samples every day (`figures.py check --turn`), {longest:.0f} CPU s at most by
+the times of the registry. `figures.py check --samples` checks all of them. This page is written by
+`python benchmarks/figures.py page`.
 
-The last column is about checks that found the figures as documented: date, commit, and whether the whole page was made
-again or samples of it. Without an entry there was no such check.
+The last column is about the last check: date, commit, and whether the whole page or samples of it were as documented,
+or differed. Without an entry there was none.
 
 | page | made by `python …` | date | commit | machine | CPU s | tolerance | checked |
 |---|---|---|---|---|---:|---:|---|"""

@@ -139,7 +139,7 @@ def test_long_studies_have_samples():
 
 
 def test_notes_of_checks_say_what_was_checked():
-    """Samples of one commit stand together; a whole page and another commit begin anew; what differs has no note."""
+    """Samples of one commit stand together, and differ where one does; a whole page and another commit begin anew."""
     figure, checked = REGISTRY["coverage"], {}
     first, second = figure.draw_samples()[:2]
     figures.note_check(checked, first, "aaaa", 10.0, True)
@@ -149,5 +149,6 @@ def test_notes_of_checks_say_what_was_checked():
     assert (checked["coverage"]["what"], checked["coverage"]["commit"]) == ("samples 2", "bbbb")
     figures.note_check(checked, figure, "bbbb", 50.0, True)
     assert checked["coverage"]["what"] == "whole"
-    figures.note_check(checked, first, "bbbb", 10.0, False)
-    assert not checked
+    figures.note_check(checked, first, "cccc", 10.0, False)
+    figures.note_check(checked, second, "cccc", 5.0, True)
+    assert (checked["coverage"]["what"], checked["coverage"]["commit"]) == ("differs", "cccc")
