@@ -328,7 +328,11 @@ def _collect_warnings(
     reasons = dict.fromkeys(estimate_pointing(observations.images[i]).reason for part in free for i in part.images)
     names = [image.id for image in observations.images]
     warnings = [f"{len(lost)} points could not be intersected and are not used: {list_ids(lost)}"] if len(lost) else []
-    warnings += [*weak, *_warn_of_open_plan(surfaces)]
+    warnings += [
+        *weak,
+        *(f"the relief of the DEM does not determine {list_ids(one.images)} in plan: {one.why_open}; the RPCs "
+          "determine its position" for one in surfaces if one.why_open),
+    ]  # fmt: skip
     alone = [names[part.images[0]] for part, ok in zip(parts, located, strict=True) if len(part.images) == 1 and not ok]
     if alone:
         warnings.append(f"no GCP and no tie point on {list_ids(alone)}: the RPC is not changed")
@@ -488,16 +492,6 @@ def _match_surfaces(
             images, dem, points, ground, sigma_m, options.surface_kind, options.surface_search_m,
         ))  # fmt: skip
     return tuple(one for one in found if one is not None)
-
-
-def _warn_of_open_plan(surfaces: Sequence[SurfacePlan]) -> list[str]:
-    """Name parts that the relief of a surface does not hold in plan."""
-    return [
-        f"the relief of the DEM does not determine {list_ids(one.images)} in plan: {one.why_open}; the RPCs determine "
-        "its position"
-        for one in surfaces
-        if one.why_open
-    ]
 
 
 def _displace_start(

@@ -84,8 +84,14 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
     for place, found in zip(covariance, refinements, strict=True):
         own = len(found.estimate.values)
         place[:own, :own] = found.estimate.covariance
-    residual, weight = _control_residuals(block, refinements)
-    points, rows = len(block.points), len(block.measurements)
+    # Residuals of the measurements that were used, and weights 1 or 0
+    points, rows, measured = len(block.points), len(block.measurements), block.measurements
+    residual, weight = np.full((rows, 2), np.nan), np.zeros(rows)
+    for index, found in enumerate(refinements):
+        here = np.flatnonzero(measured.image == index)
+        row, same = match_names(block.points.ids[measured.point[here]], found.control.ids)
+        residual[here[same]] = found.estimate.residual_px[row[same]]
+        weight[here[same]] = 1.0
     redundancy = sum(found.estimate.redundancy for found in refinements)
     squares = sum(found.estimate.sigma0**2 * found.estimate.redundancy for found in refinements)
     converged = all(found.estimate.converged for found in refinements)
@@ -126,15 +132,3 @@ def separate_result(block: Block, refinements: Sequence[Refinement]) -> Adjustme
 
 def _pad_rows(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
     return np.array([np.pad(row, (0, width - len(row))) for row in rows]).reshape(len(rows), width)
-
-
-def _control_residuals(block: Block, refinements: Sequence[Refinement]) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals ``(n, 2)`` of the measurements that were used, NaN elsewhere, and weights 1 or 0."""
-    rows = block.measurements
-    residual, weight = np.full((len(rows), 2), np.nan), np.zeros(len(rows))
-    for index, found in enumerate(refinements):
-        here = np.flatnonzero(rows.image == index)
-        row, same = match_names(block.points.ids[rows.point[here]], found.control.ids)
-        residual[here[same]] = found.estimate.residual_px[row[same]]
-        weight[here[same]] = 1.0
-    return residual, weight

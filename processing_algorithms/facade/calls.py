@@ -365,28 +365,27 @@ def describe_call(algorithm: Algorithm) -> str:
         entries += _wrap_text(f"{text}{stated}.", "    ")
     given = any(param.key == "output_dir" for param in algorithm.params)
     folder_note = "Without ``output_dir`` they go when the result does." if given else ""
-    return "\n".join([
-        f"{algorithm.summary}.",
-        "",
-        *_wrap_text(told, ""),
-        "",
-        "Parameters",
-        "----------",
-        *entries,
-        f"{PROGRESS} : callable, optional",
-        "    Called with a fraction and a message; False cancels.",
-        "",
-        "Returns",
-        "-------",
-        "Result",
-        "    The report, its tables and files. " + folder_note,
-        "",
-        "Raises",
-        "------",
-        "HrsiError",
-        "    What is wrong with the input, and what to do about it.",
-        "",
-    ])  # fmt: skip
+    wrapped, described = "\n".join(_wrap_text(told, "")), "\n".join(entries)
+    return f"""{algorithm.summary}.
+
+{wrapped}
+
+Parameters
+----------
+{described}
+{PROGRESS} : callable, optional
+    Called with a fraction and a message; False cancels.
+
+Returns
+-------
+Result
+    The report, its tables and files. {folder_note}
+
+Raises
+------
+HrsiError
+    What is wrong with the input, and what to do about it.
+"""
 
 
 def _wrap_text(text: str, indent: str) -> list[str]:
