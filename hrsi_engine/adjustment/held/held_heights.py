@@ -24,6 +24,7 @@ import numpy as np
 from ...block.orthoimage import DEM, divide_area
 from ...foundation.robust_scale import robust_sigma
 from ...foundation.thresholds import threshold, thresholds
+from ...ground.geodesy import metres_per_degree
 from ...ground.operation_uses import largest_sigma_m
 from ...surface.dem import HeightSurface, surface_heights
 from ..equations import FREE_POINT_SIGMA_M, PointPriors
@@ -49,6 +50,7 @@ class HEIGHTS:
         "GLO-30: 4 m LE90 with noise of 1 to 3 m",
     )  # fmt: skip
     most_gcps: int = threshold(24, "GCPs", "whose surveyed heights are compared with the sources, evenly chosen")
+    alike_m: float = threshold(100.0, "m", "size of cells whose heights count as one height where jitter is estimated")
     least_common_m: float = threshold(1e-3, "m", "error that surveyed heights share: each is wrong by itself")
 
 
@@ -168,6 +170,10 @@ class HeightObservations:
                 used, off_m = np.ones_like(used), float(np.median(one.miss_m))
                 weights = 1.0 / (one.sigma_factor * rows.sigma_m) ** 2
             weight = rows.share * weights[rows.of]
+            if alone:  # neighbours err alike, and count as one
+                cell = np.floor(ground[rows.point] * metres_per_degree(ground[rows.point]) / HEIGHTS.alike_m)[:, :2]
+                _, number, count_of = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+                weight = weight / count_of[number]
             information += np.bincount(rows.point, weight, count)
             moment += np.bincount(rows.point, weight * (rows.height - off_m - ground[rows.point, 2]), count)
             held[rows.point[used[rows.of]]] = True

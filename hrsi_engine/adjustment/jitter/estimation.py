@@ -11,12 +11,12 @@ leave one equation a point, across the epipolar line: what vibrates along it, or
 and keeps its prior. The curves have no constant and linear part, which are the corrections' (Q x = 0 by conditioning,
 Rue and Held, Gaussian Markov Random Fields, 2005, 2.3.3). Nor have they a cubic part where waves are short and little
 is observed, so that few GCPs do not bend the block. The posterior has the precision matrix K = B' B / n + R / s^2, with
-the variance n of the noise. All curves have one variance s^2: where only differences of images are observed, their
-jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated by expectation
-maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the curves and of
-samples of their error, on the axis that is better observed, so that it tells how large the other one may be, over the
-share of the prior's variance that Q x = 0 leaves. Of some priors that with the largest marginal likelihood is taken.
-They share the robust weights of the points, which are those of the first one.
+the variance n of the noise, 1 or more. All curves have one variance s^2: where only differences of images are
+observed, their jitter is shared by them. (A variance for each curve gives all of it to one image.) It is iterated by
+expectation maximisation (Dempster, Laird and Rubin, J. R. Statist. Soc. B 39, 1977, 1-38): the mean square of the
+curves and of samples of their error, on the axis that is better observed, so that it tells how large the other one may
+be, over the share of the prior's variance that Q x = 0 leaves. Of some priors that with the largest marginal likelihood
+is taken. They share the robust weights of the points, which are those of the first one.
 """
 
 from __future__ import annotations
@@ -356,7 +356,8 @@ class _Fit:
             before, self.variance = self.variance, max(float(np.mean(squares)), JITTER_CURVES.least_px**2)
             unsure_rows = float(np.mean(np.sum((weighted.root @ drawn) ** 2, axis=0)))
             weight = weighted.weight
-            weighted.noise = float(weight @ residual**2 + unsure_rows) / float(weight.sum())
+            # Dense matches agree better than they say; GCPs and heights are no better for that
+            weighted.noise = max(float(weight @ residual**2 + unsure_rows) / float(weight.sum()), 1.0)
             if step < robust:
                 weighted.weigh(residual)
                 self.set_low_degrees()
