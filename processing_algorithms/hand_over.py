@@ -26,6 +26,7 @@ from ..hrsi_engine.io.rasters.sun_angles import read_sun, read_time
 from ..hrsi_engine.io.rpc_files import read_rpc
 from ..hrsi_engine.ortho.point_surface import surface_of_points
 from .block_steps.inputs import open_block_images
+from .block_steps.outputs import RESAMPLED
 from .declarations.rpcs import HandOverOptions
 from .files.opening import dem_surface
 from .files.orthoimage_plan import parse_box
@@ -96,13 +97,14 @@ def run(options: HandOverOptions, context: Context) -> Report:
 
 
 def _use_refined_rpc(image: Image, told: Mapping[str, Any], folder: str) -> Image:
-    """Return an image with the refined RPC that its result folder, by its report, holds."""
+    """Return an image with the refined RPC that its result folder, by its report, holds, and with pixels that fit."""
     found = find_image_outputs(told, folder).get(image.id, "")
     if not os.path.isfile(found):
         raise InputError(
             f"{folder}: contains no refined RPC of {image.id}: adjust the block again and let it be written"
         )
-    return replace(image, rpc=read_rpc(found).rpc)
+    resampled = (told.get("options") or {}).get("write") == RESAMPLED  # without jitter, which the RPC does not hold
+    return replace(image, rpc=read_rpc(found).rpc, path=found if resampled else image.path)
 
 
 def _pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:

@@ -61,6 +61,19 @@ def gdal_rpc(path: Path) -> dict[str, str]:
     return gdal.Open(str(path)).GetMetadata("RPC")
 
 
+def test_images_without_jitter_are_handed_over_where_they_were_written(block):
+    made, result, folder = block / "made", block / "without_jitter", block / "s2p_without_jitter"
+    run(
+        "adjust", images=[str(made / f"image_{number}.tif") for number in (1, 2, 3)], jitter="40", write="resampled",
+        gcps=str(made / "ground_points.csv"), image_points=str(made / "image_points.csv"),
+        height_datum="ellipsoidal", report=False, output_dir=str(result),
+    )  # fmt: skip
+    run("hand-over", result=str(result), to="s2p", output_dir=str(folder))
+    for name in ("image_1.tif", "image_2.tif"):
+        handed, without, shaken = (gdal.Open(str(place / name)).ReadAsArray() for place in (folder, result, made))
+        assert np.array_equal(handed, without) and not np.array_equal(handed, shaken), name
+
+
 def test_every_target_is_declared():
     assert tuple(PROJECT_PLANNERS) == NEXT_PROGRAMS
 
