@@ -1,12 +1,12 @@
 """Waves of surface models before and after jitter is removed.
 
-`jitter_surface.py [cars s2p] [--bin s2p=DIR …] [--work DIR]`
+`jitter_surface.py [cars s2p] [--bin s2p=DIR …] [--work DIR] [--docs]`
 
 A pair of 1000 x 6000 px is rendered whose attitude vibrates by 3 px with a period of 1500 lines. `triangulate` adjusts
 it by 8 GCPs, its own tie points and a DEM of 10 m as free ones are, without and with `jitter` auto; with it, images
 without jitter are written. Both are handed over, and the printed commands run as they stand. The wave is the amplitude
 of a sine with that period, along the lines of the first image, in the surface model minus the true terrain, beside a
-cubic. What is finished in --work is not run again.
+cubic. What is finished in --work is not run again. With --docs the table goes into docs/jitter.md.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ import numpy as np
 from osgeo import gdal
 
 from hrsi.benchmarks.hand_over import WILD_M, heights_of, installed, nmad, typed
-from hrsi.benchmarks.jitter_found import SIZE
+from hrsi.benchmarks.jitter_found import PAGE, SIZE
 from hrsi.benchmarks.jitter_removed import fit_wave
+from hrsi.benchmarks.pages import put_between
 from hrsi.benchmarks.thesis_tables import render
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
@@ -71,11 +72,12 @@ def measure(surface: Path, block: Path) -> tuple[float, float, float]:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Print the table."""
+    """Print the table; ``--docs`` writes the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", nargs="*", default=["cars", "s2p"])
     parser.add_argument("--bin", action="append", default=[], metavar="PROGRAM=DIR", help="where a program lies")
     parser.add_argument("--work", default="build/jitter_surface", help="folder of projects and results")
+    parser.add_argument("--docs", action="store_true", help=f"write into {PAGE.name}")
     options = parser.parse_args(words)
     work = Path(options.work).resolve()
     work.mkdir(parents=True, exist_ok=True)
@@ -97,6 +99,8 @@ def main(words: Sequence[str] | None = None) -> None:
             rows.append([program, jitter, f"{wave:.2f}", f"{spread:.2f}", f"{share:.0%}"])
             print(" | ".join(rows[-1]), flush=True)
     print(render(HEADER, rows))
+    if options.docs:
+        put_between(PAGE, "surface", render(HEADER, rows).strip())
 
 
 if __name__ == "__main__":
