@@ -33,6 +33,11 @@ from .files.orthoimage_plan import parse_box
 from .files.result_folder import REPORT_FILE, check_folder, plan, stage_results
 from .interface.declare import Context, Report
 
+SHAKEN = (
+    "the images contain jitter that the refined RPCs do not: surface models get waves; adjust the block with `write` "
+    "resampled, and hand over that result"
+)
+
 
 def run(options: HandOverOptions, context: Context) -> Report:
     """Read the block, choose pairs and area, and write the project."""
@@ -76,13 +81,14 @@ def run(options: HandOverOptions, context: Context) -> Report:
         options.factor, suns, times, points, surveyed, measured,
     )  # fmt: skip
     planned = PROJECT_PLANNERS[options.to](project)
+    warnings = [*planned.notices, *([SHAKEN] if (told.get("outputs") or {}).get("jitter") else [])]
     if context.dry_run:
         counts = {"images": len(images), "pairs": len(pairs)}
-        return plan(context, options.folder.output_dir, [REPORT_FILE, *planned.files], counts, planned.notices)
+        return plan(context, options.folder.output_dir, [REPORT_FILE, *planned.files], counts, warnings)
     folder = options.folder.output_dir
     report: Report = {
         **context.record, **planned.told, "to": options.to, "pairs": [_pair_entry(pair, gsd) for pair in pairs],
-        "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "warnings": list(planned.notices),
+        "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "warnings": warnings,
         "accuracy": _accuracy_of(told, pairs, gsd), "commands": [f"cd {folder}", *planned.commands],
         "expected": os.path.join(folder, planned.result),
         "images": {

@@ -62,13 +62,16 @@ def gdal_rpc(path: Path) -> dict[str, str]:
 
 
 def test_images_without_jitter_are_handed_over_where_they_were_written(block):
+    """Images that were copied have their jitter still: a warning says so."""
     made, result, folder = block / "made", block / "without_jitter", block / "s2p_without_jitter"
-    run(
-        "adjust", images=[str(made / f"image_{number}.tif") for number in (1, 2, 3)], jitter="40", write="resampled",
-        gcps=str(made / "ground_points.csv"), image_points=str(made / "image_points.csv"),
-        height_datum="ellipsoidal", report=False, output_dir=str(result),
-    )  # fmt: skip
-    run("hand-over", result=str(result), to="s2p", output_dir=str(folder))
+    for write, place, told in (("copy", block / "shaken", True), ("resampled", result, False)):
+        run(
+            "adjust", images=[str(made / f"image_{number}.tif") for number in (1, 2, 3)], jitter="40", write=write,
+            gcps=str(made / "ground_points.csv"), image_points=str(made / "image_points.csv"),
+            height_datum="ellipsoidal", report=False, output_dir=str(place),
+        )  # fmt: skip
+        report = run("hand-over", result=str(place), to="s2p", output_dir=str(folder), overwrite=True)
+        assert any("the images contain jitter" in warning for warning in report["warnings"]) == told
     for name in ("image_1.tif", "image_2.tif"):
         handed, without, shaken = (gdal.Open(str(place / name)).ReadAsArray() for place in (folder, result, made))
         assert np.array_equal(handed, without) and not np.array_equal(handed, shaken), name
