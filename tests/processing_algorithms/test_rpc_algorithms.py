@@ -191,7 +191,7 @@ def test_rpc_info_says_that_overlap_depends_on_height(real_data: Path) -> None:
     report = run("rpc-info", images=images)
     assert report["pairs"][0]["convergence_deg"] is None
     assert "`dem` or `height`" in report["warnings"][0]
-    with pytest.raises(InputError, match="same id"):
+    with pytest.raises(InputError, match="is given twice"):
         run("rpc-info", images=[images[0], images[0]])
 
 
