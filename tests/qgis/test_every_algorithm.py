@@ -216,7 +216,12 @@ CANCELLED: dict[str, Callable[[Path], dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", CANCELLED)
 def test_cancel_within_a_second(hrsi_provider, pixels: Path, tmp_path: Path, name: str) -> None:
-    """Cancelled as by the dialog's button, in its background task; nothing is left behind."""
+    """Cancelled as by the dialog's button, in its background task; nothing is left behind.
+
+    Not at the first use: loops are compiled then, once after the installation, which cannot be cancelled.
+    """
+    if name == "tie-points":
+        run(name, images=images(pixels), output_dir=str(tmp_path / "before"))
     feedback, cancelled_at, ended = QgsProcessingFeedback(), [], []
     feedback.canceled.connect(lambda: cancelled_at.append((time.monotonic(), time.process_time())))
     algorithm = QgsApplication.processingRegistry().createAlgorithmById(identifier(name))
