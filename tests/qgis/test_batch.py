@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from pathlib import Path
 
@@ -48,6 +49,8 @@ def test_batch(qgis_app, qgis_new_project, hrsi_provider, monkeypatch, tmp_path:
     assert "no_such.csv" in log and "1 executions failed" in log
     assert not folders[0].exists() and (folders[1] / "report.html").is_file()
     assert {"residuals_utm", "images"} <= {layer.name() for layer in QgsProject.instance().mapLayers().values()}
+    panel.wrappers.clear()  # a chooser of fields holds the layer that it read, which must go before QGIS does
     dialog.close()
     dialog.deleteLater()
     QgsApplication.sendPostedEvents(dialog, QEvent.Type.DeferredDelete)
+    gc.collect()
