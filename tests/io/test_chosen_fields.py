@@ -188,3 +188,11 @@ def test_columns_by_their_order_skip_a_header_line(tmp_path: Path) -> None:
     grounds = [read_points(f"{path}|columns=id,x,y,height", ground_crs="EPSG:32755").ground for path in (plain, headed)]
     assert [ground.ids.tolist() for ground in grounds] == [["P7", "P8"]] * 2
     assert np.array_equal(grounds[0].ground, grounds[1].ground)
+
+
+def test_names_that_are_no_fields_are_those_that_were_given(tmp_path: Path) -> None:
+    """Not those of the header line, which the names in their order replace."""
+    path = tmp_path / "headed.csv"
+    path.write_text("Punkt;Rechtswert;Hochwert\nP7;519653;5259759\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"headed.csv: nr, east_, north_ are no fields of points"):
+        read_points(f"{path}|columns=nr,east_,north_", ground_crs="EPSG:32755")

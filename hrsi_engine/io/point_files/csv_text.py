@@ -261,12 +261,13 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
     rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
     if rows and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):  # a header line
-        names, rows, numbered = names or rows[0], rows[1:], numbered[1:]
-        if not table.match_fields(names):
+        header, rows, numbered = rows[0], rows[1:], numbered[1:]
+        if not names and not table.match_fields(header):
             raise InputError(
-                f"{path}: its columns are called {', '.join(names)}, which are no fields of points: call them id, lon, "
-                f"lat, height (or x, y), image, sample, line, or name those meant: FILE|columns=id={names[0]},…"
+                f"{path}: its columns are called {', '.join(header)}, which are no fields of points: call them id, "
+                f"lon, lat, height (or x, y), image, sample, line, or name those meant: FILE|columns=id={header[0]},…"
             )
+        names = names or header
     width = len(names) or (len(rows[0]) if rows else 0)
     wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
     if wrong is not None:
