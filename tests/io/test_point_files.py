@@ -364,6 +364,7 @@ DAMAGED = [
     ("id,foo\nA,1\n", "neither positions"),
     ("Punkt;Rechtswert;Hochwert\nA;1;2\n", "name those meant: FILE|columns=id=Punkt,"),
     ("5,44,1\n6,45,2\n", "add a header line"),
+    ("2\nA 44 105 1\nB 44 105\n", "line 3: has 3 columns, but 4 are in the first row"),
     ("", "add a header line"),
     ("id,image,sample,line\nA,i,5,\n", "field 'line' is empty"),
     ("id,image,sample\nA,i,5\n", "has no field 'line'"),
@@ -380,6 +381,16 @@ def test_damaged_csv_names_what_is_wrong(tmp_path: Path, text: str, message: str
         read_points(path)
     assert "points.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_number_of_points_in_the_first_line_is_no_point(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "points.txt", "2 \n1 \t34.5\t113.25\t176.9\n11 \t34.25\t113.5\t443.7\n")
+    ground = read_points(path).ground
+    assert ground is not None
+    assert ground.ids.tolist() == ["1", "11"]
+    assert ground.ground.tolist() == [[113.25, 34.5, 176.9], [113.5, 34.25, 443.7]]
+    with pytest.raises(InputError, match="line 1: has 1 columns"):  # a damaged line, not a number of points
+        read_points(write_text(tmp_path / "damaged.txt", "3\n1 34.5 113.25 176.9\n") + "|columns=id,lat,lon,height")
 
 
 def test_damaged_layers_name_what_is_wrong(tmp_path: Path) -> None:

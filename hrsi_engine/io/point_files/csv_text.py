@@ -258,6 +258,8 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
     numbered = [(number, line) for number, line in enumerate(islice(lines, most), 1) if line.strip() and line[0] != "#"]
     if len(numbered) == most:
         raise InputError(f"{path}: has {most} lines or more, and no names of columns: add a header line")
+    if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):  # says how many points follow
+        numbered = numbered[1:]
     separator = next((sign for sign in (";", "\t", ",") if numbered and sign in numbered[0][1]), None)
     rows = [[text.strip().strip('"') for text in line.strip().split(separator)] for _, line in numbered]
     if rows and not any(parse_finite(text.replace(",", ".")) is not None for text in rows[0]):  # a header line
@@ -269,9 +271,10 @@ def read_plain_text(path: str, lines: Iterable[str], names: Sequence[str] = ()) 
             )
         names = names or header
     width = len(names) or (len(rows[0]) if rows else 0)
-    wrong = next((number for (number, _), row in zip(numbered, rows, strict=True) if len(row) != width), None)
-    if wrong is not None:
-        raise InputError(f"{path}, line {wrong}: has not the {width} columns of the others: correct it")
+    for (number, _), row in zip(numbered, rows, strict=True):
+        if len(row) != width:
+            expected = "columns are named" if names else "are in the first row"
+            raise InputError(f"{path}, line {number}: has {len(row)} columns, but {width} {expected}: correct it")
     names = [name.strip() for name in names] or _tell_columns(path, rows)
     found = table.match_fields(names)
     if not found:
