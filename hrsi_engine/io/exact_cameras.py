@@ -1,16 +1,16 @@
-"""Exact pushbroom cameras as vendors and other programs keep them; each is known by its content.
+"""Exact pushbroom cameras in the formats of vendors and other programs; each format is recognised by its content.
 
 * ISD XML of WorldView, GeoEye and QuickBird, basic images (LV1): EPH and ATT at equal steps of time, with x, y, z, w of
-  the quaternion from the camera's body, line times (TLC), principal distance and the place of the detectors in mm. The
-  detectors lie along the camera's y axis against the samples, the flight along x. (ISD documentation, Maxar.)
+  the quaternion from the camera's body, line times (TLC), principal distance and the position of the detectors in mm.
+  With increasing sample the detectors follow the camera's -y axis; the flight is along x. (ISD documentation, Maxar.)
 * DIMAP V1 of SPOT 5: Ephemeris, Corrected_Attitudes, a look angle of each detector. Positions are interpolated over
   eight points, attitudes linearly; lines and detectors are counted from 1. (SPOT 123-4-5 Geometry Handbook,
   GAEL-P135-DOC-001, equations 5 to 11.)
-* CSM states of the USGS line scanner, ASP's adjusted ones among them: JSON behind the model's name. Pixels count from
-  the corner. (DOI-USGS/usgscsm, ``UsgsAstroLsSensorModel``.)
-* ``.adjust`` of ASP, where the camera that it adjusts is an RPC, named behind it: ``FILE|camera=IMAGE``. Text: the
-  translation (m), the quaternion with its scalar first, and, of cropped or scaled images, offset and scale of the
-  pixels. (StereoPipeline, ``asp::read_adjustments``.)
+* CSM states of the USGS line scanner, also those that ASP has adjusted: JSON after the model's name. Pixel coordinates
+refer to the corner of the first pixel. (DOI-USGS/usgscsm, ``UsgsAstroLsSensorModel``.)
+* ``.adjust`` of ASP for a camera that is an RPC, which the user names after it: ``FILE|camera=IMAGE``. Text: the
+translation (m), the quaternion with its scalar first, and, for cropped or scaled images, offset and scale of the
+pixels. (StereoPipeline, ``asp::read_adjustments``.)
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from .rpc_files.find import read_rpc_or_none, side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _HANDBOOK_POINTS = 8
-_UNIT = 1e-3  # how far the norm of a quaternion is from 1 at most: six digits were written once
+_UNIT = 1e-3  # largest deviation of a quaternion's norm from 1: some files have only six digits
 
 
 def read_exact_camera(path: str) -> LinescanCamera | None:
-    """Return the exact camera that a file holds, None where it holds none; raise `InputError` where it is damaged."""
+    """Return the exact camera in a file, None if it contains none; raise `InputError` if it is damaged."""
     try:
         head = read_head(path)
     except InputError:
@@ -51,7 +51,7 @@ def read_exact_camera(path: str) -> LinescanCamera | None:
 
 
 def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
-    """Return the RPC that a file of ASP moves, ``FILE|camera=IMAGE``; None without a camera, but for ``.adjust``."""
+    """Return the RPC that ASP's adjustment moves (``FILE|camera=IMAGE``); None for a file that is no ``.adjust``."""
     path, _, camera = spec.partition("|camera=")
     if not camera and not path.lower().endswith(".adjust"):
         return None
@@ -79,7 +79,7 @@ def read_adjusted_rpc(spec: str) -> AdjustedRpc | None:
 
 
 def find_exact_camera(path: str, size: tuple[int, int] | None) -> LinescanCamera | None:
-    """Return the exact camera of a whole image: in its own file, or in one that has its RPC beside it."""
+    """Return the exact camera of an uncropped image, from its own XML file or one next to it; None if there is none."""
     files = [path, *(file for beside in side_files(path).values() for file in beside)]
     cameras = (read_exact_camera(file) for file in files if file.lower().endswith(".xml"))
     return next((camera for camera in cameras if camera is not None and size in (None, camera.size)), None)
@@ -101,8 +101,8 @@ def _numbers(root: Element, name: str) -> np.ndarray:
 
 
 def _turn(times: np.ndarray, quaternions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the rotation at any time, between quaternions ``(n, 4)`` with the scalar last."""
-    same = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # q and -q are one
+    """Return a function from times (m,) to rotations (m, 3, 3): splines of quaternions (n, 4) with the scalar last."""
+    same = np.cumprod(np.sign(np.r_[1.0, (quaternions[1:] * quaternions[:-1]).sum(axis=1)]))  # -q is q: equal signs
     between = CubicSpline(times, quaternions * same[:, None])
     return lambda time: Rotation.from_quat(between(time)).as_matrix()
 
@@ -113,7 +113,7 @@ def _read_isd(path: str) -> LinescanCamera | None:
     if eph is None or att is None or geo is None or image is None or not (
         element_text(root, "PRODUCTLEVEL") or ""
     ).startswith("LV1"):  # fmt: skip
-        return None  # an RPC alone, or an image that is no longer in the camera's geometry
+        return None  # an RPC alone, or an image that has been resampled
     if float(element_text(geo, "POLYORDER") or -1) >= 0:
         raise InputError(f"{path}: has optical distortion, which is not read: use its RPC")
     positions, quaternions = _numbers(eph, "EPHEMLIST"), _numbers(att, "ATTLIST")
@@ -163,7 +163,7 @@ def _read_dimap(path: str) -> LinescanCamera | None:
         z = place / np.linalg.norm(place, axis=1)[:, None]
         x = np.cross(velocity(time - middle), z)
         x /= np.linalg.norm(x, axis=1)[:, None]
-        # pitch about x and roll about y are counted against the right hand, yaw with it
+        # pitch about x and roll about y are left-handed, yaw is right-handed
         turn = Rotation.from_euler("XYZ", np.column_stack([-pitch, -roll, yaw])).as_matrix()
         return np.asarray(np.stack([x, np.cross(z, x), z], axis=2) @ turn)
 
@@ -173,7 +173,7 @@ def _read_dimap(path: str) -> LinescanCamera | None:
 
     return LinescanCamera(
         "DIMAP V1 ephemeris and attitudes", size,
-        np.array([[0.0, first], [size[1], first + period * size[1]]]),  # far apart: seconds since 1970 have 2e-7 s
+        np.array([[0.0, first], [size[1], first + period * size[1]]]),  # far apart: seconds since 1970 resolve 2e-7 s
         lambda time: np.asarray(position(time - middle)), lambda time: np.asarray(velocity(time - middle)), attitude,
         look, False,
     )  # fmt: skip

@@ -1,6 +1,6 @@
-"""The file ``jitter.csv``: by how much vibration displaces each line of images, beside their refined RPCs.
+"""The file ``jitter.csv`` next to refined RPCs: the displacement of each image line by vibration of the sensor.
 
-A comment for each image tells a ground point and where the image's RPC computes it, by which another RPC is noticed.
+For each image a comment has a ground point and its position by the image's RPC, which identifies that RPC.
 """
 
 import csv
@@ -42,11 +42,11 @@ def write_jitter(path: str, curves: Mapping[str, JitterCurve], rpcs: Mapping[str
             numbers = np.column_stack([line, curve.shift_px, curve.sigma_px])
             row = io.StringIO(newline="")
             csv.writer(row).writerow([name.replace("%", "%%"), "%d", *["%.4f"] * 4])
-            file.write((row.getvalue() * len(line)) % tuple(numbers.ravel().tolist()))  # twice as fast as row by row
+            file.write((row.getvalue() * len(line)) % tuple(numbers.ravel().tolist()))  # twice as fast as by rows
 
 
 class JitterFile:
-    """A file of jitter, read once for all images; what is damaged is told when its image is asked for."""
+    """A jitter file, read once for all images; damaged rows raise an error when their image's curve is requested."""
 
     def __init__(self, path: str) -> None:
         self.path, self._lines = path, dict[str, list[str]]()
@@ -59,13 +59,12 @@ class JitterFile:
 
     @property
     def ids(self) -> set[str]:
-        """The images whose jitter it has."""
+        """Ids of the images that have a curve."""
         return {name for name, lines in self._lines.items() if any(line.startswith("#rpc,") for line in lines)}
 
     def find_curve(self, image_id: str, rpc: RPC) -> tuple[JitterCurve | None, str]:
-        """Return the curve of an image, and why there is none where the file has one for another RPC.
-
-        Raises `InputError` where its rows are damaged.
+        """Return the curve of an image and an empty text; without a curve None, and a message if it is for another RPC.
+        Raises `InputError` if its rows are damaged.
         """
         lines, values, known = list[int](), list[list[float]](), None
         try:
@@ -91,12 +90,12 @@ class JitterFile:
 
 
 def _read_id(line: str) -> str:
-    """Return the image of a line; a comment has its own, and that of an RPC the id behind its name."""
+    """Return the image id of a row, or of a comment ``#rpc``; for other comments their first field, which is no id."""
     first = line.removeprefix("#rpc,")
     return next(csv.reader([first]), [""])[0] if first.startswith('"') else first.partition(",")[0]
 
 
 def find_jitter_file(image_path: str) -> str | None:
-    """Return the file of jitter beside an image, None without any."""
+    """Return the jitter file in the folder of an image, None if there is none."""
     path = os.path.join(os.path.dirname(image_path), JITTER_FILE)
     return path if os.path.isfile(path) else None

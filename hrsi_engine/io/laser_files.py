@@ -1,12 +1,12 @@
-"""Heights of laser altimeters: which reader a file takes, and the one place where its rows are checked.
+"""Heights of laser altimeters: choice of the reader of a file, and the check of its rows.
 
 `read_laser` takes granules of ICESat-2 and GEDI as the archives deliver them (HDF5: ATL06, ATL08, GEDI L2A), what
 SlideRule writes (GeoParquet, GeoPackage, CSV), or a vector layer with the fields ``height`` and ``sigma_h``. GeoParquet
 is read through PyArrow: GDAL has a driver for it only where it was built with one.
 
 A granule, read through GDAL, has a group for each beam, in it one of the product's points, whose arrays have one row a
-point. `PRODUCTS` says for each product how its arrays are called and which of them tell that a point is not to be
-trusted. Sources: the products' specifications (Smith et al., ATBD for ATL06; Neuenschwander et al., ATBD for ATL08;
+point. `PRODUCTS` has for each product the names of its arrays, and which of them mark unreliable points.
+Sources: the products' specifications (Smith et al., ATBD for ATL06; Neuenschwander et al., ATBD for ATL08;
 Dubayah et al., GEDI L2A data dictionary). All heights are ellipsoidal (WGS84, ITRF2014).
 """
 
@@ -39,16 +39,16 @@ def read_laser(
 
     spec : a granule (ATL06, ATL08, GEDI L2A), GeoParquet, or ``FILE[|layername=L]`` of points with the fields
     ``height`` or ``h_mean``, and ``sigma_h`` or ``h_sigma``
-    height_datum : what heights of a layer refer to: ``ellipsoidal``, ``layer`` (as its CRS says), ``egm96``,
+    height_datum : reference of the heights of a layer: ``ellipsoidal``, ``layer`` (as its CRS states), ``egm96``,
     ``egm2008`` or a geoid grid file. Granules are always ellipsoidal
-    ground_crs : CRS of x and y in a file that names none; longitudes and latitudes are WGS84 there
-    epoch : year in which a CRS fixed to a plate is brought to WGS84
+    ground_crs : CRS of x and y in a file that states none; longitudes and latitudes are WGS84
+    epoch : year at which coordinates in a plate-fixed CRS are transformed to WGS84
 
-    All points come back; those with impossible heights have a ``doubt``. `InputError` names file and field, and what to
-    do.
+    All points are returned; those with impossible heights have a ``doubt``. Raises `InputError` with file, field and
+    remedy.
     """
     path, _layer = split_spec(spec)
-    head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""  # readers of point files say what is wrong
+    head = read_head(path, len(HDF5_HEAD)) if os.path.isfile(path) else b""  # readers of point files report errors
     if head == HDF5_HEAD:
         points = read_granule(path)
     else:
@@ -74,7 +74,7 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
         raise InputError(
             f"{table.source}: has no heights: laser points need a field height (or h_mean), or points with z"
         )
-    # Points without a height are left out, so that no DEM is asked for one
+    # Points without a height are omitted, so that their height is not taken from a DEM
     z = np.full(len(table), np.nan) if table.geometry is None else table.geometry[:, 2]
     kept = ~np.isnan(z) if heights is None else ~(np.isnan(heights) & np.isnan(z))
     if not kept.any():
@@ -90,12 +90,12 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
     sigma = table.columns.get("sigma_h", nothing)
     sources = {name: table.columns.get(name, nothing) for name in ("slope", "misfit", "photons", "canopy")}
     ids = table.columns.get("id")
-    # Each row's track: as the file says, or by reference ground track and cycle
+    # Track of each row: from the file, or reference ground track and cycle
     if "track" in table.columns:
         track = table.columns["track"]
     else:
         text = np.full(len(table), "", dtype=str)
-        for field in ("rgt", "cycle"):  # what tells the passes of ICESat-2 apart; their beams share most errors
+        for field in ("rgt", "cycle"):  # these identify a pass of ICESat-2; its beams share most errors
             if field in table.columns:
                 number = np.char.mod("%g", table.columns[field])
                 text = np.char.add(np.char.add(text, np.where(text == "", f"{field} ", f", {field} ")), number)
@@ -108,7 +108,7 @@ def _read_points(table: PointTable, reference: Reference) -> LaserPoints:
 
 
 def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTable:
-    """Return the known fields, or the ``chosen`` ones (`match_fields`), and the points of a GeoParquet file."""
+    """Return the points of a GeoParquet file with its known fields, or with the ``chosen`` ones (`match_fields`)."""
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
@@ -121,7 +121,7 @@ def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTab
         if file.metadata.num_rows > FILE_BUDGETS.laser_values:
             raise InputError(f"{path}: claims {file.metadata.num_rows} rows, more than any table of laser points has: "
                              "obtain it again")  # fmt: skip
-        # What the file says of its geometry
+        # The file's description of its geometry
         try:
             geo = json.loads((file.schema_arrow.metadata or {}).get(b"geo", b"{}"))
         except (ValueError, RecursionError):
@@ -151,7 +151,7 @@ def read_parquet(path: str, chosen: Mapping[str, str] | None = None) -> PointTab
 
 
 def _parse_points(path: str, column: Any) -> np.ndarray:
-    """Return points ``(n, 3)`` from their well-known binary; NaN for missing heights."""
+    """Return points ``(n, 3)`` from their well-known binary; heights that it does not contain are NaN."""
     texts = [value for value in column.to_pylist() if isinstance(value, bytes)]
     lengths = {len(text) for text in texts}
     if len(texts) != len(column) or len(lengths) > 1 or not lengths <= {21, 29}:
@@ -178,18 +178,18 @@ class GRANULE_FILL:
     lowest: float = threshold(-9990.0, "m", "lowest value", "the products fill with -9999")
 
 
-#: A beam's arrays by our names, as far as the granule has them.
+#: Arrays of a beam, by HRSI's names; arrays that the granule lacks are omitted.
 BeamArrays = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Product:
-    """How a product is laid out.
+    """Layout of a product.
 
-    beam, points : what the names of beams begin with; the group of points in a beam (empty: the beam itself)
-    arrays : our names -> paths of arrays below that group
-    doubts : why a point is not to be trusted -> array, comparison and number that tell which are not
-    stated_sigma_m : of a height, where the granule states none
+    beam, points : first letters of the groups of beams; group of the points in a beam (empty: the beam itself)
+    arrays : HRSI's names -> paths of arrays below that group
+    doubts : reason why a point is unreliable -> array, comparison and number that select these points
+    stated_sigma_m : standard deviation of a height, if the granule states none
     """
 
     title: str
@@ -244,7 +244,7 @@ PRODUCTS: dict[str, Product] = {
 
 
 def read_granule(path: str) -> LaserPoints:
-    """Return all points of a granule with heights; raise `InputError` where it is none that is known."""
+    """Return all points with heights of a granule; raise `InputError` if it is of no known product."""
     dataset = None
     with gdal_messages() as messages:
         dataset = gdal.OpenEx(path, gdal.OF_MULTIDIM_RASTER, allowed_drivers=["HDF5"])
@@ -280,7 +280,7 @@ def _read_beams(path: str, root: gdal.Group, product: Product) -> Iterator[tuple
 
 
 def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
-    """Return an array as numbers, NaN where it is filled; None where the granule has none of that name."""
+    """Return an array as float64, NaN for fill values; None if the granule has no array of that name."""
     try:
         array = root.OpenMDArrayFromFullname(name)
     except RuntimeError:
@@ -300,7 +300,7 @@ def _read_array(path: str, root: gdal.Group, name: str) -> np.ndarray | None:
 
 
 def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]]) -> LaserPoints:
-    """Return the beams' points as one table."""
+    """Return the points of all beams as one table."""
     parts: dict[str, list[np.ndarray]] = {}
     name = os.path.basename(path)
     for beam, arrays in beams:

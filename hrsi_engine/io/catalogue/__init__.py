@@ -1,1 +1,1 @@
-"""What a file says about its origin: lineage, STAC items, deliveries, block records, versions."""
+"""Origin of images and results: lineage, STAC items, deliveries, block records, versions."""

@@ -1,7 +1,7 @@
-"""The record of an adjusted block, as `results.block_record` makes it, read from a result folder.
+"""Reading of the record of an adjusted block, as `results.block_record` makes it, from a result folder.
 
-``block.json`` is for people and programs; what is known of the cameras together, a sparse matrix, lies beside it in
-``block_cameras.npz``, which `numpy.load` reads.
+``block.json`` is for people and programs; the joint parameters and covariance of the cameras, a sparse matrix, are
+in ``block_cameras.npz``, which `numpy.load` reads.
 """
 
 import os
@@ -15,7 +15,7 @@ from ..opening.files import read_json
 from ..safety.array_files import DAMAGED, read_arrays
 
 RECORD_FILE, CAMERAS_FILE = "block.json", "block_cameras.npz"
-#: Where a block's points are, in its folder.
+#: Layers of a block's points, relative to its folder.
 POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points", "image_points")}
 
 
@@ -23,8 +23,8 @@ POINT_LAYERS = {name: f"block.gpkg|layername={name}" for name in ("ground_points
 class ImageRecord:
     """An image of an adjusted block.
 
-    item : what names the STAC item that it comes from
-    values, covariance : (p,) and (p, p) of its parameters; None where it was not computed
+    item : specification of the STAC item that the image is from; None for an image of no item
+    values, covariance : (p,) and (p, p) of the image's parameters; the covariance is None where it was not computed
     """
 
     id: str
@@ -37,14 +37,14 @@ class ImageRecord:
 
 @dataclass(frozen=True, eq=False)
 class BlockRecord:
-    """What was recorded of a block: its model, its images, and where its points are, as read from a folder."""
+    """Record of an adjusted block as read from its folder: model, images, and the layers of its points."""
 
     folder: str
     model: str
     images: tuple[ImageRecord, ...]
 
     def layer(self, name: str) -> str:
-        """Return the file and layer of `POINT_LAYERS`."""
+        """Return the path of a layer, one of `POINT_LAYERS`, in the block's folder."""
         return os.path.join(self.folder, POINT_LAYERS[name])
 
 

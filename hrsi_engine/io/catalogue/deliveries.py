@@ -1,4 +1,4 @@
-"""What a person names: images as files, patterns, lists, STAC items, deliveries; points as folders of results."""
+"""What the user names: images as files, patterns, lists, STAC items, deliveries; points as folders of results."""
 
 import glob
 import os
@@ -17,13 +17,13 @@ IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".pix
 
 
 def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[str, ...]:
-    """Return the image files that the names stand for: patterns, folders, archives, lists and STAC items are expanded.
+    """Return the image files for these names: patterns, folders, archives, lists and STAC items are expanded.
 
-    Raises `InputError` for one that holds no image with an RPC.
+    Raises `InputError` for a name without any image with an RPC.
     """
     found: list[str] = []
     for name in names:
-        # A folder, or an archive as GDAL's folder, by the way that its ending tells
+        # A folder, or an archive as a folder of GDAL's virtual file system, by its ending
         ways = {".zip": "/vsizip/", ".tar": "/vsitar/", ".tgz": "/vsitar/", ".tar.gz": "/vsitar/"}
         way = next((way for ending, way in ways.items() if name.lower().endswith(ending)), None)
         is_archive = way is not None and os.path.isfile(name)
@@ -35,7 +35,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
             log(f"{name}: {', '.join(os.path.relpath(image, folder) for image in images)}")
             found += images
         elif glob.has_magic(name) and not name.startswith("/vsi") and not os.path.exists(name):
-            # A pattern (``*.tif``) that no shell has replaced by the files that it fits
+            # A pattern (``*.tif``) that the shell has not replaced by the matching files
             files = sorted(file for file in glob.glob(name, recursive=True) if os.path.isfile(file))
             if not files:
                 raise InputError(f"{name}: no file fits this pattern: check the folder and the ending")
@@ -48,7 +48,7 @@ def resolve_images(names: Sequence[str], log: Callable[[str], None]) -> tuple[st
 
 
 def resolve_points(name: str, layer: str = "") -> str:
-    """Return the points that a name stands for; the folder of a result stands for (a ``layer`` of) its GeoPackage."""
+    """Return the points file of a name; for the folder of a result, its GeoPackage (or the ``layer`` of it)."""
     layers = os.path.join(name, "block.gpkg")
     if not (os.path.isdir(name) and os.path.isfile(layers)):
         return name
@@ -56,7 +56,7 @@ def resolve_points(name: str, layer: str = "") -> str:
 
 
 def _read_list(path: str) -> list[str]:
-    """Return the lines of a list; names that are not absolute count from the list's own folder."""
+    """Return the lines of a list file; relative names refer to the folder of the list."""
     require_size(path, "names")
     try:
         with open(path, encoding="utf-8-sig") as file:
@@ -74,10 +74,10 @@ def _read_list(path: str) -> list[str]:
 
 
 def _images_of_delivery(name: str, folder: str) -> list[str]:
-    """Return the images of a delivery; RPC files alone only where it has no pixels.
+    """Return the images of a delivery; its RPC files alone only if it contains no images.
 
-    A product file that GDAL opens stands for the tiles that it puts together, one without pixels for the RPC file that
-    it names.
+    A product file that GDAL opens replaces the tiles of which it consists; a product file without pixels replaces the
+    RPC file that it names.
     """
     files = [os.path.join(folder, file) for file in _list_files(name, folder)]
     files = [file for file in files if not os.path.basename(file).startswith(".")]
@@ -102,9 +102,9 @@ def _images_of_delivery(name: str, folder: str) -> list[str]:
 
 
 def _list_files(name: str, folder: str) -> list[str]:
-    """Return the sorted names of all files below a folder, or in an archive, counted from there.
+    """Return the sorted paths of all files below a folder or in an archive, relative to it.
 
-    Those with names that are no text, which GDAL cannot open, are left out.
+    Names that are not valid text are omitted, because GDAL cannot open them.
     """
     if folder.startswith("/vsi"):
         held = list_archive(name)
@@ -125,7 +125,7 @@ def _list_files(name: str, folder: str) -> list[str]:
     for place, folders, files in os.walk(folder, followlinks=True):
         status, within = os.stat(place), os.path.relpath(place, folder)
         if (status.st_dev, status.st_ino) in seen or within.count(os.sep) >= FILE_BUDGETS.delivery_depth:
-            folders.clear()  # links that lead in circles, and what no delivery has
+            folders.clear()  # circular links, and folders deeper than any delivery has
             continue
         seen.add((status.st_dev, status.st_ino))
         found += [os.path.normpath(os.path.join(within, file)) for file in files]
@@ -141,7 +141,7 @@ def _is_rpc_file(file: str) -> bool:
 
 
 def _with_rpc(name: str, files: Sequence[str], faults: list[str]) -> Iterator[str]:
-    """Yield the files with an RPC; note what is wrong with the others, of which a delivery has few."""
+    """Yield the files with an RPC; append the errors of the others to ``faults``, and stop if these are too many."""
     in_vain = 0
     for number, file in enumerate(files):
         try:

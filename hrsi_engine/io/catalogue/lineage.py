@@ -1,8 +1,8 @@
-"""What a result was made from, by what and when: the entries of a report that let a run be followed and repeated.
+"""Lineage of a result: input files, run, date and versions, as a report lists them so that a run can be repeated.
 
-An input is known by the SHA-256 of its content. Of a file beyond `ContentSampling.whole_bytes`, and of all that come
-when `LINEAGE.all_bytes` have been read, only its beginning, its end and blocks spread over it are hashed
-(`content_marks` says which): that sees another image under the same name, and not every changed pixel.
+An input is identified by the SHA-256 of its content. Of a file larger than `ContentSampling.whole_bytes`, and of all
+files after the first `LINEAGE.all_bytes`, only beginning, end and blocks between them are hashed (see `content_marks`):
+this detects another image under the same name, but not every changed pixel.
 """
 
 import hashlib
@@ -36,16 +36,16 @@ class LINEAGE:
     files_of_folder: int = threshold(10_000, "files", "most files of a folder that are listed")
 
 
-#: Endings of texts that GDAL knows nothing of: to find that out it asks all its drivers, for a millisecond a file.
+#: Endings of text files that no GDAL driver reads: without this list GDAL would try all its drivers, 1 ms a file.
 _TEXTS = ("_rpc.txt", ".csv")
-HIDDEN = "***"  #: what stands for a password
+HIDDEN = "***"  #: replaces a password
 
 
 def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[str, Any]:
     """Return the report's entries on the run.
 
-    ``version``, ``date``, ``command``, ``directory`` (relative paths count from there), ``inputs``, ``versions``,
-    ``platform``. ``named`` has the files and folders that each option names for reading; None: they tell of no inputs.
+    ``version``, ``date``, ``command``, ``directory`` (of relative paths), ``inputs``, ``versions``, ``platform``.
+    ``named`` has the files and folders that each option names for reading; with None, ``inputs`` is None.
     """
     return {
         "version": VERSION,
@@ -59,7 +59,7 @@ def run_record(command: str, named: Mapping[str, Iterable[str]] | None) -> dict[
 
 
 def rpc_history(path: str) -> str:
-    """Return the origin of an image's RPC from its metadata: the run that refined it, else ``as delivered``."""
+    """Return the origin of an image's RPC from its metadata: the run that refined it, or ``as delivered``."""
     dataset, _ = open_dataset(path)
     told = {} if dataset is None else metadata_of(dataset)
     if "HRSI_MODEL" not in told:
@@ -68,7 +68,7 @@ def rpc_history(path: str) -> str:
 
 
 def maker_of(path: str) -> str | None:
-    """Return the path of the report of the run that refined an image's RPC, from its metadata; None without one."""
+    """Return the path of the report of the run that refined an image's RPC, from its metadata; None if no run did."""
     if path.lower().endswith(_TEXTS):
         return None
     dataset, _ = open_dataset(path)
@@ -77,7 +77,7 @@ def maker_of(path: str) -> str | None:
 
 
 def without_secrets_in(value: Any) -> Any:
-    """Return a text, or dicts and lists of texts, without the passwords of connections to data bases and servers."""
+    """Return a text, or dicts and lists of texts, with the passwords of connections to databases and servers hidden."""
     if isinstance(value, Mapping):
         return {key: without_secrets_in(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -92,7 +92,7 @@ def input_entries(named: Mapping[str, Iterable[str]]) -> list[dict[str, Any]]:
     """Return the report's entry for each input file, including the files that GDAL lists with it.
 
     ``option``, ``path``, ``size``, ``modified``, ``sha256`` or ``sampled_sha256`` (the other is None), ``crs``.
-    ``named`` has paths by the key of the option that names them; what is no file (``auto``) is passed over.
+    ``named`` has paths by the key of the option that names them; names that are no files (``auto``) are omitted.
     """
     entries: list[dict[str, Any]] = []
     seen: set[str] = set()
@@ -132,9 +132,8 @@ def _iso_time(time: float | None) -> str | None:
 
 
 def _list_files(paths: Iterable[str]) -> Iterator[tuple[str, str | None]]:
-    """Yield the files behind paths with the CRS that they state: of a folder those in it, of a dataset its side files.
-
-    What cannot be read is passed over: to say what is wrong with it is up to what reads it.
+    """Yield the files behind paths with the CRS that they state: the files in a folder, the side files of a dataset.
+    Files that cannot be read are omitted: the reader of the option reports them.
     """
     for path in paths:
         if os.path.isdir(path):
@@ -173,14 +172,14 @@ def _crs_and_files(path: str) -> tuple[str | None, list[str]]:
 
 
 def _crs_name(crs: osr.SpatialReference | None) -> str | None:
-    """Return a CRS as ``EPSG:code``, else by its name."""
+    """Return a CRS as ``EPSG:code``, or its name if it has no code."""
     if crs is None:
         return None
     authority, code = crs.GetAuthorityName(None), crs.GetAuthorityCode(None)
     return f"{authority}:{code}" if authority and code else str(crs.GetName() or "") or None
 
 
-#: Packages that are asked for their versions without loading them, by the names of their distributions.
+#: Packages whose versions are found without importing them, by the names of their distributions.
 _DISTRIBUTIONS = {
     "scipy": ("scipy",), "numba": ("numba",), "dask": ("dask",), "jinja2": ("Jinja2",),
     "opencv": ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv"),
@@ -189,7 +188,7 @@ _DISTRIBUTIONS = {
 
 @cache
 def versions() -> dict[str, str]:
-    """Return name and version of HRSI and of the libraries that decide its figures; those that are there."""
+    """Return name and version of HRSI and of the installed libraries that influence its results."""
     found = {
         "hrsi": VERSION,
         "python": platform.python_version(),

@@ -1,14 +1,14 @@
-"""Items of a SpatioTemporal Asset Catalog (STAC) as images: their pixels, their RPC, and what they tell of the sun.
+"""Items of a SpatioTemporal Asset Catalog (STAC) as images: their pixels, their RPC, and the position of the sun.
 
-An item is a GeoJSON feature with named *assets*, files of which each has an address, a media type and roles. Its image
-is the asset with the role ``data``; of several, the one that is named. STAC has no extension for RPCs. What counts as
-an item's RPC is, in this order,
+An item is a GeoJSON feature with named *assets*: files with address, media type and roles. Its image is the asset with
+the role ``data``; if there are several, the user names one. STAC has no extension for RPCs. The RPC of an item is,
+in this order,
 
 1. fields ``rpc:line_off`` … ``rpc:samp_den_coeff`` of the image's asset, else of the item: GDAL's names of the RPC
-   domain in small letters, numbers and lists of twenty numbers, positions from the centre of the first pixel;
-2. an asset that is an RPC file: the one named like the image's with ``_rpc`` behind (as Planet names them), else one
+   domain in lower case, numbers and lists of twenty numbers, positions from the centre of the first pixel;
+2. an asset that is an RPC file: the one named as the image's with the suffix ``_rpc`` (as Planet names them), else one
    with ``rpc`` in its name, its roles or its address, else one with the role ``metadata``;
-3. what is in or beside the image, as for any image.
+3. the RPC in the image file or next to it, as for any image.
 """
 
 import json
@@ -26,7 +26,7 @@ from ..rpc_files.fields import STAC_NAMES
 
 ITEM, COLLECTION_OF_ITEMS = "Feature", "FeatureCollection"
 _SCHEMES = {"s3": "/vsis3/", "gs": "/vsigs/", "az": "/vsiaz/", "oss": "/vsioss/"}
-#: Media types and endings of images, and roles of assets that are none.
+#: Media types and endings of images, and roles of assets that are no images.
 _IMAGE_TYPES = ("image/tiff", "image/vnd.stac.geotiff", "image/jp2", "application/vnd.nitf", "image/nitf",
                 "application/vnd.gdal.vrt")  # fmt: skip
 _IMAGE_ENDINGS = (".tif", ".tiff", ".ntf", ".nitf", ".nsf", ".jp2", ".img", ".vrt")
@@ -34,14 +34,14 @@ _NO_IMAGES = {"thumbnail", "overview", "metadata", "mask", "data-mask", "cloud",
 
 
 def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | None:
-    """Return the image of each item that a name stands for, in the order of the file; None for a name of anything else.
+    """Return the image of each item of a file, in the order of the file; None for a name that is no file of items.
 
-    name : a file with an item, an item collection or a page of an API; ``STACIT:"FILE":asset=NAME`` where its items
-    have several images; log : is told where a page is one of several
+    name : a file with an item, an item collection or a page of an API; ``STACIT:"FILE":asset=NAME`` if its items
+    have several images; log : is called with a message if the file is one page of several
 
-    Raises `InputError` where an item has no image, or several and none is named, and for a folder of items.
+    Raises `InputError` if an item has no image, or several and none is named, and for a catalogue of items elsewhere.
     """
-    # As GDAL's driver of that name has it
+    # The syntax of GDAL's driver STACIT
     given = re.fullmatch(r'STACIT:("?)(?P<file>.+?)\1:asset=(?P<asset>.+)', name)
     file, wanted = (given["file"], given["asset"]) if given else (name, None)
     is_json = urlsplit(file).path.lower().endswith((".json", ".geojson"))
@@ -74,9 +74,9 @@ def images_of_items(name: str, log: Callable[[str], None]) -> list[ItemImage] | 
 def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[str]:
     """Return the image paths that an earlier run recorded, in their order, with the properties of their STAC items.
 
-    entries : id, path, and what named the item (`StacItem.named`); None for an image of no item
+    entries : id, path, and specification of the item (`StacItem.named`); None for an image of no item
 
-    Raises `InputError` where an item is not in its file any more.
+    Raises `InputError` if an item is not in its file any more.
     """
     items: dict[str, dict[str, ItemImage]] = {}
     images: list[str] = []
@@ -91,7 +91,7 @@ def restore_image_paths(entries: Iterable[tuple[str, str, str | None]]) -> list[
 
 
 def _image_of(file: str, number: int, feature: Any, alone: bool, wanted: str | None) -> ItemImage:
-    """Return the image of an item; ``alone`` in its file, whose place its relative addresses count from."""
+    """Return the image of an item; if it is ``alone`` in its file, its relative addresses refer to that file."""
     if not isinstance(feature, dict) or not isinstance(feature.get("assets"), dict):
         raise InputError(f"{file}: feature {number} has no assets, it is no STAC item: name an item collection")
     name = feature.get("id")
@@ -147,7 +147,7 @@ def _is_image(asset: Mapping[str, Any]) -> bool:
 
 
 def _rpc_assets(assets: Mapping[str, Mapping[str, Any]], image: str | None) -> list[str]:
-    """Return the names of the assets that may be the image's RPC file, the likeliest first."""
+    """Return the names of the assets that may be the image's RPC file, the most probable first."""
     ranks: dict[str, int] = {}
     for key, asset in assets.items():
         name = urlsplit(str(asset.get("href") or "")).path.lower()
@@ -180,18 +180,18 @@ def href_path(href: str, base: str) -> str:
     """Return the path by which GDAL opens an address.
 
     href : ``https://…``, ``s3://…``, ``gs://…``, ``az://…``, ``file:///…``, a path, one of GDAL's virtual paths; or
-    what counts from ``base``, the address or path of the file that it stands in
+    a path relative to ``base``, the address or path of the file that contains it
     """
     if href.startswith("/vsi"):
         return href
     scheme = urlsplit(href).scheme.lower()
-    if not scheme or len(scheme) == 1:  # a drive's letter
+    if not scheme or len(scheme) == 1:  # one letter: the drive of a path
         if os.path.isabs(href):
             return href
         base = base.removeprefix("/vsicurl/")
         if "://" not in base:
             return os.path.normpath(os.path.join(os.path.dirname(base), href))
-        relative = urlsplit(base)  # urljoin knows no s3
+        relative = urlsplit(base)  # urljoin does not support s3
         joined = urlsplit(urljoin(f"https://{relative.netloc}{relative.path}", href))
         return href_path(f"{relative.scheme}://{joined.netloc}{joined.path}", "")
     if scheme in ("http", "https"):
@@ -204,9 +204,9 @@ def href_path(href: str, base: str) -> str:
 
 
 def href_of(path: str, folder: str) -> str:
-    """Return the address of a file for an item in a folder: relative where both are in one place, else whole.
+    """Return the address of a file for an item in a folder: relative within the folder's place, otherwise complete.
 
-    `href_path` turns it back into the path.
+    `href_path` is the inverse.
     """
     if path.startswith("/vsicurl/"):
         return path.removeprefix("/vsicurl/")

@@ -1,8 +1,7 @@
-"""The layers that HRSI writes: a class each, which declares the columns once (`typed_rows`).
-
-A new column is a line here and its values where the rows are made: those of an adjusted block in `results.tables`, the
-others in the algorithm that writes the layer. Field texts, titles in forms and the tables of the documentation follow.
-Layers of the laboratory stand beside its algorithms.
+"""The layers that HRSI writes: one class each, which declares the columns once (`typed_rows`).
+A new column is one line here and its values where the rows are made: for an adjusted block in `results.tables`, for
+other layers in the algorithm that writes them. Field texts, titles of forms and tables of the documentation follow.
+Layers of the laboratory are declared with its algorithms.
 """
 
 from .typed_rows import FlagColumn, FloatColumn, IntegerColumn, LayerRows, TextColumn, column
@@ -196,7 +195,7 @@ class MisregistrationRows(LayerRows, layer="misregistration"):
     sigma_px: FloatColumn = column("Standard deviation of the shift along each axis", "px")
 
 
-# ---- what RPCs say ---------------------------------------------------------------------------------------------------
+# ---- geometry of RPCs -----------------------------------------------------------------------------------------------
 
 
 class ProjectedPointRows(LayerRows, layer="image_points"):

@@ -17,19 +17,19 @@ import numpy as np
 
 from .typed_rows import Column, describe_columns, is_any, write_title
 
-GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: of the 90th percentile; image residuals stand closer together
-MOST_ON_MAP = 1500  #: points or arrows that one map shows; more are a grey mass
+GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: length of the 90th percentile; image residuals are closer together
+MOST_ON_MAP = 1500  #: most points or arrows that one map shows; more cannot be distinguished
 LAYER_COLORS = {
     "gcp": "21,101,168,255", "check": "26,127,75,255", "outlier": "215,25,28,255", "tie": "120,130,140,255",
     "held_out": "152,78,163,255",
 }  # fmt: skip
 
-#: Of the reasons why laser points are left out.
+#: Colours of the reasons why laser points are not used.
 REASON_COLORS = (
     "215,25,28,255", "253,141,60,255", "152,78,163,255", "166,86,40,255", "247,129,191,255", "90,90,90,255",
 )  # fmt: skip
 
-#: From below a surface to above it.
+#: Colours from points below a surface to points above it.
 SURFACE_COLORS = (
     "33,102,172,255", "103,169,207,255", "209,229,240,255", "150,150,150,255", "253,219,199,255", "239,138,98,255",
     "178,24,43,255",
@@ -47,7 +47,7 @@ class Style:
 
 
 def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | None:
-    """Return the style of a layer with these fields, on ground so wide; None where HRSI has none for it."""
+    """Return the style of a layer with these fields, ``width_m`` wide on the ground; None if HRSI has none for it."""
     if name not in STYLES or not NEEDED.get(name, frozenset()) <= fields.keys():
         return None
     style = STYLES[name](fields, width_m)
@@ -63,7 +63,7 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
 
 
 class Share(NamedTuple):
-    """Which tie points are drawn from one map scale (its denominator) to the next: one of ``every``."""
+    """Tie points that are drawn between two map scales (denominators): one of ``every``."""
 
     every: int
     nearest: int
@@ -71,10 +71,10 @@ class Share(NamedTuple):
 
 
 def shares(count: int, width_m: float) -> list[Share]:
-    """Return how ``count`` points are thinned by the map's scale, so that a map stays legible and quick.
+    """Return how ``count`` points are thinned by the map scale, so that a map is legible and drawn quickly.
 
-    ``width_m`` is that of the ground they are spread over: a map of all of it, 0.25 m wide, and any closer one,
-    shows between 150 and `MOST_ON_MAP` of them, as far as there are so many.
+    ``width_m`` is the width of the points' area on the ground: a map of all of it, 0.25 m wide, and any map at a larger
+    scale, shows between 150 and `MOST_ON_MAP` points, or all if there are fewer.
     """
     found, nearest, every = [], 0, 1
     while count > MOST_ON_MAP * every:
@@ -136,7 +136,7 @@ def _interest_points(fields: LayerColumns, width_m: float) -> Style:
 
 
 def _thin_points(color: str, size_mm: float) -> Callable[[LayerColumns, float], Style]:
-    """Return a style of many points that are all alike."""
+    """Return a style for many points with equal symbols."""
 
     def style(fields: LayerColumns, width_m: float) -> Style:
         count = len(next(iter(fields.values()), ()))
@@ -168,7 +168,7 @@ def _surface_residuals(fields: LayerColumns, width_m: float) -> Style:
     )  # fmt: skip
 
 
-#: Fields without which a style says nothing: other algorithms have layers of the same names for positions alone.
+#: Fields that a style needs: other algorithms write layers of the same names with positions alone.
 NEEDED: dict[str, frozenset[str]] = {
     "ground_points": frozenset({"role"}),
     "laser_points": frozenset({"used", "reason"}),
@@ -192,7 +192,7 @@ STYLES: dict[str, Callable[[LayerColumns, float], Style]] = {
 
 
 def _typical(x: Column, y: Column, rows: np.ndarray) -> float:
-    """Return the 90th percentile of the lengths of vectors; 1 without any."""
+    """Return the 90th percentile of the lengths of vectors; 1 if it is zero or there is none."""
     length = np.hypot(np.asarray(x)[rows], np.asarray(y)[rows])
     length = length[np.isfinite(length)]
     typical = float(np.percentile(length, 90.0)) if len(length) else 0.0
@@ -200,7 +200,7 @@ def _typical(x: Column, y: Column, rows: np.ndarray) -> float:
 
 
 def _arrows(kind: str, typical: float, arrow_mm: float, unit: str) -> dict[str, str]:
-    """Return the scale of arrows of a kind, and what their length means, for the legend."""
+    """Return the scale of arrows of a kind, and the legend's text on their length."""
     return {f"{kind}_scale": f"{arrow_mm / typical:.6g}", f"{kind}_key": f"{arrow_mm:g} mm = {typical:.2g} {unit}"}
 
 

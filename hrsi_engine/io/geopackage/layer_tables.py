@@ -1,8 +1,8 @@
-"""Layers of a result as columns: what HRSI wrote into a GeoPackage, read through SQLite in one go.
+"""Layers of a result as columns: reads and replaces the layers of HRSI in a GeoPackage directly through SQLite.
 
 `replace_layers` replaces rows of layers inside an existing GeoPackage, in one transaction, while QGIS may have the file
-open. `layers.write_geopackage` makes a new file and renames it; here the file stays the same one, so that open layers
-see the new rows and the file's other layers are left alone.
+open. `layers.write_geopackage` makes a new file and renames it; here the file remains the same one, so that open
+layers show the new rows and the other layers of the file are not changed.
 """
 
 import contextlib
@@ -33,10 +33,10 @@ def geopackage_layers(path: str) -> list[str]:
 
 
 def read_layer_table(path: str, layer: str) -> dict[str, np.ndarray]:
-    """Return the columns of a layer of a GeoPackage: its fields; empty numbers are NaN.
+    """Return the fields of a layer of a GeoPackage as columns; missing numbers are NaN.
 
-    Points give their coordinates, ``lon, lat`` or ``x, y``, and ``height`` where no field has that name; other
-    geometries give ``geometry``, as objects of shapely. Raises `InputError` where there is no such file or layer.
+    Points add their coordinates, ``lon, lat`` or ``x, y``, and ``height``, unless a field has that name; others add
+    ``geometry``, objects of shapely. Raises `InputError` if there is no such file or layer.
     """
     with _open(path) as database:
         found = database.execute(
@@ -67,7 +67,7 @@ def _open(path: str) -> Any:
 
 
 def _column(values: tuple[Any, ...]) -> np.ndarray:
-    """Return a column as numbers where it has any, NaN for NULL; else as texts."""
+    """Return a column as numbers, with NaN for NULL, if all values are numbers or NULL; otherwise as objects."""
     kinds = {type(value) for value in values}
     if kinds <= {int}:
         return np.array(values, dtype=np.int64)
@@ -78,7 +78,7 @@ def _column(values: tuple[Any, ...]) -> np.ndarray:
 
 def _geometry(blobs: tuple[bytes | None, ...], geographic: bool, fields: dict[str, np.ndarray]) -> dict[str, Any]:
     """Return the coordinates of points, or geometries."""
-    # Behind the header of 8 bytes an envelope, whose kind the flags tell: GeoPackage standard, 2.1.3
+    # After the header of 8 bytes follows an envelope, whose kind is in the flags: GeoPackage standard, 2.1.3
     begins = (8 + (0, 32, 48, 48, 64)[(blob[3] >> 1) & 7] if blob is not None else 0 for blob in blobs)
     bodies = [None if blob is None else blob[begin:] for blob, begin in zip(blobs, begins, strict=True)]
     shapes = [None if body is None else _point(body) for body in bodies]
@@ -93,20 +93,20 @@ def _geometry(blobs: tuple[bytes | None, ...], geographic: bool, fields: dict[st
 
 
 def _point(body: bytes) -> tuple[float, ...] | None:
-    """Return the coordinates of a point in WKB of little endian, as HRSI and OGR write it; None for all else."""
+    """Return the coordinates of a point in little-endian WKB, as HRSI and OGR write it; None for any other geometry."""
     if body[0] != 1 or len(body) not in (21, 29):
         return None
     coordinates = struct.unpack(f"<{(len(body) - 5) // 8}d", body[5:])
     return (*coordinates, np.nan)[:3]
 
 
-_WAIT_S = 5.0  # for another program that is writing
+_WAIT_S = 5.0  # while another program is writing
 
 
 def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
-    """Give layers of a GeoPackage these rows and their styles; file, layers and fields are made where missing.
+    """Replace rows and styles of layers of a GeoPackage; file, layers and fields are created if they are missing.
 
-    Raises `OutputError` where the file cannot be written; then it is as it was.
+    Raises `OutputError` if the file cannot be written; its rows are unchanged then.
     """
     if not os.path.exists(path):
         layer_files.write_geopackage(path, layers)
@@ -134,7 +134,7 @@ def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
             database.execute("BEGIN IMMEDIATE")
             for layer in layers:
                 _replace_rows(database, layer)
-            # Replace the default styles of the layers; those that the user stored under names of their own stay
+            # Replace the default styles of the layers; styles that the user stored under other names remain
             for name in styles:
                 database.execute("DELETE FROM layer_styles WHERE f_table_name = ? AND styleName = ?", (name, name))
             layer_files.insert_styles(database, layers, styles)
@@ -144,7 +144,7 @@ def replace_layers(path: str, layers: Sequence[layer_files.Layer]) -> None:
 
 
 def _replace_rows(database: sqlite3.Connection, layer: layer_files.Layer) -> None:
-    """Empty a layer and its spatial index, add fields that it lacks, insert the rows."""
+    """Delete the rows of a layer and its spatial index, add missing fields, insert the new rows."""
     present = {str(row[1]).lower() for row in database.execute("SELECT * FROM pragma_table_info(?)", (layer.name,))}
     for name, column in layer.fields.items():
         if name.lower() not in present:
@@ -156,14 +156,14 @@ def _replace_rows(database: sqlite3.Connection, layer: layer_files.Layer) -> Non
 
 
 def layer_names(path: str) -> dict[str, int]:
-    """Return the layers of a vector file with their numbers of rows; raise `InputError` where it cannot be opened."""
+    """Return the layers of a vector file with their numbers of rows; raise `InputError` if it cannot be opened."""
     dataset = _open_layer(path)
     layers = [dataset.GetLayer(index) for index in range(dataset.GetLayerCount())]
     return {layer.GetName(): layer.GetFeatureCount() for layer in layers}
 
 
 def text_columns(path: str, layer: str, fields: Sequence[str]) -> dict[str, list[str]]:
-    """Return columns of a layer as text; raise `InputError` for a layer or field that is not there."""
+    """Return fields of a layer as text; raise `InputError` if the layer or a field is missing."""
     dataset = _open_layer(path)
     table = dataset.GetLayerByName(layer)
     for field in fields:

@@ -1,8 +1,8 @@
-"""Vector layers out: one GeoPackage with several layers and the styles that QGIS draws them with.
+"""Writing of vector layers: one GeoPackage with several layers and their QGIS styles.
 
-OGR makes the tables, so that every reader understands the file. The rows go in beside it (`sqlite_rows`): OGR's Python
-interface needs a call for each value and adds each row to the spatial index by itself, which takes a minute for a
-million residuals; here it is a second. The file is made under a temporary name and renamed at the end.
+OGR creates the tables, so that every reader understands the file. The rows are inserted without OGR (`sqlite_rows`):
+its Python interface needs a call for each value and adds each row to the spatial index separately, a minute for a
+million residuals instead of a second. The file is made under a temporary name and renamed at the end.
 """
 
 import contextlib
@@ -45,8 +45,8 @@ class Layer:
     coordinates : (n, 2) or (n, 3), PickedColumn or StackedColumn, or sequence of shapely.geometry.Polygon points or
     polygons. NaN, an empty polygon: no geometry.
     fields : LayerRows, or mapping of str to (n,), Words or StackedColumn columns by name: text, integers, floats (NaN
-    is written as NULL) or bools. Those of a class of `declared_layers` describe themselves in the file.
-    metadata : what the layer tells of itself in the file beside that (in the table gpkg_metadata)
+    is written as NULL) or bools. Fields of a class of `declared_layers` are described in the file.
+    metadata : metadata items of the layer in addition to its description (in the table gpkg_metadata)
     """
 
     name: str
@@ -61,7 +61,7 @@ class Layer:
 
     @property
     def description(self) -> str:
-        """What the layer holds, as its class of rows says; empty for other columns."""
+        """First line of the docstring of the class of its rows; empty for columns of no class."""
         text = type(self.fields).__doc__ if isinstance(self.fields, LayerRows) else ""
         return (text or "").partition("\n")[0].rstrip(".")
 
@@ -74,7 +74,7 @@ class Layer:
 
     @property
     def width_m(self) -> float:
-        """The longer side of the box around all geometries, metres on the ground; 0 without any."""
+        """The longer side of the bounding box of all geometries, metres on the ground; 0 if there are none."""
         low, high = _corners(self)
         there = finite_rows(low) if low is high else finite_rows(low) & finite_rows(high)
         if not there.any():
@@ -87,7 +87,7 @@ class Layer:
 
 
 def default_styles(layers: Sequence[Layer]) -> dict[str, Style]:
-    """Return the styles of the layers that HRSI has one for, by name."""
+    """Return the styles of those layers for which HRSI has one, by name."""
     styles = {layer.name: default_style(layer.name, layer.fields, layer.width_m) for layer in layers}
     return {name: style for name, style in styles.items() if style is not None}
 
@@ -98,10 +98,10 @@ def write_geopackage(
 ) -> None:  # fmt: skip
     """Write layers with styles by layer name (default: those of `layer_styles`), replacing the file in one step.
 
-    path : the file; layers : what it is to hold; styles : by layer name; by default those of `layer_styles`
+    path : the file; layers : its layers; styles : by layer name; by default those of `layer_styles`
     progress : callback; False cancels
-    lineage : what each layer tells of its making (in the table gpkg_metadata), by name
-    Raises `OutputError`: the file cannot be written; `Cancelled`: when ``progress`` asks to stop.
+    lineage : metadata items on the origin of the layers, by name, written for each layer (in the table gpkg_metadata)
+    Raises `OutputError`: the file cannot be written; `Cancelled`: ``progress`` returned False.
     """
     for layer in layers:
         lengths = {name: len(column) for name, column in layer.fields.items()} | {"id of rows": len(layer)}
@@ -114,11 +114,11 @@ def write_geopackage(
     if styles is None:
         styles = default_styles(layers)
     length = len(os.fsencode(os.path.abspath(path)))
-    if length > 400:  # hidden names and journals are longer, by what tells who writes
+    if length > 400:  # names of temporary files and journals are longer: they identify the process
         raise OutputError(
             f"{path}: a path of {length} bytes is too long for SQLite, which opens 512: choose a shorter `output_dir`"
         )
-    with replacing(path) as temporary, quiet():  # GDAL and SQLite have more to say of a full disk
+    with replacing(path) as temporary, quiet():  # GDAL and SQLite print more messages if the disk is full
         with config_option("OGR_CURRENT_DATE", run_date()):
             # OGR makes an empty GeoPackage with all layers
             dataset = None
@@ -130,7 +130,7 @@ def write_geopackage(
                     if styles:
                         create_style_table(dataset)
             if dataset is None or messages:
-                dataset = None  # closed here, where GDAL's complaints are not heard
+                dataset = None  # closed here, where GDAL's messages are suppressed
                 reason = messages[-1] if messages else "unknown reason"
                 raise OutputError(f"{path}: cannot be written ({reason}): check the folder")
             del dataset
@@ -154,14 +154,14 @@ def write_geopackage(
 
 
 def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
-    """Return layers whose longitudes do not jump at 180 degrees, so that what lies across it has its own extent."""
+    """Return layers whose longitudes do not jump at 180 degrees, so that the extent of a block across it is correct."""
     places = {
         number: _corners(layer)[0][:, 0]
         for number, layer in enumerate(layers)
         if layer.crs in (WGS84, WGS84_3D) and layer.geometry != "None"
     }
     ends = [(np.fmin.reduce(part), np.fmax.reduce(part)) for part in places.values() if len(part)]
-    if not ends or are_continuous(np.concatenate(ends)):  # nothing of the length of the layers is made
+    if not ends or are_continuous(np.concatenate(ends)):  # without arrays of the length of the layers
         return list(layers)
     west = np.concatenate(list(places.values()))
     turns = np.round((continuous_longitudes(west) - west) / 360.0)
@@ -180,7 +180,7 @@ def in_one_place(layers: Sequence[Layer]) -> list[Layer]:
 
 
 def create_layer(dataset: gdal.Dataset, layer: Layer, lineage: Mapping[str, str] | None = None) -> None:
-    """Have OGR make an empty layer; its ``lineage`` stands in gpkg_metadata, its description in gpkg_contents."""
+    """Create an empty layer by OGR, with its ``lineage`` in gpkg_metadata and its description in gpkg_contents."""
     reference = osr.SpatialReference()
     reference.ImportFromEPSG(layer.crs)
     reference.SetAxisMappingStrategy(osr.OAMS_TRADITIONAL_GIS_ORDER)
@@ -207,7 +207,7 @@ def insert_rows(
 ) -> Iterator[None]:
     """Insert a layer's rows, pausing after each chunk; then set its extent, spatial index and number of rows.
 
-    The layer's table is there; ``empty_first`` tells that it has rows, which are to go.
+    The table of the layer must exist; with ``empty_first`` its present rows are deleted.
     """
     names = ["fid", *([GEOMETRY_COLUMN] if layer.geometry != "None" else []), *layer.fields]
     rtree, (low, high) = f"rtree_{layer.name}_{GEOMETRY_COLUMN}", _corners(layer)
@@ -238,14 +238,14 @@ def insert_rows(
 
 
 def _columns(layer: Layer, rows: slice = slice(0)) -> list[Column]:
-    """Return the columns of some rows of a layer, geometries first."""
+    """Return the columns of some rows of a layer, with the geometries as first column."""
     columns: list[Column] = [column[rows] for column in layer.fields.values()]
     return columns if layer.geometry == "None" else [_geometries(layer, rows), *columns]
 
 
 @contextlib.contextmanager
 def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None]:
-    """Take away OGR's triggers that count and index each row, and put them back."""
+    """Drop OGR's triggers that count and index each row, and create them again at the end."""
     triggers = database.execute(
         "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND tbl_name = ?", (table,)
     ).fetchall()
@@ -257,12 +257,12 @@ def _without_triggers(database: sqlite3.Connection, table: str) -> Iterator[None
 
 
 def _corners(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
-    """Return least and largest x, y of each geometry, ``(n, 2)`` each; NaN where there is none."""
+    """Return minimum and maximum x, y of each geometry, ``(n, 2)`` each; NaN if it is empty."""
     if layer.geometry == "None":
         return np.empty((0, 2)), np.empty((0, 2))
     if layer.geometry != "Polygon":
         xy = np.empty((len(layer.coordinates), 2))
-        for begin in range(0, len(xy), _CHUNK_ROWS):  # coordinates that are put together here have no other copy
+        for begin in range(0, len(xy), _CHUNK_ROWS):  # in chunks: stacked coordinates are not copied as a whole
             part = slice(begin, begin + _CHUNK_ROWS)
             xy[part] = np.asarray(layer.coordinates[part])[:, :2]
         return xy, xy
@@ -275,7 +275,7 @@ def _extent(low: np.ndarray, high: np.ndarray) -> tuple[float, ...]:
 
 
 def _geometries(layer: Layer, rows: slice) -> np.ndarray:
-    """Return geometries as bytes (dtype ``V``); as objects where some have none, or where they are polygons."""
+    """Return geometries as bytes (dtype ``V``); as objects if some are empty, or if they are polygons."""
     if layer.geometry == "Polygon":
         # A header with the envelope, then WKB
         boxed = zip(layer.coordinates[rows], layer.boxes[rows].tolist(), strict=True)
@@ -309,8 +309,8 @@ def _objects(values: Sequence[object]) -> np.ndarray:
     return array
 
 
-#: Tables of the extension gpkg_schema, which describes columns, and the one that lists extensions, which a file without
-#: an R-tree has not. Source: OGC 12-128r18, annexes C.6 and F.9.
+#: Tables of the extension gpkg_schema, which describes columns, and the table of extensions, which is missing in a file
+#: without an R-tree. Source: OGC 12-128r18, annexes C.6 and F.9.
 _SCHEMA_TABLES = (
     "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL,"
     " definition TEXT NOT NULL, scope TEXT NOT NULL,"
@@ -325,7 +325,7 @@ _SCHEMA_TABLES = (
 
 
 def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> None:
-    """Write what each field holds, as it is declared (`typed_rows`), into the table that the standard has for that."""
+    """Write the descriptions of declared fields (`typed_rows`) into the standard's table gpkg_data_columns."""
     rows = [(layer.name, name, said.text) for layer in layers for name, said in describe_columns(layer.fields).items()]
     if not rows:
         return
@@ -338,7 +338,7 @@ def describe_fields(database: sqlite3.Connection, layers: Sequence[Layer]) -> No
 
 
 def create_style_table(dataset: gdal.Dataset) -> None:
-    """Make the table in which QGIS looks for the styles of a file's layers, as QGIS itself makes it."""
+    """Create the table in which QGIS looks for the styles of a file's layers, with the columns that QGIS gives it."""
     table = dataset.CreateLayer("layer_styles", None, ogr.wkbNone, ["FID=id"])
     for name, width in (
         ("f_table_catalog", 256), ("f_table_schema", 256), ("f_table_name", 256), ("f_geometry_column", 256),

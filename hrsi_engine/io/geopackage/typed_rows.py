@@ -1,14 +1,13 @@
-"""A layer's columns, each declared once: name, kind of value, unit and text stand in a class of `declared_layers`.
+"""Columns of layers, each declared once: name, type, unit and description are in a class of `declared_layers`.
 
-Who makes the rows of a layer makes an object of its class, with one argument a column::
+The rows of a layer are an object of its class, with one argument for each column::
 
     rows = TiePointRows(id=ids, views=views, height=height_m, ...)
 
-A column that is given and not declared, or declared and not given, is an error there, for mypy and when it runs. The
-object is the mapping of columns that a `Layer` takes; the writer has the kinds and texts of the fields from it, the
-styles their titles, and `scripts/list_layers.py` the tables of the documentation.
-
-Columns may take less memory than an array of their rows: of shared values, or in parts.
+A column that is given and not declared, or declared and not given, is an error for mypy and at run time. The object is
+the mapping of columns that a `Layer` takes; the writer gets types and descriptions of the fields from it, the styles
+their titles, and `scripts/list_layers.py` the tables of the documentation.
+Columns with shared values, or in parts, take less memory than an array of their rows.
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 @dataclass(frozen=True, eq=False)
 class PickedColumn:
-    """Rows that share values: each of them, (k,) or (k, d), stands there once; ``index`` (n,) is that of each row."""
+    """A column whose n rows share k values, (k,) or (k, d), stored once; ``index`` (n,) has each row's value number."""
 
     values: np.ndarray
     index: np.ndarray
 
     @property
     def dtype(self) -> np.dtype:
-        """That of the values."""
+        """Dtype of the values."""
         return self.values.dtype
 
     def __len__(self) -> int:
         return len(self.index)
 
     def __getitem__(self, rows: Any) -> Any:
-        """Return a column of some rows (slice, mask or indices), or the value of one."""
+        """Return a column of some rows (slice, mask or indices), or the value of one row."""
         index = self.index[rows]
         return type(self)(self.values, index) if np.ndim(index) else self.values[index]
 
@@ -46,7 +45,7 @@ class PickedColumn:
 
 
 class Words(PickedColumn):
-    """A column of text; to compare it, and as an array (``np.asarray``), it is that of its rows."""
+    """A text column with shared values; comparisons and ``np.asarray`` give arrays with one element for each row."""
 
     def __eq__(self, word: object) -> np.ndarray:  # type: ignore[override]
         return (self.values == word)[self.index]
@@ -55,11 +54,11 @@ class Words(PickedColumn):
         return (self.values != word)[self.index]
 
     def tolist(self) -> list[str]:
-        """Return the rows' words; those that are equal are one object."""
+        """Return the texts of the rows; equal texts are one object."""
         return self.values.astype(object)[self.index].tolist()
 
     def concatenate(self, other: Words) -> Words:
-        """Return the rows of this column and of another behind them."""
+        """Return a column of these rows, followed by those of another one."""
         if other.values is self.values:
             return Words(self.values, np.concatenate([self.index, other.index]).astype(np.int32))
         values = np.concatenate([self.values, other.values])
@@ -68,23 +67,23 @@ class Words(PickedColumn):
 
 @dataclass(frozen=True, eq=False)
 class StackedColumn(NDArrayOperatorsMixin):
-    """The rows of some columns of numbers, one column behind the other; only what is asked for is put together.
+    """Columns of numbers, concatenated by rows; only the rows that are requested are copied.
 
-    In arithmetic and in NumPy's functions it is the array of its rows.
+    In arithmetic and in NumPy's functions it behaves as the array of its rows.
     """
 
     parts: tuple[Any, ...]
 
     @property
     def dtype(self) -> np.dtype:
-        """That of all rows."""
+        """Common dtype of all parts."""
         return np.result_type(*(part.dtype for part in self.parts))
 
     def __len__(self) -> int:
         return sum(map(len, self.parts))
 
     def __getitem__(self, rows: Any) -> Any:
-        """Return some rows (slice, mask or indices); of a slice with no more work than it has rows."""
+        """Return some rows (slice, mask or indices); a slice copies only its own rows."""
         if not isinstance(rows, slice):
             return np.asarray(self)[rows]
         start, stop, _ = rows.indices(len(self))
@@ -103,7 +102,7 @@ class StackedColumn(NDArrayOperatorsMixin):
         return getattr(ufunc, method)(*arrays, **kwargs)
 
     def tolist(self) -> list[Any]:
-        """Return the rows' values."""
+        """Return the values of the rows."""
         return np.asarray(self).tolist()
 
 
@@ -111,12 +110,12 @@ Column = np.ndarray | Words | StackedColumn
 
 
 def make_shared_words(word: str, count: int) -> Words:
-    """Return a column of ``count`` rows that all hold one word."""
+    """Return a column of ``count`` rows with the same text."""
     return Words(np.array([word]), np.zeros(count, dtype=np.int32))
 
 
 def is_any(column: Column, words: Iterable[str]) -> np.ndarray:
-    """Return which rows of a column of text hold one of some words, ``(n,)``."""
+    """Return the mask ``(n,)`` of the rows of a text column that contain one of some texts."""
     if isinstance(column, Words):
         return np.isin(column.values, list(words))[column.index]
     return np.isin(column, list(words))
@@ -124,12 +123,12 @@ def is_any(column: Column, words: Iterable[str]) -> np.ndarray:
 
 # ---- declared columns ------------------------------------------------------------------------------------------------
 
-#: Kinds of columns, as annotations of a class of rows: what one value of the column is stands second.
+#: Types of columns, as annotations in a class of rows: the second argument is the type of one value.
 TextColumn = Annotated[Column, str]
 FloatColumn = Annotated[Column, float]
 IntegerColumn = Annotated[Column, int]
 FlagColumn = Annotated[Column, bool]
-#: Letters of NumPy's dtypes that a column of each kind may have.
+#: NumPy's dtype kinds that a column of each type may have.
 DTYPES: dict[type, str] = {str: "UO", float: "f", int: "iu", bool: "b"}
 #: How units are written in titles.
 UNIT_SIGNS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
@@ -137,7 +136,7 @@ UNIT_SIGNS = {"m": "m", "px": "px", "deg": "°", "m2": "m²"}
 
 @dataclass(frozen=True)
 class DeclaredColumn:
-    """What is known of a column before there are rows; see `column`."""
+    """Declaration of a column: description, unit, level, name and type of its values; see `column`."""
 
     description: str
     unit: str = ""
@@ -147,17 +146,17 @@ class DeclaredColumn:
 
     @property
     def text(self) -> str:
-        """The description with its unit, as files have it."""
+        """Description with unit, as in files."""
         return f"{self.description}, {self.unit}" if self.unit else self.description
 
     @property
     def title(self) -> str:
-        """What a form writes beside the field: ``Residual east (m)``."""
+        """Title of the field in a form: ``Residual east (m)``."""
         return write_title(self.name, self.unit)
 
 
 def write_title(name: str, unit: str = "") -> str:
-    """Return a column's name as words with its unit, ``Residual east (m)``; by default that at the name's end."""
+    """Return a column's name as words with its unit, ``Residual east (m)``; the default is the unit in the name."""
     words = name.split("_")
     ending = words[-1] if len(words) > 1 and words[-1] in UNIT_SIGNS else ""
     text, sign = " ".join(words[:-1] if ending else words), UNIT_SIGNS.get(unit or ending, unit)
@@ -165,20 +164,20 @@ def write_title(name: str, unit: str = "") -> str:
 
 
 def column(description: str = "", unit: str = "", *, level: str = "") -> Any:
-    """Declare a column of a class of `LayerRows`; to type checkers it is the field that the annotation says.
+    """Declare a column of a class of `LayerRows`; for type checkers it is a field of the annotated type.
 
-    description : what it holds; by default the text of `SHARED_COLUMNS` under its name, for a column of several layers
-    unit : of a number; level : in a layer with rows of several levels, the one whose rows have it; empty: all
+    description : content; by default the text of `SHARED_COLUMNS` under its name, for a column of several layers
+    unit : of a number; level : in a layer with rows of several levels, the level that has the column; empty: all
     """
     return DeclaredColumn(description, unit, level)
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(column,))
 class LayerRows(Mapping[str, Column]):
-    """Columns of equal length of a layer, by name: those that the class declares, no more and no fewer.
+    """Columns of a layer by name, of equal length: exactly those that the class declares.
 
     A class names its layer (``class TiePointRows(LayerRows, layer="tie_points")``); the first line of its docstring
-    describes it. Columns of a base class come first. Raises `TypeError` where a column is not declared, not given, of
+    describes it. Columns of a base class come first. Raises `TypeError` if a column is not declared, not given, of
     another length or of another kind than declared.
     """
 
@@ -221,7 +220,7 @@ class LayerRows(Mapping[str, Column]):
 
     @classmethod
     def of_level(cls, level: str, count: int, **columns: Column) -> Self:
-        """Return ``count`` rows of one level: the columns of other levels hold NaN, and take no memory."""
+        """Return ``count`` rows of one level: the columns of other levels are NaN, without taking memory."""
         others = [name for name, said in cls.declared.items() if said.level not in ("", level)]
         wrong = [name for name in others if name in columns]
         if wrong:
@@ -231,7 +230,7 @@ class LayerRows(Mapping[str, Column]):
 
     @classmethod
     def of_entries(cls, entries: Sequence[Mapping[str, Any]]) -> Self:
-        """Return the rows of entries of a report, in which None is NaN."""
+        """Return rows from entries of a report; None becomes NaN."""
         kinds = {name: said.kind for name, said in cls.declared.items()}
         columns = {name: [entry[name] for entry in entries] for name in entries[0]}
         return cls(**{name: np.array(values, dtype=kinds.get(name)) for name, values in columns.items()})
@@ -248,16 +247,16 @@ class LayerRows(Mapping[str, Column]):
         return len(self.declared)
 
     def select(self, rows: Any) -> Self:
-        """Return some rows (slice, mask or indices)."""
+        """Return an object with some of the rows (slice, mask or indices)."""
         return type(self)(**{name: values[rows] for name, values in self.items()})
 
     def concatenate(self, other: Self) -> Self:
-        """Return these rows and others behind them, without a copy of the numbers."""
+        """Return these rows followed by others, without copying the numbers."""
         return type(self)(**{name: _join(values, other[name]) for name, values in self.items()})
 
 
 def _complete_description(cls: type, name: str, part: DeclaredColumn) -> DeclaredColumn:
-    """Return a declared column with the text that it shares with those of the same name in other layers."""
+    """Return a declaration with the description of `SHARED_COLUMNS` if it has none of its own."""
     if part.description:
         return part
     if name not in SHARED_COLUMNS:
@@ -275,7 +274,7 @@ def _join(first: Column, second: Column) -> Column:
 
 
 def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:
-    """Return what is known of a layer's fields: as declared; of other columns, what `SHARED_COLUMNS` says."""
+    """Return the declarations of a layer's fields; for undeclared columns the entry of `SHARED_COLUMNS`, if any."""
     if isinstance(fields, LayerRows):
         return dict(fields.declared)
     return {name: DeclaredColumn(*SHARED_COLUMNS[name], name=name) for name in fields if name in SHARED_COLUMNS}

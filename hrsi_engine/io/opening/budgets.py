@@ -1,13 +1,13 @@
-"""What reading a file may cost, and which of its numbers can be: the one place where readers' limits stand.
+"""Limits of readers, all in one place: how much of a file is read, and which of its numbers are possible.
 
-A damaged file claims what it likes: a million pixels a side, an id of a megabyte, a DEM of 1e30 m. Readers ask here
-before they make room for it or work with it, and refuse in one line what no file of its kind holds. The limits leave
-room for what is large and real: seven million measurements, databases of gigabytes, images of 40 000 x 40 000 px,
+A damaged file can claim anything: a million pixels a side, an id of a megabyte, a DEM of 1e30 m. Readers check the
+limits before they allocate memory or use a number, and refuse with one line what no file of its kind contains. The
+limits admit large real data: seven million measurements, databases of gigabytes, images of 40 000 x 40 000 px,
 mosaics of DEMs of a continent.
 
-Bytes and text have limits of their kind of file; what a compressed format unfolds to is compared with the bytes that
-are there. Databases get a time that grows with their size (`database_seconds`), servers one in which they must have
-sent something (`datasets.HTTP_PATIENCE`).
+Bytes and text have limits for each kind of file; the uncompressed size of a compressed format is compared with its
+bytes on disk. The time for databases grows with their size (`database_seconds`), and servers must have sent data
+within a time limit (`datasets.HTTP_PATIENCE`).
 """
 
 import os
@@ -85,7 +85,7 @@ class FILE_BUDGETS:
     )
 
 
-#: Bytes of files that are read as a whole, by what they hold.
+#: Most bytes of files that are read as a whole, by their content.
 MOST_BYTES = {
     "RPC": FILE_BUDGETS.rpc_bytes, "points": FILE_BUDGETS.points_bytes, "matches": FILE_BUDGETS.matches_bytes,
     "report": FILE_BUDGETS.report_bytes, "items": FILE_BUDGETS.items_bytes, "names": FILE_BUDGETS.names_bytes,
@@ -139,7 +139,7 @@ class RPC_BUDGETS:
     coefficient: float = threshold(1e9, "", "largest coefficient", "crops with a scene's scales have some 1e3")
 
 
-#: Of an RPC: the largest magnitudes of its offsets, and the smallest and largest of its scales.
+#: For each number of an RPC: largest magnitude of an offset, or smallest and largest value of a scale.
 RPC_RANGES = {
     "line_off": (0.0, RPC_BUDGETS.image_px), "samp_off": (0.0, RPC_BUDGETS.image_px),
     "lat_off": (0.0, RPC_BUDGETS.lat_off_deg), "long_off": (0.0, RPC_BUDGETS.long_off_deg),
@@ -153,7 +153,7 @@ RPC_RANGES = {
 
 
 def require_size(path: str, kind: str) -> None:
-    """Raise `InputError` for a file larger than any of its ``kind``, one of `MOST_BYTES`, or no plain file."""
+    """Raise `InputError` if a file is larger than any of its ``kind``, a key of `MOST_BYTES`, or is no regular file."""
     require_plain(path)
     size, most = file_bytes(path), MOST_BYTES[kind]
     if size is not None and size > most:
@@ -162,7 +162,7 @@ def require_size(path: str, kind: str) -> None:
 
 
 def require_gcp_rows(path: str) -> None:
-    """Raise `InputError` for a text file with more rows than any block has GCPs; databases and archives pass."""
+    """Raise `InputError` for a text file with more rows than any block has GCPs; databases and archives are skipped."""
     if path.startswith("/vsi") or not path.lower().endswith((".csv", ".tsv", ".txt", ".tab")):
         return
     rows = 0
@@ -178,7 +178,7 @@ def require_gcp_rows(path: str) -> None:
 
 
 def file_bytes(path: str) -> int | None:
-    """Return a file's size, None where it has none (a database's address, a folder)."""
+    """Return the size of a file, None if it has none (address of a database, folder)."""
     if path.startswith("/vsi"):
         status = virtual_status(path)
         return None if status is None or status.IsDirectory() else int(status.size)
@@ -186,7 +186,7 @@ def file_bytes(path: str) -> int | None:
 
 
 def require_texts(source: str, field: str, rows: int, longest: int) -> None:
-    """Raise `InputError` for a column of texts, ``longest`` characters at most, that no column of names is like."""
+    """Raise `InputError` for a column of texts that are too long for names; ``longest`` is in characters."""
     if longest > FILE_BUDGETS.text_characters or (
         longest > FILE_BUDGETS.plain_text_characters and rows * longest * 4 > FILE_BUDGETS.wide_text_bytes
     ):
@@ -197,7 +197,7 @@ def require_texts(source: str, field: str, rows: int, longest: int) -> None:
 
 
 def require_small_archive(path: str) -> None:
-    """Raise `InputError` for a spreadsheet (a zip archive) whose parts are larger than any table's."""
+    """Raise `InputError` for a spreadsheet (a zip archive) whose uncompressed size exceeds that of any table."""
     require_plain(path)
     if not path.startswith("/vsi") and zipfile.is_zipfile(path):
         size = sum(size for _name, size in list_archive(path))
@@ -206,13 +206,13 @@ def require_small_archive(path: str) -> None:
 
 
 def list_archive(path: str) -> list[tuple[str, int]]:
-    """Return names and sizes of what a zip or tar archive of the disk holds; unlike GDAL's, this can be interrupted.
+    """Return names and sizes of the members of a zip or tar archive on disk; unlike GDAL's list, interruptible.
 
-    Raises `InputError` where it is damaged, holds more than any delivery, or would take for ever to unfold.
+    Raises `InputError` if it is damaged, has more members than any delivery, or takes too long to decompress.
     """
     try:
         if zipfile.is_zipfile(path):
-            # A directory with more entries than are looked through is refused before any is read
+            # A directory with too many entries is refused before it is read
             with open(path, "rb") as file:
                 file.seek(-min(os.path.getsize(path), 2**16 + 100), os.SEEK_END)
                 tail = file.read()
@@ -232,7 +232,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
                 unfolded = member.offset_data + member.size
                 if len(found) > FILE_BUDGETS.delivery_files:
                     raise InputError(f"{path}: contains more than {FILE_BUDGETS.delivery_files} files: name its images")
-                if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a packed one
+                if unfolded > FILE_BUDGETS.unfolded_bytes and unfolded > os.path.getsize(path):  # a compressed one
                     raise InputError(
                         f"{path}: unfolds to more than {unfolded // MIB} MiB: unpack it, and name the folder"
                     )
@@ -245,7 +245,7 @@ def list_archive(path: str) -> list[tuple[str, int]]:
 
 
 def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_files, what: str = "files") -> None:
-    """Raise `InputError` for a folder or archive that holds more of something than a delivery does."""
+    """Raise `InputError` for a folder or archive that contains more files, or more of ``what``, than any delivery."""
     if count > most:
         raise InputError(
             f"{name}: contains more than {most} {what}: name the images themselves (by a pattern such as FOLDER/*.tif, "
@@ -253,15 +253,15 @@ def require_delivery(name: str, count: int, most: int = FILE_BUDGETS.delivery_fi
 
 
 def database_seconds(size: int) -> float:
-    """Return the processor time in which a database of a size in bytes can be looked through: 10 MB a second."""
+    """Return the processor time (s) allowed for checking a database: 5 s and 1 s for each 10 MB of ``size`` (bytes)."""
     return 5.0 + size / 1e7
 
 
 def require_raster(path: str, dataset: gdal.Dataset) -> None:
-    """Raise `InputError` for a raster larger than any, or one whose pixels cannot be read piece by piece.
+    """Raise `InputError` for a raster that is too large, or whose pixels cannot be read in small blocks.
 
-    A raster of the disk that claims many more pixels than its bytes (and those of the files it is made of) can hold is
-    empty or damaged: whoever goes through its pixels would wait for nothing.
+    A raster on disk that claims many more pixels than its bytes (and those of the files that it refers to) can contain
+    is empty or damaged: processing all its pixels would take long without result.
     """
     columns, rows = dataset.RasterXSize, dataset.RasterYSize
     claim = f"{path}: claims {columns} x {rows} pixels"
@@ -287,9 +287,9 @@ def require_raster(path: str, dataset: gdal.Dataset) -> None:
 
 
 def require_heights(heights_m: np.ndarray, where: Callable[[int], str]) -> None:
-    """Raise `InputError` for heights ``(n,)`` that no ground on Earth has; NaN passes.
+    """Raise `InputError` for heights ``(n,)`` that no ground on Earth has; NaN is accepted.
 
-    ``where`` names the place of an index: file and cell, or file and row.
+    ``where`` returns the place of an index: file and cell, or file and row.
     """
     wrong = (heights_m < GROUND_HEIGHTS.lowest_m) | (heights_m > GROUND_HEIGHTS.highest_m)
     wrong |= heights_m == GROUND_HEIGHTS.no_data_m
