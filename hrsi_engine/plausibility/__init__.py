@@ -1,4 +1,4 @@
-"""Plausibility of the inputs: checks of a block before its adjustment, and the mistakes that explain a misfit."""
+"""Plausibility of the inputs: checks of a block before its adjustment, and input errors that explain a misfit."""
 
 from .block_check import check_block
 

@@ -2,18 +2,18 @@
 
 The error of an RPC is metres to hundreds of metres, nearly the same for all points of an image: a shift with a small
 drift. A misfit that changes from point to point, or a shift beyond the sensor's pointing error, has another cause.
-ERR_BIAS states the standard deviation of the shift; where a product gives none, the ground sample distance tells the
-class of the sensor:
+ERR_BIAS states the standard deviation of the shift; where a product gives none, the ground sampling distance determines
+the class of the sensor:
 
     GSD below 1 m   5 to 25 m (CE90) for IKONOS, QuickBird, GeoEye, WorldView, Pleiades, KOMPSAT
     GSD 1.5 to 4 m  30 to 250 m for SPOT 5-7, ALOS, ZY-3, GF-1, Cartosat-1
     GSD 10 to 20 m  100 to 500 m for SPOT 1-4 and wide-field cameras
 
-A standard deviation of 12 pixels and at least 15 m describes them all.
+A standard deviation of 12 pixels, and at least 15 m, is consistent with all of them.
 
-Products exceed their figure. An RPC that lies up to ten times the CE90 off, the same for all points, is a biased RPC,
-which GCPs mend like any other; what lies beyond has another cause. The standard deviation of products that state
-nothing allows for such biases, up to ten times as well.
+Products exceed their stated figure. An error of up to ten times the CE90 that is equal for all points is a bias of the
+RPC, which GCPs correct like any smaller one; a larger error has another cause. For products that state nothing, a bias
+is accepted up to ten standard deviations.
 """
 
 from collections.abc import Sequence
@@ -25,14 +25,14 @@ from ..block.block import Image
 from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
 from ..foundation.thresholds import threshold, thresholds
 
-#: Where most thresholds of this room come from.
+#: Source of most thresholds of this room.
 SIMULATED = "simulated blocks of six sensors, seeds below 1000, 2026-11-22 (docs/wrong_inputs.md)"
 OF_SENSORS = "describes the published accuracies of the module's table"
 
 
 @thresholds
 class ACCURACY:
-    """Errors that RPCs of satellite images may have, and errors that no RPC has."""
+    """Errors that RPCs of satellite images can have, and errors that are too large for any RPC."""
 
     unknown_sigma_px: float = threshold(12.0, "px", "sigma of the shift where the product states none", OF_SENSORS)
     unknown_sigma_m: float = threshold(15.0, "m", "the same in metres; the larger of both applies", OF_SENSORS)
@@ -63,10 +63,10 @@ class ACCURACY:
 class ImageAccuracy:
     """A priori accuracy of an image's RPC.
 
-    gsd_m : ground sample distance; sigma_m : standard deviation of each horizontal coordinate of the shift
-    ce90_m : the figure that a shift is compared with: of that sigma, or published of the sensor, the larger one
-    large_m : a larger shift is reported; biased_m : up to this, one that is alike for all points is a bias of the RPC
-    far_m : a larger one is no error of an RPC
+    gsd_m : ground sampling distance; sigma_m : standard deviation of each horizontal coordinate of the shift
+    ce90_m : the CE90 that a shift is compared with: the larger of that of sigma_m and the published one of the sensor
+    large_m : a larger shift is reported; biased_m : a shift up to this, equal for all points, is a bias of the RPC
+    far_m : a larger shift is not an error of an RPC
     misfit_m : largest difference between the misfits of two points; drift : standard deviation, px/px
     """
 
@@ -83,7 +83,7 @@ class ImageAccuracy:
 def estimate_accuracies(
     images: Sequence[Image], sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
 ) -> list[ImageAccuracy]:
-    """Return the accuracy of each image, from ERR_BIAS or its resolution, or larger as the user states it."""
+    """Return the a priori accuracy of each image from ERR_BIAS or its resolution, or larger if the user states so."""
     found = []
     for image, gsd in zip(images, compute_gsds_m(images).tolist(), strict=True):
         stated = image.rpc.err_bias

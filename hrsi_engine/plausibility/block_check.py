@@ -1,4 +1,4 @@
-"""Every check of a block's inputs before its adjustment, and which of the reasons found are consequences of others."""
+"""All checks of a block's inputs before its adjustment; reasons that are consequences of other reasons are left out."""
 
 from ..block.block import Block
 from ..foundation.reasons import Level, Reason
@@ -10,7 +10,7 @@ from .control_reasons import HEIGHT_CODES, find_control_reasons
 from .identities import find_spelling_reasons
 from .ties import find_tie_reasons
 
-#: Reasons that explain points outside an image.
+#: Input errors of image coordinates that place points outside their image.
 PIXEL_SLIP_CODES = {
     "sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale",
     "image-ids-permuted",
@@ -20,14 +20,14 @@ PIXEL_SLIP_CODES = {
 def check_block(
     block: Block, *, surface: HeightSurface | None = None, sigma_shift_px: float = 0.0, sigma_drift: float = 0.0
 ) -> list[Reason]:
-    """Return what is implausible in a block's inputs: mistakes of coordinates, ids, heights, datums, DEM and images.
+    """Return the implausible parts of a block's inputs: errors of coordinates, ids, heights, datums, DEM and images.
 
     Parameters
     ----------
     block : Block
-        Images with the RPCs as they came, points and measurements.
+        Images with their RPCs before adjustment, points and measurements.
     surface : HeightSurface, optional
-        The DEM that comes with the block.
+        The DEM given with the block.
     sigma_shift_px, sigma_drift : float
         Standard deviations of the RPCs' errors (px, px/px), where the user states larger ones than the RPCs do.
 
@@ -48,7 +48,7 @@ def check_block(
     reasons += [] if surface is None else places.find_dem_reasons(block, surface)
     reasons += places.find_points_outside(block) + places.find_crops(block) + places.find_reordered_rpcs(block)
     reasons += places.find_duplicate_images(block)
-    # Leave out reasons that follow from others, and repeated codes (one mistake found in GCPs and in ties)
+    # Leave out reasons that follow from others, and repeated codes (one input error found in GCPs and in tie points)
     codes = {reason.code for reason in reasons}
     kept: list[Reason] = []
     for reason in reasons:

@@ -4,13 +4,13 @@
 
 The shift of an image is the median over its points. The shifts are compared with the a priori accuracy of the RPCs, the
 robust scatter of the misfits with the noise of measurement and survey. Two hypotheses about the same numbers (as given,
-and with a mistake undone) are compared by minus twice the logarithm of their likelihoods::
+and with an input error corrected) are compared by minus twice the logarithm of their likelihoods::
 
-    cost = sum over images of 4 f ln(s) + rho(shift / sigma)        f: points less the one that the shift takes
+    cost = sum over images of 4 f ln(s) + rho(shift / sigma)        f: number of points minus one, for the shift
 
-with the scatter ``s`` of both coordinates, at least that of right blocks, and ``rho`` the square up to ten sigmas and a
-logarithm beyond. Five sigmas of one shift cost 25. A drift of the RPC correlates the misfits of an image: at most five
-count as independent.
+with the scatter ``s`` of both coordinates, at least that of correct blocks; ``rho`` is the square up to ten sigmas and
+grows as a logarithm beyond. A shift of five sigmas costs 25. A drift of the RPC correlates the misfits of an image: at
+most five of them count as independent.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .accuracy import SIMULATED, ImageAccuracy
 
 @thresholds
 class CONTROL_FIT:
-    """When surveyed points fit the images on which they are measured."""
+    """Limits within which surveyed points fit the images on which they are measured."""
 
     least_noise_px: float = threshold(0.3, "px", "smaller sigmas of measurements are raised to it")
     agreeing_share: float = threshold(0.7, "", "share of an image's points that agree where the image fits", SIMULATED)
@@ -50,8 +50,8 @@ MEDIAN_LENGTH = 1.1774  # sqrt(2 ln 2): median length of a normal vector in the 
 class Sightlines:
     """Rays as straight lines: a point ``ground (n, 3)`` of each, and ``slope (n, 2)``, metres east, north per metre up.
 
-    Surveys are compared with rays on the ground, not in the image: localisation works wherever the survey lies, while
-    projection is meaningless far outside the RPC's domain. A survey with another height needs no new ray.
+    Surveys are compared with rays on the ground, not in the image: localisation works for every surveyed position,
+    while projection is meaningless far outside the RPC's domain. If the surveyed height changes, the rays remain valid.
     """
 
     ground: np.ndarray
@@ -68,11 +68,11 @@ class Sightlines:
         return across
 
     def select(self, rows: np.ndarray) -> Sightlines:
-        """Return some of the rays."""
+        """Return the rays of the given rows (indices or mask)."""
         return Sightlines(self.ground[rows], self.slope[rows])
 
     def replace(self, rows: np.ndarray, others: Sightlines) -> Sightlines:
-        """Return the rays with others at some rows (mask)."""
+        """Return a copy of the rays in which those of a mask ``rows`` are replaced by ``others``."""
         ground, slope = self.ground.copy(), self.slope.copy()
         ground[rows], slope[rows] = others.ground, others.slope
         return Sightlines(ground, slope)
@@ -95,8 +95,8 @@ class ControlMeasurements:
 
     point, image : (n,) indices into the block's points and images
     xy : (n, 2) sample, line; ground : (n, 3) surveyed lon, lat, height; sights : rays of the measurements
-    noise_m : (n,) standard deviation of a misfit by measurement and survey; expected_m : (n,) with the RPC's drift
-    accuracies : of every image of the block
+    noise_m : (n,) standard deviation of a misfit from measurement and survey; expected_m : (n,) including RPC drift
+    accuracies : a priori accuracy of every image of the block
     """
 
     block: Block
@@ -123,11 +123,11 @@ class ControlMeasurements:
         return np.unique(self.point)
 
     def get_figures(self, name: str) -> np.ndarray:
-        """Return a field of `ImageAccuracy` of every image of the block, ``(images,)``."""
+        """Return one field of `ImageAccuracy` for every image of the block, ``(images,)``."""
         return np.array([getattr(accuracy, name) for accuracy in self.accuracies])
 
     def select(self, rows: np.ndarray) -> ControlMeasurements:
-        """Return some of the measurements."""
+        """Return the measurements of the given rows (indices or mask)."""
         columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
         chosen = {name: getattr(self, name)[rows] for name in columns}
         return replace(self, sights=self.sights.select(rows), **chosen)
@@ -142,7 +142,7 @@ class ControlMeasurements:
 
 
 def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> ControlMeasurements | None:
-    """Return the measurements of surveyed points of a block; None where there are none."""
+    """Return the measurements of a block's surveyed points (GCPs and check points), or None if there are none."""
     covariance = block.points.survey_covariance_m2()
     sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
     known = block.known & finite_rows(block.points.ground) & finite_rows(sigma)
@@ -166,7 +166,7 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
 
 @dataclass(frozen=True, eq=False)
 class ControlFit:
-    """Fit of the surveyed points under one hypothesis about the numbers.
+    """Fit of the surveyed points to their images under one hypothesis about the coordinates.
 
     distance_m : (n, 2) east, north from the survey to the ray; shift_m : (images, 2) median of it, NaN without points
     misfit_m : (n, 2) distance without the shift
@@ -186,12 +186,12 @@ class ControlFit:
 
     @cached_property
     def shift_sigmas(self) -> np.ndarray:
-        """The same in standard deviations of its RPC ``(images,)``."""
+        """Length of each image's shift in a priori standard deviations of its RPC ``(images,)``."""
         return np.asarray(self.shift_length_m / self.control.get_figures("sigma_m"))
 
     @cached_property
     def belongs(self) -> np.ndarray:
-        """Which measurements agree with the shift of their image, up to the largest drift, ``(n,)`` bool."""
+        """True for measurements that agree with the shift of their image up to the largest drift, ``(n,)`` bool."""
         limit = np.maximum(
             self.control.get_figures("misfit_m")[self.control.image],
             CONTROL_FIT.agreeing_sigmas * self.control.expected_m,
@@ -200,7 +200,7 @@ class ControlFit:
 
     @cached_property
     def fitting(self) -> np.ndarray:
-        """Which images fit: a shift that an RPC may have, and most points agree with it; ``(images,)`` bool."""
+        """True for images whose shift an RPC can have and with which most points agree, ``(images,)`` bool."""
         control = self.control
         count = np.bincount(control.image, minlength=len(control.accuracies))
         agree = np.bincount(control.image[self.belongs], minlength=len(control.accuracies))
@@ -228,7 +228,7 @@ class ControlFit:
 def fit_control(
     control: ControlMeasurements, ground: np.ndarray | None = None, seen: Sightlines | None = None
 ) -> ControlFit:
-    """Return the fit of surveys ``ground (n, 3)`` to rays ``seen``, by default both as given."""
+    """Return the fit of surveyed points ``ground (n, 3)`` to the rays ``seen``; by default as in the control."""
     surveyed = control.ground if ground is None else ground
     distance = (control.sights if seen is None else seen).distance_m(surveyed)
     shift = np.full((len(control.accuracies), 2), np.nan)
@@ -236,7 +236,7 @@ def fit_control(
     for index in control.images:
         rows = control.image == index
         shift[index] = np.median(distance[rows], axis=0)
-        if (count := int(rows.sum())) > 1:  # the shift takes one point's misfit: of k points k - 1 tell the scatter
+        if (count := int(rows.sum())) > 1:  # the shift is estimated: k points have k - 1 degrees of freedom
             relative = np.hypot(*(distance[rows] - shift[index]).T) / control.expected_m[rows]
             scatter[index] = np.median(relative) * np.sqrt(count / (count - 1.0)) / MEDIAN_LENGTH
     return ControlFit(control, distance, shift, distance - shift[control.image], scatter)
@@ -247,7 +247,7 @@ def fit_control(
 
 @thresholds
 class GROUP:
-    """When surveyed points disagree with the others: single ones, or two clusters of misfits."""
+    """Limits beyond which surveyed points disagree with the others: single points, or two clusters of misfits."""
 
     gap_ratio: float = threshold(8.0, "", "gap of two clusters, or distance of a point, over their spread", SIMULATED)
     least_gap_sigmas: float = threshold(8.0, "sigma", "smallest gap, in expected misfits", SIMULATED)
@@ -259,11 +259,11 @@ class GROUP:
 
 @dataclass(frozen=True, eq=False)
 class Disagreement:
-    """Points that disagree with the rest.
+    """Surveyed points that disagree with the other ones.
 
     points : (k,) indices into the block's points
-    step_m : (3,) their median offset east, north, up; NaN height where the rays do not determine it
-    gap : distance over the spread within; group : True if they have the same offset
+    step_m : (3,) their median offset from the others east, north, up; up is NaN where the rays do not determine it
+    gap : distance from the others over the spread; group : True if they have a common offset
     """
 
     points: np.ndarray
@@ -273,7 +273,7 @@ class Disagreement:
 
 
 def find_disagreement(given: ControlFit) -> Disagreement | None:
-    """Return the smaller part of the surveyed points that disagrees with the rest; None where all agree.
+    """Return the surveyed points, at most half of them, that disagree with the others; None where all agree.
 
     Each point has one vector: the mean over its images of its misfit east and north, and its parallax, the mean misfit
     along the direction in which the image's ray leans from the point's mean ray. The parallax shows a wrong height,
@@ -314,7 +314,7 @@ def find_disagreement(given: ControlFit) -> Disagreement | None:
         if step[cut] < float(least.max()):
             continue
         low, high = order[: cut + 1], order[cut + 1 :]
-        # The standard deviation within a cluster, doubled for two or three points, whose range says little
+        # The standard deviation within a cluster, doubled for two or three points, whose range determines it poorly
         spreads = [float(np.std(along[part], ddof=1)) * (2.0 if len(part) < 4 else 1.0) for part in (low, high)]
         within = max(*spreads, float(np.median(expected)))
         gap = float(step[cut] / within)

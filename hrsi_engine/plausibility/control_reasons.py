@@ -1,7 +1,7 @@
-"""Reasons for surveyed points that do not fit their images: the mistake that explains the misfit, where there is one.
+"""Reasons for surveyed points that do not fit their images, with the input error that explains the misfit, if any.
 
-Each typical mistake (`slips`) is undone and the points are fitted again. It is named where everything fits then, and
-clearly better than without every other mistake. Else the reason states the misfit without a cause.
+Each typical input error (`slips`) is corrected and the points are fitted again. It is named if everything fits then,
+and clearly better than with every other correction. Otherwise the reason states the misfit without a cause.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ from .slips import PIXEL_SLIPS, RPC_SLIPS, Slip, estimate_common_lift, iterate_g
 
 @thresholds
 class SLIP:
-    """When a slip (a typical mistake of the input) is named as the cause of a misfit of the surveyed points."""
+    """Limits for naming a typical input error (a slip) as the cause of a misfit of the surveyed points."""
 
     fewest_points: int = threshold(2, "points", "that prove an input error")
     most_listed: int = threshold(4, "", "candidate input errors that are listed where none is certain")
@@ -55,17 +55,17 @@ class SLIP:
     )
 
 
-#: Mistakes of heights, which the data hardly tell apart: only the likeliest is named.
+#: Input errors of heights, which the data hardly distinguish: only the likeliest is named.
 HEIGHT_CODES = {"height-unit", "height-offset", "height-datum"}
-#: Mistakes of image coordinates that are told from a shift of the image by how the misfit changes over it.
+#: Input errors of image coordinates that differ from an image shift only in how the misfit changes over the image.
 SHIFTING_CODES = {"sample-line-swapped", "lines-from-below", "samples-from-right", "image-turned", "image-scale"}
 
 
 @dataclass(frozen=True, eq=False)
 class SlipHypothesis:
-    """A mistake that may have been made, and the fit when it is undone.
+    """An input error that may have been made, and the fit with it corrected.
 
-    points, images : indices of those that have it, None for all
+    points, images : indices of the points and images that have it, None for all
     """
 
     slip: Slip
@@ -75,15 +75,15 @@ class SlipHypothesis:
 
     @property
     def cost(self) -> float:
-        """Cost of the fit, with the burden of what the mistake fits itself to."""
+        """Cost of the fit, plus the extra cost of an input error with estimated parameters (`Slip.burden`)."""
         return self.fit.cost + self.slip.burden
 
 
 def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
-    """Return what is wrong with the surveyed points of a block; empty where they fit."""
+    """Return the reasons for surveyed points of a block that do not fit their images; empty where all fit."""
     given = fit_control(control)
     apart = find_disagreement(given)
-    # A right block hardly ever is suspicious, so that mistakes are worth a try
+    # In a correct block this is hardly ever true: the search for input errors is not needed there
     lift, sigma = estimate_common_lift(given.control, given.shift_m)
     suspicious = (
         not given.fits
@@ -121,21 +121,21 @@ def find_control_reasons(control: ControlMeasurements) -> list[Reason]:
 def _find_best_slip(
     control: ControlMeasurements, given: ControlFit
 ) -> tuple[SlipHypothesis | None, SlipHypothesis | None, list[SlipHypothesis]]:
-    """Return the mistake that explains the misfit clearly better than every other; None where there is none.
+    """Return the input error that explains the misfit clearly better than every other, or None; then datum and rivals.
 
-    A single point proves no mistake: hardly any cause is there that would not explain it. Beside the mistake named
-    stand the datum that may be one, and, where none is named, all that explain the misfit, the likeliest first.
+    A single point proves no input error: nearly every one would explain it. The second value is a horizontal datum that
+    may be wrong; the third lists all errors that explain the misfit, the likeliest first, if none is named.
 
-    A datum moves all points alike, as a biased RPC does. Of the handful of datums in use at a place one often comes
-    near such a bias, so that it is named only where no RPC is so biased; otherwise the second place has it.
+    A wrong datum moves all points equally, as a biased RPC does. A datum in use at a place often has nearly the shift
+    of such a bias: it is named only if the shift is too large for a bias, otherwise it is the second value.
     """
     best: dict[str, SlipHypothesis] = {}
     for reading in _iterate_hypotheses(control, given):
         code, fit = reading.slip.code, reading.fit
         images = control.images if reading.images is None else reading.images
         if code in SHIFTING_CODES and (given.scatter[images] <= CONTROL_FIT.usual_scatter).all():
-            continue  # a shift of the images explains all, as one of a crop or of a biased RPC does, or one point
-        # everything fits as a right block does, and the misfit has become clearly smaller
+            continue  # a shift explains all: of a crop, of a biased RPC, or of a single point
+        # all points fit as in a correct block, and the misfit has become clearly smaller
         largest, before = float(fit.shift_sigmas.max()), float(given.shift_sigmas.max())
         good_shift = largest < max(SLIP.explained_shift_sigmas, SLIP.explained_share * before)
         good_scatter = fit.scatter.max() < max(SLIP.explained_scatter, SLIP.explained_share * given.scatter.max())
@@ -153,7 +153,7 @@ def _find_best_slip(
 
 
 def _iterate_hypotheses(control: ControlMeasurements, given: ControlFit) -> Iterator[SlipHypothesis]:
-    """Yield every mistake, undone; of image coordinates on all images, or only on those that do not fit."""
+    """Yield every input error, corrected; those of image coordinates on all images, or only where these do not fit."""
     far = bool((given.shift_sigmas > SLIP.suspicious_sigmas).any())
     for slip, ground in iterate_ground_slips(control, given.shift_m, far):
         yield SlipHypothesis(slip, fit_control(control, ground))
@@ -230,7 +230,7 @@ def _make_slip_reason(control: ControlMeasurements, given: ControlFit, found: Sl
 
 
 def _list_rivals(rivals: list[SlipHypothesis]) -> str:
-    """Return mistakes with what each would leave of the misfit, as text."""
+    """Return possible input errors as text, each with the misfit that remains after its correction."""
     told = dict.fromkeys(
         f"{one.slip.what} (then {_format_median_distance(one.fit, one.images)} remain)" for one in rivals
     )
@@ -250,7 +250,7 @@ def _format_distance(distance: float) -> str:
 
 
 def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart: Disagreement) -> Reason | None:
-    """Return the reason for the points that disagree with the others, where one mistake explains them."""
+    """Return the reason for the points that disagree with the others, if exactly one input error explains them."""
     rows = np.isin(control.point, apart.points)
     rest = control.select(~rows)
     shift = fit_control(rest).shift_m
@@ -277,7 +277,7 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
             )
     for slip, ground in iterate_ground_slips(control, shift, False):
         away = np.hypot(*(control.sights.distance_m(ground) - shift[control.image])[rows].T)
-        # what moves a few points in height or all alike is not proved by them: other wrong heights look the same
+        # A few points cannot prove a wrong height or a common shift: other errors of heights look the same
         if (away < limit).all() and slip.code not in {*HEIGHT_CODES, "horizontal-datum"}:
             fitting.setdefault(slip.code, slip)
     for slip, undo in PIXEL_SLIPS:
@@ -295,7 +295,7 @@ def _find_slip_of_points(control: ControlMeasurements, given: ControlFit, apart:
 
 
 def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
-    """Return doubtful for a few wrong points, unusable for a quarter of the GCPs or of all points."""
+    """Return unusable if the wrong points (two or more) are a quarter of the GCPs or of all points, else doubtful."""
     gcps = control.points[control.block.points.role[control.points] == Role.GCP]
     wrong = np.isin(gcps, points)
     of_gcps = wrong.sum() > 1 and wrong.sum() >= SLIP.wrong_share * len(gcps)
@@ -326,7 +326,7 @@ def _make_disagreement_reason(control: ControlMeasurements, apart: Disagreement)
 
 
 def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals: list[SlipHypothesis]) -> Reason:
-    """Return the reason for a misfit without a proven cause; ``rivals`` are mistakes each of which explains it."""
+    """Return the reason for a misfit without proven cause; each of ``rivals`` is an input error that explains it."""
     wrong = control.images[~given.fitting[control.images]]
     sigma = max(control.accuracies[index].sigma_m for index in wrong)
     rows = np.isin(control.image, wrong)
@@ -347,7 +347,7 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
 
 
 def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: SlipHypothesis | None) -> list[Reason]:
-    """Return the reason for RPCs that are biased beyond their figure, or lie farther off than biased ones do."""
+    """Return the reason for RPCs whose bias exceeds their stated accuracy, or is too large for a bias at all."""
     figures, size = control.get_figures("ce90_m"), given.shift_length_m
     large = np.flatnonzero(size > control.get_figures("large_m"))
     if not len(large):
@@ -375,7 +375,7 @@ def _find_large_shifts(control: ControlMeasurements, given: ControlFit, datum: S
 
 
 def _format_shifts(control: ControlMeasurements, images: np.ndarray) -> str:
-    """Return shifts of images as text, ``-200 px in sample, 300 px in line on img``: the origin of a crop."""
+    """Return shifts of three images at most as text, ``-200 px in sample, 300 px in line on img`` (crop origins)."""
     told = []
     for index in images[:3].tolist():
         rows = control.image == index

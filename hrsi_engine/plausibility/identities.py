@@ -21,7 +21,7 @@ from .control import ControlMeasurements, Sightlines, compute_sightlines
 
 @thresholds
 class IDENTITY:
-    """When measurements may belong to other points or images than their ids say."""
+    """Limits for assigning measurements to other points or images than their ids state."""
 
     most_points: int = threshold(400, "points", "permutations of more are not tested: the cost grows with the square")
     most_images: int = threshold(12, "images", "permutations of more are not tried")
@@ -32,15 +32,15 @@ class IDENTITY:
 def find_spelling_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
     """Return the reason for surveyed points that are measured under another spelling of their id, or not at all.
 
-    Similar ids alone prove nothing, because tie points are numbered too: at least half of them must also be measured
-    where the surveys lie, up to the errors of the RPCs. A block none of whose GCPs is measured is reported as well.
+    Similar ids alone prove nothing, because tie points are numbered too: at least half of them must also be measured at
+    the surveyed positions, up to the errors of the RPCs. A block with no measured GCP is reported as well.
     """
     meant = block.unmeasured.select(~np.isin(block.unmeasured.role, [Role.TIE, Role.HELD_OUT]))
     gcps = int((meant.role == Role.GCP).sum())
     if not len(meant):
         return []
     held = bool((block.points.role == Role.GCP).any())
-    # Similar ids by surveyed id, of points measured where they were surveyed; none where most are not
+    # Similar ids by surveyed id; kept only if at least half of them are measured at their surveyed positions
     alike = find_similar_ids(meant.ids, block.points.ids[~block.known])
     names = {name: others[0] for name, others in alike.items() if len(others) == 1}
     pairs: dict[str, str] = {}

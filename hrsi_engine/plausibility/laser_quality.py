@@ -1,8 +1,8 @@
 """Quality of laser points before the adjustment: flags and statistics of their files, and neighbours on the track.
 
-Photons are also reflected by clouds, fog, treetops and water. Such points show by the product's flags, a large standard
-deviation, a wide spread of the photons about the fitted segment, few photons, a steep slope (the plan position is known
-to some metres, which a slope turns into height), vegetation, and a height unlike that of their neighbours on the track.
+Photons are also reflected by clouds, fog, the canopy and water. They show by the product's flags, a large standard
+deviation, a wide spread of the photons about the fitted segment, few photons, a steep slope (errors of metres in plan
+become errors of height), vegetation, and a height that differs from that of their neighbours on the track.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..ground.geodesy import metres_per_degree, wrap_degrees
 
 @thresholds
 class LASER_QUALITY:
-    """When a laser point is left out before the adjustment. What is kept is weighted by how well it fits."""
+    """Limits for leaving out a laser point before the adjustment. Those kept are weighted by how well they fit."""
 
     sigma_m: float = threshold(1.0, "m", "largest standard deviation that its file states")
     misfit_m: float = threshold(1.0, "m", "largest spread of its photons about the fitted segment")
@@ -29,7 +29,7 @@ class LASER_QUALITY:
 
 
 def find_laser_reasons(points: LaserPoints) -> np.ndarray:
-    """Return why each laser point is left out, ``(n,)``; empty where nothing speaks against a point."""
+    """Return the reason why each laser point is left out, ``(n,)`` text; empty for points that are kept."""
     with np.errstate(invalid="ignore"):
         tests = (
             (points.sigma_m > LASER_QUALITY.sigma_m, f"standard deviation above {LASER_QUALITY.sigma_m:g} m"),
@@ -41,8 +41,8 @@ def find_laser_reasons(points: LaserPoints) -> np.ndarray:
     reason = points.doubt.astype("U64")
     for wrong, why in tests:
         reason = np.where((reason == "") & wrong, why, reason)
-    # Which points differ from the median height of their neighbours on the track by more than slopes explain; not where
-    # a point has too few neighbours
+    # Points whose height differs from the median of their neighbours on the track by more than slopes explain; points
+    # with too few neighbours are not tested
     kept = np.flatnonzero(reason == "")
     good = points.select(kept)
     off = np.zeros(len(good), dtype=bool)

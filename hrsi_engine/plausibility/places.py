@@ -1,4 +1,4 @@
-"""Points outside their images, rounded or copied surveys, heights outside the RPCs' range, a DEM off, twins."""
+"""Points outside their images, rounded or copied surveys, heights outside RPC ranges, wrong DEMs, duplicate images."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ from .slips import FEET_M, find_undulations
 
 @thresholds
 class PLACEMENT:
-    """When points, heights or a DEM are not where the images are."""
+    """Limits for the positions of points, heights and a DEM relative to the images."""
 
     far_outside: float = threshold(0.5, "", "share of the image's size by which a point outside was not measured on it")
     edge_slack_px: float = threshold(1.5, "px", "slack at the edge, for images whose pixels count from 1")
@@ -45,15 +45,15 @@ class PLACEMENT:
     dem_difference_m: float = threshold(20.0, "m", "median difference that trees, houses and a coarse DEM stay below")
 
 
-#: Where each term of RPC00B stands in the order of RPC00A.
+#: Position in the order of RPC00A of each term of RPC00B.
 A_TO_B = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 7, 11, 14, 17, 12, 15, 18, 13, 16, 19])
-#: Where rays are looked at, in half extents from the middle of the RPC's image.
+#: Image positions of the rays that are tested, in half extents from the centre of the RPC's image.
 RAY_PLACES = np.array([[0.0, 0.0], [-0.8, -0.8], [0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]])
 
 
 @thresholds
 class SURVEY:
-    """When surveyed coordinates were rounded, or check points are copies of GCPs."""
+    """Limits for rounded surveyed coordinates, and for check points that are copies of GCPs."""
 
     coarse_decimals: int = threshold(
         5, "decimals", "of a degree: more have no effect", "theory: 1e-5 degrees are 1.1 m"
@@ -66,7 +66,7 @@ class SURVEY:
 
 
 def find_points_outside(block: Block) -> list[Reason]:
-    """Return images on which points are measured far outside, or most of them outside."""
+    """Return reasons for images with points measured far outside them, or with most of their points outside."""
     measured = block.measurements
     reasons = []
     known = np.array([image.size is not None for image in block.images])
@@ -96,9 +96,9 @@ def find_points_outside(block: Block) -> list[Reason]:
 
 
 def find_crops(block: Block) -> list[Reason]:
-    """Return crops of unknown origin: images smaller than the extent of their RPC, which begins at pixel 0.
+    """Return the reason for crops of unknown origin: images smaller than their RPC's extent, which begins at pixel 0.
 
-    The extents of vendors' RPCs exceed their images alike on both sides. Surveyed points on an image tell more.
+    The extents of vendors' RPCs exceed their images equally on both sides. Surveyed points on an image show its origin.
     """
     surveyed = np.unique(block.measurements.image[block.known[block.measurements.point]]).tolist()
     ids = tuple(
@@ -116,7 +116,7 @@ def find_crops(block: Block) -> list[Reason]:
 
 
 def find_reordered_rpcs(block: Block) -> list[Reason]:
-    """Return RPCs whose rays are bent, and straight where the coefficients are taken in the order of RPC00A.
+    """Return the reason for RPCs whose rays are bent, but straight with the coefficients in the order of RPC00A.
 
     Some products were converted from that order twice.
     """
@@ -144,7 +144,7 @@ def _reorder(rpc: RPC, order: np.ndarray) -> RPC:
 
 
 def _compute_bend_px(rpc: RPC) -> float:
-    """Return how far the middle of rays lies from the line between their ends, in pixels: light goes straight."""
+    """Return the distance of a ray's middle from the line between its ends, median in pixels: rays are straight."""
     xy = np.array([rpc.samp_off, rpc.line_off]) + RAY_PLACES * [rpc.samp_scale, rpc.line_scale]
     heights_m = np.repeat(rpc.height_off + rpc.height_scale * np.array([-0.9, 0.0, 0.9, 0.0]), len(xy))
     ground = rpc.localize(np.concatenate([xy, xy, xy, xy + [1.0, 0.0]]), heights_m).ground
@@ -154,9 +154,9 @@ def _compute_bend_px(rpc: RPC) -> float:
 
 
 def find_height_reasons(block: Block, contradicted: bool = False) -> list[Reason]:
-    """Return surveyed heights outside the range of the RPCs of their images, and heights that are all equal.
+    """Return reasons for surveyed heights outside the range of the RPCs of their images, and for heights all equal.
 
-    ``contradicted`` : the images contradict the survey, so that equal heights make it unusable.
+    contradicted : True if the images contradict the survey: equal heights make it unusable then
     """
     measured, points = block.measurements, block.points
     rows = np.flatnonzero(block.known[measured.point])
@@ -206,8 +206,8 @@ def _is_outside_range(height: np.ndarray, ranges: np.ndarray, slack: np.ndarray)
 
 
 def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
-    """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed ones."""
-    reasons, shares = [], []  # of each image the share of its ground grid at which the DEM has a height
+    """Return reasons for a DEM that does not cover the block, or whose heights differ from the surveyed heights."""
+    reasons, shares = [], []  # per image, share of its ground grid with DEM heights
     known = block.points.ground[block.known, 2]
     for image in block.images:
         height = float(np.median(known)) if len(known) else image.middle_height_m
@@ -225,7 +225,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
     known = block.known & finite_rows(block.points.ground)
     ground = block.points.ground[known]
     of_dem = surface_heights(surface, ground[:, :2])
-    of_dem[np.abs(ground[:, 2] - of_dem) < PLACEMENT.copied_height_m] = np.nan  # they tell nothing
+    of_dem[np.abs(ground[:, 2] - of_dem) < PLACEMENT.copied_height_m] = np.nan  # read from the DEM: no comparison
     geoid = find_undulations(ground)
     found = height_difference(ground[:, 2], of_dem, np.full(len(ground), np.nan) if geoid is None else geoid[1])
     if found is None or not found.significant:
@@ -252,7 +252,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
 
 
 def find_duplicate_images(block: Block) -> list[Reason]:
-    """Return pairs of images that are one scene under two ids: equal RPCs, or equal pixels of most common points."""
+    """Return reasons for images that are one scene under two ids: equal RPCs, or equal pixels of most common points."""
     groups: dict[RPC, list[int]] = {}
     for index, image in enumerate(block.images):
         groups.setdefault(image.rpc, []).append(index)
@@ -280,10 +280,10 @@ def find_duplicate_images(block: Block) -> list[Reason]:
 
 
 def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], level: Level) -> list[Reason]:
-    """Return the reason for longitudes and latitudes rounded more coarsely than their sigmas and half a pixel.
+    """Return the reason for rounded longitudes and latitudes whose error exceeds their sigmas and half a pixel.
 
     A rounding error is uniform over one step of the last decimal: its standard deviation is step / sqrt(12).
-    ``level`` is that of the reason.
+    level : level of the returned reason
     """
     points = np.unique(block.measurements.point[block.known[block.measurements.point]])
     ground = block.points.ground[points]
@@ -310,7 +310,7 @@ def find_rounding_reasons(block: Block, accuracies: Sequence[ImageAccuracy], lev
 
 
 def find_dependent_check_points(block: Block) -> list[Reason]:
-    """Return the reason for check points at the places of GCPs, on the ground or in the images: they check nothing.
+    """Return the reason for check points at the positions of GCPs (on the ground or in images), which verify nothing.
 
     Copies of GCPs, with a little noise or surveyed again, are mostly measured at the same pixels of every image.
     """
@@ -323,9 +323,9 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
     ground = block.points.ground
     _, nearest = cKDTree(to_ecef(ground[gcps])).query(to_ecef(ground[checks]))
     same = ~are_apart(ground[checks], ground[gcps[nearest]])
-    # Which are measured at the same pixels as the nearest GCP, of every image that has both
+    # True for check points at the same pixels as the nearest GCP, in every image that has both
     rows, alike = block.measurements, np.zeros(len(checks), dtype=bool)
-    compared = np.flatnonzero(np.isin(rows.point, np.concatenate([checks, gcps])))  # not the ties, which are many
+    compared = np.flatnonzero(np.isin(rows.point, np.concatenate([checks, gcps])))  # without tie points, for speed
     at: dict[int, dict[int, int]] = {}  # rows of each point, by image
     columns = compared.tolist(), rows.point[compared].tolist(), rows.image[compared].tolist()
     for row, point, image in zip(*columns, strict=True):
@@ -334,7 +334,7 @@ def find_dependent_check_points(block: Block) -> list[Reason]:
         here, there = at[one], at[other]
         apart = [float(np.hypot(*(rows.xy[here[k]] - rows.xy[there[k]]))) for k in here.keys() & there.keys()]
         alike[number] = bool(apart) and max(apart) < SURVEY.same_target_px
-    if alike.mean() > SURVEY.copied_share:  # a few may stand beside a GCP by chance
+    if alike.mean() > SURVEY.copied_share:  # a few may be next to a GCP by chance
         same |= alike
     if not same.any():
         return []

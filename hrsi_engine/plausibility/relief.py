@@ -1,9 +1,9 @@
 """Comparison of a DEM with the heights of the adjusted tie points: another relief, a displacement, undeclared nodata.
 
-A right DEM differs from the tie points by its errors, trees and roofs, and by a constant where the height datums
-differ: metres, however steep the ground is. A DEM that is displaced, mirrored, of another quantity or filled with an
-undeclared nodata value differs by the relief itself. The displacement d of a DEM follows from the height differences,
-which grow with the slope (Nuth and Kääb, 2011)::
+A correct DEM differs from the tie points by its errors, trees and roofs, and by a constant if the height datums differ:
+by metres, also on steep ground. A DEM that is displaced, mirrored, of another quantity or filled with an undeclared
+nodata value differs by as much as the relief. The displacement d of a DEM follows from the height differences, which
+grow with the slope (Nuth and Kääb, 2011)::
 
     height of the point - height of the DEM = c + d · gradient of the DEM
 """
@@ -21,7 +21,7 @@ from .accuracy import SIMULATED
 
 @thresholds
 class RELIEF:
-    """When a DEM does not show the ground of the adjusted tie points."""
+    """Limits beyond which a DEM does not show the ground of the adjusted tie points."""
 
     fewest_points: int = threshold(30, "points", "fewer tie points with a DEM height are not evaluated")
     most_points: int = threshold(20_000, "points", "of more a sample is compared")
@@ -45,7 +45,7 @@ class RELIEF:
 def find_relief_reasons(
     ground: np.ndarray, surface: HeightSurface, sigma_plan_m: float = 0.0, sigma_h_m: float = 0.0, holds: bool = False
 ) -> list[Reason]:
-    """Return the reason why a DEM does not show the ground of a block, if any and if enough points have heights in it.
+    """Return the reason for a DEM that does not show the ground of a block; empty if it does, or with too few points.
 
     ground : (n, 3) lon, lat, height of tie points as adjusted
     sigma_plan_m : standard deviation of the block's position in plan: 0 where GCPs determine it
@@ -96,7 +96,7 @@ def find_relief_reasons(
 
 
 def _estimate_displacement(ground: np.ndarray, surface: HeightSurface) -> tuple[float, float, float]:
-    """Return the displacement of a DEM east and north, and the robust scatter of the differences without it, m."""
+    """Return the displacement of a DEM east and north, and the robust scatter of the differences without it, in m."""
     cell = cell_size_m(surface, ground[0])
     degrees = 1.0 / metres_per_degree(ground)[:, :2]
     shift, step = np.zeros(2), 2.0 * cell

@@ -1,6 +1,6 @@
-"""Typical mistakes (slips) in coordinates and datums: how each is undone, its message and its advice.
+"""Typical input errors (slips) in coordinates and datums: the correction, the message and the advice for each.
 
-A slip is undone and the result is fitted again: it explains the misfit where everything fits then. Slips of image
+A slip is corrected and the points are fitted again: it explains the misfit if all of them fit then. Slips of image
 coordinates may concern only the images that do not fit.
 """
 
@@ -32,10 +32,10 @@ DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG
 
 @dataclass(frozen=True)
 class Slip:
-    """A typical mistake: the code of its reason, what is wrong, and what to do.
+    """A typical input error: the code of its reason, what is wrong, and what to do.
 
-    burden : cost added for a slip with parameters estimated from the data, against one without
-    length : scale of the image coordinates when it is undone: shorter ones fit more easily
+    burden : cost added for an error with parameters estimated from the data, against one without
+    length : scale of the image coordinates after correction: shorter ones fit more easily
     """
 
     code: str
@@ -57,7 +57,7 @@ def _mirror_axis(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
 
 
 def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
-    """Return coordinates of the image of which this one is a copy turned clockwise by quarters of a circle."""
+    """Return the coordinates in the original of an image that is a copy rotated clockwise by quarters of a circle."""
     across, down = (2.0 * image.centre_px) if quarters % 2 == 0 else (2.0 * image.centre_px)[::-1]
     sample, line = xy.T
     turned = {1: (line, across - sample), 2: (across - sample, down - line), 3: (down - line, sample)}
@@ -73,7 +73,7 @@ SCALES = (
     (1.0 / 3.0, "a third as large"), (0.25, "a quarter as large"),
 )  # fmt: skip
 
-#: Slips of image coordinates; each has a function that undoes it for ``xy (n, 2)`` of an image.
+#: Input errors of image coordinates; each with the function that corrects them for ``xy (n, 2)`` of an image.
 PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
     (
         Slip("sample-line-swapped", "sample and line are exchanged", "exchange the columns sample and line"),
@@ -114,7 +114,7 @@ PIXEL_SLIPS: tuple[tuple[Slip, UndoPixels], ...] = (
 )  # fmt: skip
 
 
-#: Slips of RPC fields; each has the function that undoes it.
+#: Input errors of RPC fields; each with the function that corrects them.
 RPC_SLIPS: tuple[tuple[Slip, Callable[[RPC], RPC]], ...] = tuple(
     (
         Slip("rpc-scales", f"{names[0].upper()} and {names[1].upper()} of the RPC are exchanged", "exchange them"),
@@ -132,9 +132,9 @@ GroundHypothesis = tuple[Slip, np.ndarray]
 def iterate_ground_slips(
     control: ControlMeasurements, shift_m: np.ndarray, suspicious_shift: bool
 ) -> Iterator[GroundHypothesis]:
-    """Yield the slips of ground coordinates, with the points ``(n, 3)`` when each is undone.
+    """Yield the input errors of ground coordinates, each with the corrected points ``(n, 3)``.
 
-    ``shift_m (images, 2)`` are the shifts with the coordinates as given. Datums are tried only for suspicious shifts.
+    ``shift_m (images, 2)`` are the shifts with the coordinates as given. Datums are tested for suspicious shifts only.
     """
     ground = control.ground
     near = np.nanmedian(control.sights.ground, axis=0)
@@ -163,7 +163,7 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
 
 
 def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield longitudes and latitudes of another angular unit that count as degrees, where degrees bring them near."""
+    """Yield longitudes and latitudes in an angular unit other than degrees, where the conversion brings them near."""
     sign, size = np.sign(ground[:, :2]), np.abs(ground[:, :2])
     whole, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
     minutes = np.floor(digits + 1e-7)
@@ -179,7 +179,7 @@ def _iterate_angular_units(ground: np.ndarray, near: np.ndarray) -> Iterator[Gro
 
 
 def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield UTM or 3 degree zones read as another one: zones are congruent, so that only the longitude changes."""
+    """Yield UTM or 3 degree zones read as another zone: zones are congruent, so that only the longitude changes."""
     away = float(np.median(wrap_degrees(ground[:, 0] - near[0])))
     advice = "correct the CRS of the ground points (`ground_crs`, or that of the layer)"
     for width, kind, burden in ((6.0, "UTM", 0.0), (3.0, "3 degree", 1.0)):
@@ -192,7 +192,7 @@ def _iterate_zones(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypot
 
 
 def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield northings of one hemisphere read as those of the other, with the zone wrong too or not."""
+    """Yield northings of one hemisphere read as those of the other, with the right zone or a neighbouring one."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
     own = utm_zone(float(near[0]), float(near[1]))
@@ -200,7 +200,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
         moved = _reproject_misread(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
         if moved is None:
             continue
-        # the zone may be wrong too: zones are alike, so that only the longitude changes
+        # the zone may be wrong too: zones are congruent, so that only the longitude changes
         zones = (zone - own + 30) % 60 - 30
         moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         also = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
@@ -209,7 +209,7 @@ def _iterate_hemispheres(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
 
 
 def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield coordinates read in another CRS than their own: Web Mercator (of web maps), UTM, and degrees."""
+    """Yield coordinates read in another CRS than their own: Web Mercator (of web maps), UTM or UPS, and degrees."""
     if not (np.abs(ground[:, 1]) < 90.0).all():
         return
     utm = map_epsg(float(near[0]), float(near[1]))
@@ -223,7 +223,7 @@ def _iterate_projections(ground: np.ndarray, near: np.ndarray) -> Iterator[Groun
 
 
 def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray | None:
-    """Return points ``(n, 3)`` whose coordinates belong to CRS ``meant`` (EPSG) but were read in ``read``, or None."""
+    """Return points ``(n, 3)`` of CRS ``meant`` (EPSG) that were read in CRS ``read``; None if that is impossible."""
     try:
         there = operations_of(f"EPSG:{read}").from_wgs84(ground)
         if meant == DEGREES and not (np.abs(there) <= [180.0, 90.0]).all():
@@ -242,7 +242,7 @@ def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> 
     ):
         yield Slip("height-unit", f"{heights} {what}", "give heights in metres"), ground * [1.0, 1.0, factor]
     found = find_undulations(ground)
-    if found is not None:  # the models of the geoid differ by less than images can tell: any will do
+    if found is not None:  # geoid models differ by less than images resolve: any is used
         name, undulation = found
         middle = float(np.median(undulation))
         up = np.column_stack([np.zeros((len(ground), 2)), undulation])
@@ -258,10 +258,10 @@ def _iterate_height_slips(control: ControlMeasurements, shift_m: np.ndarray) -> 
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:
-    """Return by how much all surveyed heights are too high, from the images' shifts, and its standard deviation, m.
+    """Return by how much all surveyed heights are too high, from the images' shifts, with standard deviation, in m.
 
-    A survey too high by h shifts every image by h times the slope of its rays. The RPCs' errors are modelled as one
-    standard deviation for each image and as much for all in common (images of one pass have common errors).
+    Heights too high by h shift every image by h times the slope of its rays. The RPCs' errors are modelled with one
+    standard deviation for each image and the same for a part common to all (images of one pass).
     """
     rows, right, sigma = [], [], []
     for index in control.images:
@@ -284,7 +284,7 @@ def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> t
 
 
 def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
-    """Return the name of an installed geoid model and its undulations (m) at points; None where none is installed."""
+    """Return the name of an installed geoid model and its undulations (m) at points; None if none is installed."""
     if not len(ground) or not (np.abs(ground[:, 1]) <= 90.0).all():
         return None
     for name in GEOID_GRIDS:
@@ -312,14 +312,14 @@ def _iterate_datums(ground: np.ndarray, near: np.ndarray) -> Iterator[GroundHypo
 
 @thresholds
 class DATUM:
-    """Which horizontal datums are told apart from WGS84."""
+    """Limits between which a horizontal datum can be distinguished from WGS84."""
 
     least_shift_m: float = threshold(3.0, "m", "datums nearer to WGS84 are not distinguished from it")
     largest_shift_m: float = threshold(5e3, "m", "larger differences are no datum of the area")
 
 
 class DatumShift(NamedTuple):
-    """Metres east and north from the coordinates taken for WGS84 to the true position."""
+    """Offset in metres east and north from the position with the coordinates read as WGS84 to the true position."""
 
     name: str
     east_m: float
@@ -328,9 +328,9 @@ class DatumShift(NamedTuple):
 
 @lru_cache(maxsize=16)
 def find_datum_shifts(lon_deg: float, lat_deg: float) -> tuple[DatumShift, ...]:
-    """Return the datums in use at a place, and their UTM systems, that differ from WGS84 (`DATUM`).
+    """Return the datums in use at a place, and their UTM systems, that differ measurably from WGS84 (`DATUM`).
 
-    What is off is longitude and latitude of the datum, or numbers of its UTM system, that are taken for WGS84's.
+    The shift is that of longitude and latitude in the datum, or of coordinates in its UTM system, read as WGS84.
     """
     area = AreaOfInterest(lon_deg - 0.01, lat_deg - 0.01, lon_deg + 0.01, lat_deg + 0.01)
     place = np.array([[lon_deg, lat_deg, 0.0]])

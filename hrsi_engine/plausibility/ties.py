@@ -1,9 +1,9 @@
-"""Consistency of the tie points: do the two rays of each point intersect, pair of images by pair of images?
+"""Consistency of the tie points: test for each pair of images whether the two rays of each point intersect.
 
-Across their epipolar plane the two rays of a point miss each other by the difference of the RPCs' errors, which is
+Across their epipolar plane, the distance of the two rays of a point is the difference of the RPCs' errors, which is
 nearly equal for all points of a pair (y-parallax); along the plane they intersect at the point's height. Points whose
-miss differs from the mode of their pair, or whose height is outside the RPCs' range, are wrong. Each pair is judged on
-a sample of its points.
+distance differs from the mode of their pair, or whose height is outside the RPCs' range, are wrong. Each pair is tested
+with a sample of its points.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .slips import PIXEL_SLIPS, Slip
 
 @thresholds
 class TIE_CHECK:
-    """When tie points do not join the images on which they are measured."""
+    """Limits beyond which tie points do not connect the images on which they are measured."""
 
     sample_per_pair: int = threshold(60, "points", "of each pair of images that are judged")
     most_sampled: int = threshold(20_000, "points", "of the block that are judged")
@@ -59,7 +59,7 @@ class TIE_CHECK:
     most_suspects: int = threshold(6, "images", "of which input errors of single images are tested")
 
 
-#: Slips that ties of one strip cannot tell apart (an image and its mirror image); the likelier first.
+#: Input errors that tie points of one strip cannot distinguish (an image and its mirror image); the likelier first.
 INDISTINGUISHABLE_SLIPS = (
     ("sample-line-swapped", "image-turned"),
     ("lines-from-below", "samples-from-right", "image-turned"),
@@ -68,9 +68,9 @@ INDISTINGUISHABLE_SLIPS = (
 
 @dataclass(frozen=True, eq=False)
 class PairSample:
-    """Sampled points on pairs of images.
+    """Sampled tie points, each on one pair of images.
 
-    image : (n, 2) indices of the two images; xy : (n, 2, 2); sigma_px : (n,); pair : (n,) which pair of images
+    image : (n, 2) indices of the two images; xy : (n, 2, 2); sigma_px : (n,); pair : (n,) index of the pair of images
     """
 
     block: Block
@@ -84,16 +84,16 @@ class PairSample:
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """Where the points of each pair of images begin, ``(pairs,)``."""
+        """Row of the first point of each pair of images, ``(pairs,)``."""
         return np.flatnonzero(np.diff(self.pair, prepend=-1))
 
     @property
     def ends(self) -> np.ndarray:
-        """The two images of each pair, ``(pairs, 2)``."""
+        """Indices of the two images of each pair, ``(pairs, 2)``."""
         return self.image[self.starts]
 
     def select(self, some: np.ndarray) -> PairSample:
-        """Return the pairs of a mask, renumbered."""
+        """Return the sample of the pairs of a mask ``(pairs,)``, renumbered."""
         rows = some[self.pair]
         number = np.cumsum(some) - 1
         return replace(
@@ -118,7 +118,7 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     sizes = np.diff(np.r_[starts, len(key)])
     pair = np.repeat(np.arange(len(starts)), sizes)
     per_pair = max(TIE_CHECK.fewest_of_pair, min(TIE_CHECK.sample_per_pair, TIE_CHECK.most_sampled // len(starts)))
-    # every k-th point of a pair: the rank within the pair, stretched, steps by one
+    # every k-th point of a pair: a point is taken where rank * wanted / size passes the next integer
     rank = np.arange(len(key)) - starts[pair]
     wanted = np.minimum(sizes, per_pair)[pair]
     chosen = np.floor((rank + 1) * wanted / sizes[pair]) > np.floor(rank * wanted / sizes[pair])
@@ -135,9 +135,9 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
 
 @dataclass(frozen=True, eq=False)
 class PairConsistency:
-    """Result for a sample of pairs.
+    """Result of the intersection test for a sample of pairs.
 
-    wrong : (n,) which points do not intersect; share : of them among pairs with enough points
+    wrong : (n,) True for points whose rays do not intersect; share : of these among pairs with enough points
     good : (pairs,) share of each pair's points that agree, NaN for pairs with too few points
     """
 
@@ -147,7 +147,7 @@ class PairConsistency:
 
     @classmethod
     def from_points(cls, pairs: PairSample, wrong: np.ndarray, good: np.ndarray) -> PairConsistency:
-        """Return the result from the masks of points and the shares of pairs."""
+        """Return the result from the mask of wrong points and the pairs' shares of agreeing points."""
         telling = np.isfinite(good)[pairs.pair]
         return cls(wrong, float(wrong[telling].mean()) if telling.any() else 0.0, good)
 
@@ -159,10 +159,10 @@ def judge_pairs(
     stretch: float = 1.0,
     shifted: bool = False,
 ) -> PairConsistency:
-    """Judge the intersection of the pairs, with their own or other images and coordinates.
+    """Test the intersection of the rays of each pair, with the given or other images and coordinates.
 
-    ``stretch`` is the scale of the coordinates when a slip is undone: it scales the tolerance where below 1.
-    ``shifted`` lets images be displaced by any distance, as a crop is whose origin was lost.
+    ``stretch`` is the scale of corrected coordinates: below 1 it reduces the tolerance. With ``shifted``, images may be
+    displaced by any distance, as is a crop whose origin was lost.
     """
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
@@ -177,7 +177,7 @@ def judge_pairs(
     length = np.hypot(*slope.T)
     starts = pairs.starts
     sizes = np.diff(np.r_[starts, len(pairs.pair)])
-    # all points of a pair alike, so that what they miss by is of one direction
+    # decided for all points of a pair together, so that their distances have one direction
     weak = (
         np.repeat(~(np.fmin.reduceat(length, starts) > TIE_CHECK.least_slope), sizes)
         if len(starts)
@@ -218,9 +218,9 @@ def judge_pairs(
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, most: float) -> np.ndarray:
-    """Return the misses of a pair's points ``(n,)`` without the drift of its RPCs, where it explains nearly all.
+    """Return the ray distances of a pair's points ``(n,)`` without RPC drift, if a drift explains nearly all of them.
 
-    A drift is linear in the position ``xy (n, 2)``, at most by ``most`` (m/px). Wrong points follow none.
+    A drift is linear in the position ``xy (n, 2)``, at most ``most`` (m/px). Wrong points do not follow one.
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
@@ -238,14 +238,14 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, m
 def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Return a robust mode of each pair's values, which begin at ``starts``; 0 where none is finite.
 
-    It is the median of the narrowest interval that holds `TIE_CHECK.bulk_share` of them. Pairs with as many finite
-    values are taken at once.
+    It is the median of the narrowest interval that contains `TIE_CHECK.bulk_share` of them. Pairs with the same numbers
+    of values are computed together, for speed.
     """
     modes = np.zeros(len(starts))
     finite = np.isfinite(values)
     known = np.add.reduceat(finite, starts, dtype=np.int64) if len(starts) else sizes
     ordered = np.where(finite, values, np.inf)
-    for size in np.unique(sizes).tolist():  # the others, infinite ones, come last
+    for size in np.unique(sizes).tolist():  # values that are not finite come last
         same = np.flatnonzero(sizes == size)
         of_size = np.sort(ordered[starts[same, None] + np.arange(size)], axis=1)
         for count in np.unique(known[same]).tolist():
@@ -260,17 +260,17 @@ def _compute_modes(values: np.ndarray, starts: np.ndarray, sizes: np.ndarray) ->
 
 
 def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[Reason]:
-    """Return what is wrong with a block's tie points; empty where most of them intersect."""
+    """Return the reason for wrong tie points of a block; empty where the rays of most of them intersect."""
     pairs = sample_pairs(block, accuracies)
     if pairs is None:
         return []
     given = judge_pairs(pairs)
     failing = np.flatnonzero(given.good < TIE_CHECK.agreeing_share)
-    share = 1.0 - np.sqrt(1.0 - given.share)  # of measurements: one wrong one spoils a pair
+    share = 1.0 - np.sqrt(1.0 - given.share)  # share of measurements: one wrong measurement makes a pair wrong
     if not len(failing) and (share < TIE_CHECK.doubtful_share or given.wrong.sum() < TIE_CHECK.fewest_cured):
         return []
     suspects = _select_suspects(pairs, given, failing)
-    left = 1.0 - judge_pairs(pairs, shifted=True).good[failing]  # the others fit as they are, in any block of many
+    left = 1.0 - judge_pairs(pairs, shifted=True).good[failing]  # the other pairs fit without a shift
     shifted_alike = bool(len(failing)) and float(left.mean()) < TIE_CHECK.cured_share
     found = None if shifted_alike else _find_best_slip(pairs, given, suspects)
     if found is not None:
@@ -303,7 +303,7 @@ def find_tie_reasons(block: Block, accuracies: Sequence[ImageAccuracy]) -> list[
 
 
 def _select_common_images(ends: np.ndarray) -> list[int]:
-    """Return the fewest images common to failing pairs ``(k, 2)``; both of a pair that shares none with others."""
+    """Return the fewest images common to failing pairs ``(k, 2)``; both images of a pair without a common one."""
     blamed: list[int] = []
     ends = np.unique(np.sort(ends, axis=1), axis=0)
     while len(ends):
@@ -317,7 +317,7 @@ def _select_common_images(ends: np.ndarray) -> list[int]:
 
 
 def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndarray) -> np.ndarray:
-    """Return the images most of whose pairs fail, the worst first."""
+    """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`)."""
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(given.good)
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
@@ -329,9 +329,9 @@ def _select_suspects(pairs: PairSample, given: PairConsistency, failing: np.ndar
 def _find_best_slip(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
 ) -> tuple[list[Slip], np.ndarray, float] | None:
-    """Return the slip that explains the failing pairs, its images, and the share of points still wrong without it.
+    """Return the input error that explains the failing pairs, its images, and the share of points still wrong then.
 
-    Behind the slip are those of `INDISTINGUISHABLE_SLIPS` that explain them equally well.
+    It is followed by those of `INDISTINGUISHABLE_SLIPS` that explain the pairs equally well.
     """
     best: dict[str, tuple[float, Slip, np.ndarray]] = {}
     for slip, images, share in _iterate_hypotheses(pairs, given, suspects):
@@ -355,9 +355,9 @@ def _find_best_slip(
 def _iterate_hypotheses(
     pairs: PairSample, given: PairConsistency, suspects: np.ndarray
 ) -> Iterator[tuple[Slip, np.ndarray, float]]:  # fmt: skip
-    """Yield every slip, undone on all images or on suspected ones, with the images and the share of wrong points.
+    """Yield every input error, corrected on all or on suspected images, with the images and the share of wrong points.
 
-    A slip on all images makes many pairs fail; one on few images is judged in the pairs of these images only.
+    An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
     """
     if given.share >= TIE_CHECK.doubtful_share:
         every = np.arange(len(pairs.block.images))
@@ -388,14 +388,14 @@ def _iterate_hypotheses(
 
 
 def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndarray, read: PairConsistency) -> float:
-    """Return the share of wrong points where the pairs of a mask have the result ``read``, the rest that as given."""
+    """Return the share of wrong points if the pairs of mask ``some`` have the result ``read``, the others ``given``."""
     wrong, good = given.wrong.copy(), given.good.copy()
     wrong[some[pairs.pair]], good[some] = read.wrong, read.good
     return PairConsistency.from_points(pairs, wrong, good).share
 
 
 def _undo_pixel_slip(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
-    """Return the coordinates with a slip on some images undone."""
+    """Return the image coordinates ``(n, 2, 2)`` with an input error on some images corrected."""
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))
     index = pairs.image.ravel()[rows]
