@@ -12,11 +12,8 @@ pytestmark = pytest.mark.thorough  # of no feature, and the sources are parsed a
 #: How far a count on the page may lie behind the sources, so that not every change of a line changes the page.
 STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
-WRITTEN_AND_READ = "what is written in place, into GeoPackages and STAC items is read again by the names of its files"
 NOT_YET = {
     "product lines without the laboratory": (68_000, "thresholds, layers and geodesy added what deletions saved"),
-    "trip of `write_results:result`: stays": (115, WRITTEN_AND_READ),
-    "trip of `write_results:result`: climbs": (25, WRITTEN_AND_READ),
 }
 
 

@@ -27,7 +27,8 @@ from scipy.spatial.transform import Rotation
 from ..camera.adjusted_rpc import AdjustedRpc
 from ..camera.linescan import LinescanCamera
 from ..foundation.errors import InputError
-from .rpc_files.content import Element, element_text, read_bytes, read_head, read_xml
+from .opening.datasets import read_head
+from .rpc_files.content import Element, element_text, read_bytes, read_xml
 from .rpc_files.find import read_rpc_or_none, side_files
 
 _CSM_LINE_SCANNER = "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"

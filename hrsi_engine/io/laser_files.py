@@ -25,11 +25,10 @@ from ..foundation.errors import InputError
 from ..foundation.json_values import json_text
 from ..foundation.thresholds import threshold, thresholds
 from .opening.budgets import FILE_BUDGETS, GROUND_HEIGHTS
-from .opening.datasets import gdal_messages, quiet
+from .opening.datasets import gdal_messages, quiet, read_head
 from .point_files.find import choose_fields, read_table, split_spec
 from .point_files.positions import Reference, ground_positions, has_positions
 from .point_files.table import NUMBER_FIELDS, PointTable, match_fields
-from .rpc_files.content import read_head
 
 
 def read_laser(

@@ -19,10 +19,9 @@ from ..foundation.thresholds import threshold, thresholds
 from ..ground.geodesy import continuous_longitudes, metres_per_degree
 from ..surface.grid_surface import GridSurface
 from .laser_files import HDF5_HEAD, read_laser
-from .opening.datasets import open_dataset
+from .opening.datasets import open_dataset, read_head
 from .point_files.find import split_spec
 from .rasters.dems import fill_gaps, open_dem, surface_of_dataset
-from .rpc_files.content import read_head
 
 LAS_HEAD = b"LASF"
 POINT_SUFFIXES = (".csv", ".txt", ".geojson", ".json", ".shp", ".parquet", ".fgb")

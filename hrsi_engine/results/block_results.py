@@ -3,6 +3,7 @@
 Writers take it from here and know nothing of one another: layers, record, page and RPC files each have their own.
 """
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import Image, Role
 from ..block.jitter_curve import JitterCurve
-from ..drawing.block_figures import ReportFigures
+from ..drawing.block_figures import draw_figures
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
 from ..foundation.thresholds import threshold, thresholds
@@ -26,8 +27,9 @@ from .figures import block_report, rejection_warnings
 from .image_facts import add_image_facts
 from .layers import block_layers, residuals_epsg
 from .line_profiles import describe_line_profiles
-from .lineage import state_accuracy
+from .lineage import lineage_items, state_accuracy
 from .residuals import Residuals, compute_residuals, rmse
+from .stac import describe_item
 from .tables import thinning_warnings
 from .verdict import Evidence, Verdict, describe_residual_fields, find_reasons, summarise_accuracy
 
@@ -59,15 +61,19 @@ class BlockResult:
     pairs : the images with their RPCs as they were, and the refined ones
     report : entries of ``report.json``; what is written, and where, is entered by who writes it
     verdict : whether it is usable, and why not
-    layers : those of ``block.gpkg``; figures : those of the page, where one was asked for
+    lineage : what refined images tell of themselves, by the names of their metadata
+    items : refined images as STAC items without their files, where they were asked for
+    layers : those of ``block.gpkg``; drawings : those of the page, where one was asked for
     """
 
     adjustment: Adjustment
     pairs: Sequence[tuple[Image, RefitRPC]]
     report: dict[str, Any]
     verdict: Verdict
+    lineage: Mapping[str, str]
+    items: Sequence[dict[str, Any]]
     layers: Sequence[Layer]
-    figures: ReportFigures | None
+    drawings: Mapping[str, Any]
 
     @property
     def is_unusable(self) -> bool:
@@ -92,7 +98,8 @@ class BlockResult:
 
 def assemble_result(
     adjustment: Adjustment, record: Mapping[str, Any], warnings: Sequence[str], reasons: Sequence[Reason],
-    entries: Mapping[str, Any], lap: Callable[[str], None], outline: Outline | None = None,
+    entries: Mapping[str, Any], lap: Callable[[str], None], outline: Outline | None = None, report_path: str = "",
+    with_items: bool = False,
 ) -> BlockResult:  # fmt: skip
     """Return what an adjustment comes to.
 
@@ -101,6 +108,7 @@ def assemble_result(
     entries : what the report has besides a block's entries
     lap : called with the name of each part that is done
     outline : finds targets for the figures of the page; without, there are none
+    report_path : where the report will lie; with_items : whether images are described as STAC items
     """
     with one_thread_calls():  # cameras are refitted by small matrices, between which BLAS's other threads would spin
         left = compute_residuals(adjustment)
@@ -108,8 +116,11 @@ def assemble_result(
     images = adjustment.block.images
     delivered = [replace(image, rpc=new.rpc) for image, new in zip(images, refined, strict=True)]
     layers = block_layers(adjustment, left, delivered)
-    figures = None if outline is None else report_figures(adjustment, left, delivered, outline)
-    return BlockResult(adjustment, list(zip(images, refined, strict=True)), report, verdict, layers, figures)
+    drawings = {} if outline is None else draw_figures(report_figures(adjustment, left, delivered, outline))
+    pairs, lineage = list(zip(images, refined, strict=True)), lineage_items(report, report_path)
+    folder = os.path.dirname(report_path)
+    items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []
+    return BlockResult(adjustment, pairs, report, verdict, lineage, items, layers, drawings)
 
 
 def _judge(

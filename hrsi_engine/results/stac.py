@@ -6,8 +6,9 @@ how its RPC came about (``processing``), how accurate it is (``accuracy``), and 
 item is enough for who has the pixels elsewhere; what has no field in an extension has the prefix ``hrsi``.
 """
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,37 +46,17 @@ SHA256 = "1220"  # begins a multihash: SHA-256, 32 bytes
 EARLIEST = "1957-10-04T00:00:00Z"  # of an image from space, for one of unknown time
 
 
-@dataclass(frozen=True)
-class DeliveryFiles:
-    """Where a refined image's files are.
+def describe_item(image: Image, refined: RefitRPC, report: Mapping[str, Any], folder: str) -> dict[str, Any]:
+    """Return an image with its refined RPC as a STAC item, as JSON takes it, but for its assets.
 
-    folder : that the items are written for: addresses below it or near it are relative
-    image, rpc : files with the pixels, and with the refined RPC where that is another one
-    staged : where files lie now that will lie in the folder, by their paths there; sizes are taken from them
+    report : finished but for the times and what is written; folder : that the item is written for
     """
-
-    folder: str
-    image: str
-    rpc: str | None
-    staged: Mapping[str, str]
-
-
-def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a refined image as a STAC item, as JSON takes it; the report is finished but for the times."""
-    new, height = replace(image, rpc=refined.rpc), image.middle_height_m
-    outline, entry = _orient_outline(compute_footprint(new, height)), report["images"][image.id]
-    assets = {"image": _make_asset(files.image, files, "data")}
-    if image.size is not None:
-        assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
-    if files.rpc is not None:
-        assets["rpc"] = _make_asset(files.rpc, files, "metadata", "rpc")
-    if image.raster is None:
-        del assets["image"]
-    assets["report"] = {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}
-    source = item_of(image.path)
+    rpc = refined.rpc
+    outline = _orient_outline(compute_footprint(replace(image, rpc=rpc), image.middle_height_m))
+    entry, source = report["images"][image.id], item_of(image.path)
     kept = {} if source is None else {key: source.properties[key] for key in OF_SATELLITE if key in source.properties}
     links = [] if source is None else [
-        {"rel": "derived_from", "href": href_of(source.source, files.folder), "type": "application/geo+json"}
+        {"rel": "derived_from", "href": href_of(source.source, folder), "type": "application/geo+json"}
     ]  # fmt: skip
     # When an image was taken; at some time before the run's date where that is not known
     times = (
@@ -93,7 +74,6 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
     angles = {key: round(value, 4) for key, value in view.items()}
     # What the adjustment predicts for the image, and what check points (else it) say of the block
     told: dict[str, Any] = {}
-    rpc = refined.rpc
     if rpc.err_bias is not None and rpc.err_rand is not None:
         each = float(np.hypot(rpc.err_bias, rpc.err_rand))
         told = {"accuracy:geometric_x_stddev": each, "accuracy:geometric_y_stddev": each,
@@ -111,9 +91,9 @@ def item_of_image(image: Image, refined: RefitRPC, files: DeliveryFiles, report:
             **({"platform": image.sensor} if image.sensor else {}), "gsd": round(compute_gsd_m(image), 3), **kept,
             **angles,
             **_processing_properties(image, report), **accuracy,
-            **json_members(refined.rpc, STAC_NAMES),
+            **json_members(rpc, STAC_NAMES),
         },
-        "links": links, "assets": assets,
+        "links": links,
     }  # fmt: skip
 
 
@@ -131,17 +111,33 @@ def _processing_properties(image: Image, report: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _make_asset(path: str, files: DeliveryFiles, *roles: str) -> dict[str, Any]:
-    ending = path[path.rfind(".") :].lower()
-    asset: dict[str, Any] = {"href": href_of(path, files.folder), "roles": list(roles)}
-    if ending in MEDIA_TYPES:
-        asset["type"] = MEDIA_TYPES[ending]
-    if path in files.staged:
-        entry = file_entry(files.staged[path])
-        asset["file:size"] = entry["size"]
-        if entry["sha256"] is not None:
-            asset["file:checksum"] = SHA256 + entry["sha256"]
-    return asset
+def describe_assets(image: Image, written: str, staged: str, folder: str) -> dict[str, Any]:
+    """Return the files of a refined image as the assets of its STAC item.
+
+    written : where its refined RPC will lie; staged : where that file is now, whose size and checksum are stated
+    folder : that the item is written for: addresses below it or near it are relative
+    """
+
+    def make_asset(path: str, *roles: str) -> dict[str, Any]:
+        asset: dict[str, Any] = {"href": href_of(path, folder), "roles": list(roles)}
+        ending = path[path.rfind(".") :].lower()
+        if ending in MEDIA_TYPES:
+            asset["type"] = MEDIA_TYPES[ending]
+        if path == written and os.path.isfile(staged):
+            entry = file_entry(staged)
+            asset["file:size"] = entry["size"]
+            if entry["sha256"] is not None:
+                asset["file:checksum"] = SHA256 + entry["sha256"]
+        return asset
+
+    is_sidecar, assets = written.upper().endswith(".TXT"), {}  # then the pixels stay where they are
+    if image.raster is not None:
+        assets["image"] = make_asset(image.path if is_sidecar else written, "data")
+        if image.size is not None:
+            assets["image"]["proj:shape"] = [image.size[1], image.size[0]]
+    if is_sidecar:
+        assets["rpc"] = make_asset(written, "metadata", "rpc")
+    return assets | {"report": {"href": "./report.json", "type": MEDIA_TYPES[".json"], "roles": ["metadata"]}}
 
 
 def _orient_outline(outline: Polygon) -> Polygon | MultiPolygon:

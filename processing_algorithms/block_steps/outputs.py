@@ -38,8 +38,7 @@ from ...hrsi_engine.io.safety.array_files import write_arrays
 from ...hrsi_engine.io.safety.transactions import Transaction
 from ...hrsi_engine.refinement.model import RefitRPC
 from ...hrsi_engine.results.block_results import BlockResult, assemble_result
-from ...hrsi_engine.results.lineage import lineage_items
-from ...hrsi_engine.results.stac import DeliveryFiles, item_of_image
+from ...hrsi_engine.results.stac import describe_assets
 from ...hrsi_engine.results.verdict import Verdict
 from ..files.result_folder import PAGE_FILE, REPORT_FILE, plan
 from ..files.target_chip import find_outline
@@ -151,7 +150,10 @@ def finish_block(
     """
     outline = find_outline if output.report else None
     with explain_failures(reasons):
-        result = assemble_result(adjustment, context.record, warnings, reasons, entries, clock.lap, outline)
+        result = assemble_result(
+            adjustment, context.record, warnings, reasons, entries, clock.lap, outline,
+            os.path.join(output.folder.output_dir, REPORT_FILE), output.stac,
+        )  # fmt: skip
     return write_results(output, result, clock, context, discarded)
 
 
@@ -177,11 +179,10 @@ def write_results(
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and image.has_file]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
-        items = lineage_items(report, os.path.join(target.output_dir, REPORT_FILE))
         names = plan_file_names(images, how)
         new_files = [(image, new) for image, new in pairs if image.id in names]
         targets = {name: str(folder / file) for name, file in names.items()}
-        _write_new_files(new_files, targets, how, curves, items, context.stage(0.0, 0.5))
+        _write_new_files(new_files, targets, how, curves, result.lineage, context.stage(0.0, 0.5))
         _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
@@ -190,7 +191,7 @@ def write_results(
         part = stage(context.progress, 0.5, 0.7)
         left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
         layers = [layer for layer in result.layers if layer.name != left_out]
-        write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=items)
+        write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
         # What earlier runs and other programs left, which would win over what is written now
         for file in stale:
             changes.remove(file)
@@ -199,14 +200,15 @@ def write_results(
                 file = os.path.join(target.output_dir, names[image.id])
                 report["warnings"] += free_the_way(file, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
-            report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, _lineage_of(image, items))
+            lineage = _lineage_of(image, result.lineage)
+            report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, lineage)
         _write_curves_in_place(in_place, curves, target.output_dir, changes)
         if output.stac and how != WRITE_NOTHING:
-            _write_items(folder, report, pairs, target.output_dir)
+            _write_items(folder, report, images, result.items, target.output_dir)
         clock.lap("write")
         report["seconds"] = clock.total()
         if output.report:
-            write_report_html(str(folder / PAGE_FILE), report, result.figures)
+            write_report_html(str(folder / PAGE_FILE), report, result.drawings)
         write_report_json(str(folder / REPORT_FILE), report)
         write_report_json(str(folder / RECORD_FILE), result.record)
         if cameras is not None:
@@ -268,19 +270,15 @@ def _name_outputs(
     report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
 
 
-def _write_items(folder: Path, report: Report, pairs: Pairs, output_dir: str) -> None:
+def _write_items(
+    folder: Path, report: Report, images: Sequence[Image], described: Sequence[Report], output_dir: str
+) -> None:
     """Write the STAC items of refined images whose files lie in a temporary ``folder``, or are the images."""
     items = []
-    for image, new in pairs:
+    for image, item in zip(images, described, strict=True):
         entry = report["images"][image.id]
-        written = entry["output"]
-        staged = folder / os.path.basename(written)
-        apart = written.upper().endswith(".TXT")  # a sidecar: the pixels stay where they are
-        files = DeliveryFiles(
-            output_dir, image.path if apart else written, written if apart else None,
-            {written: str(staged)} if staged.is_file() else {},
-        )  # fmt: skip
-        items.append(item_of_image(image, new, files, report))
+        staged = str(folder / os.path.basename(entry["output"]))
+        items.append({**item, "assets": describe_assets(image, entry["output"], staged, output_dir)})
         entry["stac"] = os.path.join(output_dir, f"{image.id}_{STAC_FILE}")
         write_report_json(str(folder / f"{image.id}_{STAC_FILE}"), items[-1])
     write_report_json(str(folder / STAC_FILE), {"type": "FeatureCollection", "features": items})

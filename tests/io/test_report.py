@@ -15,7 +15,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from hrsi.hrsi_engine.block.block import Role
-from hrsi.hrsi_engine.drawing.block_figures import ReportFigures
+from hrsi.hrsi_engine.drawing.block_figures import ReportFigures, draw_figures
 from hrsi.hrsi_engine.drawing.block_map import BlockMap, TieField, draw_map
 from hrsi.hrsi_engine.drawing.target_chips import encode_png
 from hrsi.hrsi_engine.foundation.errors import OutputError
@@ -146,7 +146,7 @@ def test_json_ready_knows_what_reports_hold() -> None:
 
 def test_html_is_complete_and_escaped(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report_html(str(path), report(), ReportFigures(map=block_map()))
+    write_report_html(str(path), report(), draw_figures(ReportFigures(map=block_map())))
     page = outline(path)
     text = path.read_text(encoding="utf-8")
     assert page.tags.count("script") == 1  # HRSI's own, without a source; which one the policy tells

@@ -20,6 +20,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.drawing.block_figures import draw_figures
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import REPORT_PAGE, report_figures
 from hrsi.hrsi_engine.results.figures import block_report
@@ -91,7 +92,7 @@ def page_of(small: tuple[Adjustment, Residuals], count: int, path: Path) -> tupl
         **block_report(result, left, refined * count), **statistic_entries(result, left),
     }  # fmt: skip
     start = time.process_time()
-    write_report_html(str(path), report, report_figures(result, left))
+    write_report_html(str(path), report, draw_figures(report_figures(result, left)))
     return result, path.stat().st_size, time.process_time() - start
 
 

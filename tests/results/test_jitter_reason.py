@@ -42,7 +42,8 @@ def simulate_pair(amplitude_px: float) -> Block:
 
 def assemble_results(block: Block) -> BlockResult:
     adjustment = adjust(block, AdjustOptions(model="shift-drift"))
-    return assemble_result(adjustment, {"crs": {}}, [], [], {}, lambda name: None)
+    record = {"version": "0", "date": "2026-01-01T00:00:00Z", "algorithm": "adjust", "crs": {}}
+    return assemble_result(adjustment, record, [], [], {}, lambda name: None)
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +103,7 @@ def test_redundancy_scales_residuals_to_the_displacement(shaken: BlockResult):
 
 
 def test_page_draws_profiles(shaken: BlockResult, tmp_path: Path):
-    write_report_html(
-        str(tmp_path / "report.html"), {"algorithm": "adjust", **json.loads(json.dumps(shaken.report, default=str))}
-    )
+    write_report_html(str(tmp_path / "report.html"), json.loads(json.dumps(shaken.report, default=str)))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert 'id="lines"' in page and 'aria-label="image_1, across: px by period"' in page
     assert page.count("across the track</figcaption>") == 2

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import jinja2
 import numpy as np
 
-from .typed_rows import Column, describe_columns, is_any, write_title
+from .typed_rows import Column, is_any, write_titles
 
 GROUND_ARROW_MM, IMAGE_ARROW_MM = 8.0, 4.0  #: length of the 90th percentile; image residuals are closer together
 MOST_ON_MAP = 1500  #: most points or arrows that one map shows; more cannot be distinguished
@@ -52,11 +52,9 @@ def default_style(name: str, fields: LayerColumns, width_m: float) -> Style | No
         return None
     style = STYLES[name](fields, width_m)
     # The style names the fields in forms and tables with words and units
-    titles = {name: write_title(name) for name in ("fid", *fields)}
-    titles |= {name: said.title for name, said in describe_columns(fields).items()}
     entries = "".join(
         f'<alias index="{number}" field="{escape(name)}" name="{escape(title)}"/>'
-        for number, (name, title) in enumerate(titles.items())
+        for number, (name, title) in enumerate(write_titles(fields).items())
     )
     head = style.qml.replace('styleCategories="', 'styleCategories="Fields|', 1)
     return replace(style, qml=head.replace("</qgis>", f"<aliases>{entries}</aliases>\n</qgis>"))

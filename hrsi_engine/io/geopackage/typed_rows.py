@@ -280,6 +280,12 @@ def describe_columns(fields: Mapping[str, Column]) -> dict[str, DeclaredColumn]:
     return {name: DeclaredColumn(*SHARED_COLUMNS[name], name=name) for name in fields if name in SHARED_COLUMNS}
 
 
+def write_titles(fields: Mapping[str, Column]) -> dict[str, str]:
+    """Return the titles of a layer's fields, ``fid`` the first, by name."""
+    known = describe_columns(fields)
+    return {name: known[name].title if name in known else write_title(name) for name in ("fid", *fields)}
+
+
 #: Descriptions and units of columns that mean the same in every layer that has them, by name.
 SHARED_COLUMNS: dict[str, tuple[str, str]] = {
     "id": ("Id of the point or image", ""),

@@ -6,6 +6,7 @@ Whole files are read and written in GDAL's virtual file systems: object stores (
 memory. An object store takes a file whole or not at all, when it is closed; it has no folders, only names with slashes.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -13,7 +14,7 @@ from typing import Any, TypeVar
 from osgeo import gdal
 
 from ...foundation.errors import InputError, OutputError
-from .plain_files import require_plain_around
+from .plain_files import require_plain, require_plain_around
 
 Told = TypeVar("Told")
 #: How long servers are waited for, in seconds: until they take a connection, and while they send less than some bytes a
@@ -125,6 +126,7 @@ def metadata_of(dataset: gdal.Dataset, domain: str = "") -> dict[str, str]:
 
 
 VIRTUAL = "/vsi"
+HEAD_BYTES = 2**20  # enough to tell the format of a file
 
 
 def virtual_status(path: str) -> Any | None:
@@ -153,6 +155,21 @@ def read_virtual(path: str, most: int | None = None) -> bytes | None:
         content = bytes(gdal.VSIFReadL(1, most, handle) or b"")
         gdal.VSIFCloseL(handle)
     return content
+
+
+def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
+    """Return the first bytes of a file; raise `InputError` where it cannot be read."""
+    require_plain(path)
+    if path.startswith("/vsi"):
+        content = read_virtual(path, count)
+        if content is None:
+            raise InputError(f"{path}: cannot be read: {check_advice(path)}")
+        return content
+    try:
+        with open(path, "rb") as file:
+            return file.read(min(count, os.fstat(file.fileno()).st_size or count))  # room for what is there only
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
 
 
 def write_virtual(path: str, blocks: Iterable[bytes]) -> None:

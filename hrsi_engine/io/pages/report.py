@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jinja2
@@ -23,7 +24,7 @@ import pyproj
 from markupsafe import Markup
 from osgeo import gdal
 
-from ...drawing.block_figures import Picture, ReportFigures, draw_figures
+from ...drawing.block_figures import Picture
 from ...drawing.line_profile import draw_line_profile
 from ...drawing.target_chips import encode_grey_png, stretch_grey
 from ...foundation.errors import OutputError
@@ -33,7 +34,7 @@ from ..opening.datasets import gdal_messages, read_virtual
 from ..rasters.images import GdalRaster
 from ..safety.replacing import replacing
 
-__all__ = ["ReportFigures", "write_report_html", "write_report_json"]
+__all__ = ["write_report_html", "write_report_json"]
 
 
 def write_report_json(path: str, report: Mapping[str, Any]) -> None:
@@ -45,15 +46,14 @@ def write_report_json(path: str, report: Mapping[str, Any]) -> None:
     write_text(path, json_lines(report) + "\n")
 
 
-def write_report_html(path: str, report: Mapping[str, Any], figures: ReportFigures | None = None) -> None:
-    """Write a report as one HTML file in one step, with a map of the block and other figures where they are given.
+def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """Write a report as one HTML file in one step, with a map of the block and other drawings where they are given.
 
-    path : the file; report : the report; figures : the figures
+    path : the file; report : the report; drawings : as `drawing.block_figures.draw_figures` makes them
     Raises `OutputError`: the file cannot be written.
     """
     reasons = (report.get("verdict") or {}).get("reasons", [])
     explained = explain_codes(reason["code"] for reason in reasons)
-    drawings = draw_figures(figures or ReportFigures())
     # Images with profiles along the lines, those with waves first, and the plots of both axes
     told = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
     profiles = [

@@ -26,8 +26,8 @@ import numpy as np
 from ...block.points import ImagePoints
 from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, MOST_BYTES, require_size, require_texts
+from ..opening.datasets import read_head
 from ..opening.numbers import parse_finite
-from ..rpc_files.content import read_head
 from ..safety.replacing import replacing
 from . import table
 

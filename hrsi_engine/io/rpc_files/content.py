@@ -14,11 +14,9 @@ from osgeo import gdal
 
 from ...foundation.errors import InputError
 from ..opening.budgets import MOST_BYTES
-from ..opening.datasets import call_quiet, check_advice, read_virtual
+from ..opening.datasets import call_quiet, read_head
 from ..opening.numbers import parse_finite
-from ..opening.plain_files import require_plain
 
-HEAD_BYTES = 2**20  # enough to tell the format of a file
 SETTLED_NS = 2_000_000_000  # a folder unchanged for longer than clocks of file systems are coarse is listed once
 
 
@@ -31,21 +29,6 @@ def read_bytes(path: str, limit: int = MOST_BYTES["RPC"]) -> bytes:
     if len(content) > limit:
         raise InputError(f"{path}: larger than {limit // 2**20} MiB, not an RPC file: name an image or an RPC file")
     return content
-
-
-def read_head(path: str, count: int = HEAD_BYTES) -> bytes:
-    """Return the first bytes of a file; raise `InputError` where it cannot be read."""
-    require_plain(path)
-    if path.startswith("/vsi"):
-        content = read_virtual(path, count)
-        if content is None:
-            raise InputError(f"{path}: cannot be read: {check_advice(path)}")
-        return content
-    try:
-        with open(path, "rb") as file:
-            return file.read(min(count, os.fstat(file.fileno()).st_size or count))  # room for what is there only
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
 
 
 def read_text(path: str) -> str:

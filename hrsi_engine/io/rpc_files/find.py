@@ -24,12 +24,12 @@ from ...block.block import Image, Tile
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
 from ...foundation.thresholds import threshold, thresholds
-from ..opening.datasets import metadata_of, open_dataset
+from ..opening.datasets import metadata_of, open_dataset, read_head
 from ..opening.files import open_raster
 from ..opening.item_images import item_of
 from ..opening.numbers import parse_finite
 from . import crop, fields, text_formats, tiff_tag, xml_formats
-from .content import finite_number, read_head, siblings
+from .content import finite_number, siblings
 from .fields import FoundRpc, RpcReader
 
 #: Formats of files that hold an RPC and no pixels, in the order in which they win beside an image.

@@ -12,7 +12,7 @@ from ...camera.rpc import RPC
 from ...foundation.errors import InputError
 from ...foundation.progress import Progress, silent
 from ..opening.files import open_raster
-from ..safety.replacing import copy_bytes, require_not_read_only
+from ..safety.replacing import copy_bytes
 from ..safety.transactions import Transaction
 from . import tiff_tag
 from .content import siblings
@@ -55,7 +55,6 @@ def prepare_in_place(
 
     Raises `InputError` for a file of another kind, `OutputError` without room or permission, and `Cancelled`.
     """
-    require_not_read_only(path)
     reader = rpc_reader_of(path)
     if reader is not None:
         key = next(key for key, other in RPC_READERS.items() if other is reader)
@@ -142,7 +141,6 @@ def prepare_restoring(path: str, changes: Transaction, progress: Progress = sile
     names = {os.path.basename(path).lower()} if is_rpc_file else {n for k in PLAIN for n in RPC_READERS[k].beside(stem)}
     notices = put_back(path, names, changes)
     if not is_rpc_file and os.path.isfile(path) and tiff_tag.keeps_original(path):
-        require_not_read_only(path)
         notices += (f"{path}: the original RPC is back",)
         with changes.replacing(path) as temporary:
             copy_bytes(path, temporary, progress, f"restoring {os.path.basename(path)}")

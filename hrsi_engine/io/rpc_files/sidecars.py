@@ -9,9 +9,10 @@ import os
 
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError
+from ..opening.datasets import read_head
 from ..safety.replacing import copy_bytes, take_permissions
 from ..safety.transactions import Transaction
-from .content import read_head, siblings
+from .content import siblings
 from .find import read_rpc, rpc_reader_of, same_numbers, side_files
 from .text_formats import MARKS
 from .xml_formats import ISD_MARK

@@ -64,7 +64,11 @@ class Transaction:
 
     @contextmanager
     def replacing(self, path: str) -> Iterator[str]:
-        """Provide a hidden name as `new_file`; failures of the disk become `OutputError`s that name the file."""
+        """Provide a hidden name as `new_file`; failures of the disk become `OutputError`s that name the file.
+
+        Raises `InputError` where that file is there and read-only.
+        """
+        file_replacing.require_not_read_only(path)
         try:
             yield self.new_file(path)
         except OSError as error:
